@@ -109,7 +109,7 @@ ABAD_RANGE = (-0.7, 0.7)  # rad, ASSUMED: clears the opposite leg
 HIP_RANGE = (-1.4, 2.4)  # rad, ASSUMED: positive swings the foot back
 KNEE_RANGE = (-2.6, -0.1)  # rad, ASSUMED: never straight, never folded flat
 
-STAND_HIP = _number("-", 0.67, "rad", "DERIVED: stands at 0.55 m with the foot below the hip")
+STAND_HIP = _number("-", 0.62, "rad", "DERIVED: settles at 0.55 m under joint PD (250 Nm/rad), foot below the hip")
 STAND_KNEE = -2.0 * STAND_HIP
 STAND_JOINTS = (0.0, STAND_HIP, STAND_KNEE) * len(LEGS)
 

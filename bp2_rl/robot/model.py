@@ -1,0 +1,169 @@
+"""From numbers to a MuJoCo model: the hand-written MJCF with a `HardwareSpec` applied to it.
+
+State layout: `qpos` is the trunk's position (3) and quaternion (4), then per leg FR, FL, RR, RL the angles of abad,
+hip and knee and the compression of the spring; `qvel` is the trunk's linear velocity (world frame), its angular
+velocity (body frame), then the same 16 coordinates. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import mjx
+
+from bp2_rl.assets import asset_path
+from bp2_rl.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import BP2, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
+
+NQ, NV, NU = 23, 22, 12
+SPRING_QPOS = np.array([10, 14, 18, 22])
+MOTOR_QPOS = np.setdiff1d(np.arange(7, NQ), SPRING_QPOS)
+SPRING_QVEL = SPRING_QPOS - 1
+MOTOR_QVEL = MOTOR_QPOS - 1
+
+FLOOR_GEOM = "floor"
+TRUNK_GEOM = "trunk"
+FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
+SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
+IMU_SITE = "imu"
+
+
+class ModelError(UserError):
+    """The robot's XML is missing, broken, or not BP2's."""
+
+
+def load_model(
+    hardware: HardwareSpec = BP2,
+    *,
+    timestep: float = PHYSICS_STEP,
+    visual: bool = True,
+    trunk_contact: bool = True,
+    xml: Path | None = None,
+) -> mujoco.MjModel:
+    """BP2 on flat ground as a compiled model.
+
+    `visual=False` leaves out what physics does not need (visual geoms, sensors, lights, cameras) and
+    `trunk_contact=False` the collision of trunk and floor; both make MJX faster and change no leg's physics.
+
+    Raises:
+        ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
+    """
+    spec = load_spec(hardware, xml=xml)
+    spec.option.timestep = timestep
+    if not visual:
+        _drop_visuals(spec)
+    if not trunk_contact:
+        _find(spec, "geom", TRUNK_GEOM).conaffinity = 0
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{_scene(xml)} does not compile: {_one_line(error)}") from error
+    if (model.nq, model.nv, model.nu) != (NQ, NV, NU):
+        raise ModelError(
+            f"{_scene(xml)} has nq, nv, nu = {model.nq}, {model.nv}, {model.nu}; BP2 has {NQ}, {NV}, {NU}: "
+            "4 legs of abad, hip, knee and spring under a free trunk, and 12 motors"
+        )
+    return model
+
+
+def load_spec(hardware: HardwareSpec = BP2, *, xml: Path | None = None) -> mujoco.MjSpec:
+    """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
+    path = _scene(xml)
+    if not path.is_file():
+        raise ModelError(f"no robot model at {path}: reinstall the package, or pass the path of an MJCF file")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
+    try:
+        _apply_masses(spec, hardware)
+        _apply_leg_length(spec, hardware)
+        _apply_springs(spec, hardware)
+        _apply_motors(spec, hardware)
+        _apply_friction(spec, hardware)
+    except _MissingElement as missing:
+        raise ModelError(f"{path} is not a model of BP2: it has no {missing}") from None
+    return spec
+
+
+def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
+    """Ids of the four foot spheres, in the order of the legs."""
+    return np.array([model.geom(name).id for name in FOOT_GEOMS])
+
+
+def put_model(model: mujoco.MjModel) -> mjx.Model:
+    """The model on JAX's default device."""
+    return mjx.put_model(model)
+
+
+def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    for body in spec.bodies[1:]:
+        body.mass *= hardware.mass_scale
+        body.inertia = np.asarray(body.inertia) * hardware.mass_scale
+
+
+def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    """Move the knees and the toes; links keep their mass, which sits at their upper ends."""
+    for leg in LEGS:
+        _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -hardware.leg_length)
+        _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, specs.TOE_LENGTH - hardware.leg_length)
+    for key in spec.keys:
+        qpos = np.array(key.qpos)
+        qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
+        key.qpos = qpos
+
+
+def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    for leg in LEGS:
+        joint = _find(spec, "joint", f"{leg}_spring")
+        joint.stiffness = (hardware.spring_stiffness, 0.0, 0.0)
+        joint.damping = (hardware.spring_damping, 0.0, 0.0)
+        stop = _find(spec, "tendon", f"{leg}_stop")
+        stop.stiffness = (hardware.spring_stop_stiffness, 0.0, 0.0)
+        stop.springlength = (0.0, hardware.spring_travel)
+
+
+def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    for leg in LEGS:
+        for joint in JOINTS:
+            _find(spec, "joint", f"{leg}_{joint}").armature = hardware.reflected_inertia
+            motor = _find(spec, "actuator", f"{leg}_{joint}")
+            motor.forcerange = (-hardware.joint_peak_torque, hardware.joint_peak_torque)
+
+
+def _apply_friction(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    for name in FOOT_GEOMS:
+        foot = _find(spec, "geom", name)
+        foot.friction = (hardware.friction, *foot.friction[1:])
+
+
+def _drop_visuals(spec: mujoco.MjSpec) -> None:
+    seen_only = [geom for geom in spec.geoms if geom.contype == geom.conaffinity == 0]
+    for element in (*seen_only, *spec.sensors, *spec.lights, *spec.cameras):
+        spec.delete(element)
+
+
+def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
+    """Height of the hips above the lowest sole, trunk level and abduction zero, m."""
+    hip, knee, compression = qpos[8::4], qpos[9::4], qpos[10::4]
+    return float(np.max(leg_length * np.cos(hip) + (leg_length - compression) * np.cos(hip + knee)))
+
+
+class _MissingElement(LookupError):
+    """An element that BP2's XML must have."""
+
+
+def _find(spec: mujoco.MjSpec, kind: str, name: str):
+    element = getattr(spec, kind)(name)
+    if element is None:
+        raise _MissingElement(f"{kind} '{name}'")
+    return element
+
+
+def _scene(xml: Path | None) -> Path:
+    return asset_path("bp2_mjcf/scene_flat.xml") if xml is None else Path(xml)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
