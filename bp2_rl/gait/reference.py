@@ -1,0 +1,40 @@
+"""What a reference motion is: a function from (command, phase) to what the whole body should be doing."""
+
+from typing import Protocol
+
+from flax import struct
+from jaxtyping import Array, Float
+
+
+@struct.dataclass
+class Reference:
+    """The reference at one command and phase. All leaves share the leading batch axes.
+
+    Legs are in the order FR, FL, RR, RL, joints of a leg in the order abad, hip, knee. The heading frame has
+    its x axis along the trunk's yaw and its z axis up.
+    """
+
+    joint_position: Float[Array, "... 12"]  # rad
+    joint_velocity: Float[Array, "... 12"]  # rad/s, the exact time derivative of joint_position
+    spring_compression: Float[Array, "... 4"]  # m
+    spring_velocity: Float[Array, "... 4"]  # m/s
+    height: Float[Array, "..."]  # m, trunk centre above the ground
+    height_velocity: Float[Array, "..."]  # m/s
+    up: Float[Array, "... 3"]  # the trunk's vertical axis in the heading frame
+    pitch: Float[Array, "..."]  # rad, about +y: nose down is positive
+    pitch_rate: Float[Array, "..."]  # rad/s
+    velocity: Float[Array, "... 3"]  # m/s, of the trunk's centre in the heading frame
+    contact: Float[Array, "... 4"]  # 1 in stance, 0 in swing
+    torque: Float[Array, "... 12"]  # Nm, feed-forward
+
+
+class ReferenceMotion(Protocol):
+    """A family of periodic motions indexed by the command (vx, vy in m/s, yaw rate in rad/s)."""
+
+    def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Cycles per second at this command."""
+        ...
+
+    def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
+        """The reference at this command and phase; phase in cycles, any real number, periodic with period 1."""
+        ...
