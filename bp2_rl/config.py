@@ -7,6 +7,7 @@ dataclass is refused with the path of the key at fault, never patched up.
 
 import dataclasses
 import hashlib
+import importlib.metadata
 import json
 import math
 import os
@@ -16,6 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
+import bp2_rl
 from bp2_rl.errors import UserError
 
 Config = TypeVar("Config")
@@ -88,6 +90,12 @@ def write_text(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     os.replace(temporary, path)
+
+
+def package_versions() -> dict[str, str]:
+    """The versions that a result depends on, to be written beside it."""
+    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "orbax-checkpoint", "numpy")
+    return {"bp2_rl": bp2_rl.__version__} | {name: importlib.metadata.version(name) for name in others}
 
 
 # --- Encoding -------------------------------------------------------------------------------------------------
@@ -180,7 +188,7 @@ def _decode_union(union: Any, data: Any, path: str) -> Any:
             raise ConfigError(f"{_join(path, _TAG)}: expected one of {', '.join(choices)}, got {tag!r}")
         return _decode(choices[tag], {key: value for key, value in data.items() if key != _TAG}, path)
     members = _members(union)
-    structured = [member for member in members if dataclasses.is_dataclass(member) or get_origin(member) in (tuple, dict)]
+    structured = [m for m in members if dataclasses.is_dataclass(m) or get_origin(m) in (tuple, dict)]
     if len(structured) == 1 and isinstance(data, dict | list):
         return _decode(structured[0], data, path)  # the only one it can be: let it say what is wrong inside
     for member in members:
