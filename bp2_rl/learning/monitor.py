@@ -1,0 +1,220 @@
+"""What a run tells its watcher: a progress line, metrics.jsonl, TensorBoard scalars and log.txt.
+
+The only place of the learner with side effects besides the checkpoint; nothing here feeds back into training.
+"""
+
+import collections
+import datetime
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+from tensorboardX import SummaryWriter
+
+from bp2_rl.config import write_text
+from bp2_rl.errors import UserError
+
+METRICS = "metrics.jsonl"
+LOG = "log.txt"
+
+PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
+RATE_WINDOW = 30.0  # s over which the throughput is averaged
+
+
+class Headline(NamedTuple):
+    """A metric shown in the progress line."""
+
+    key: str
+    label: str
+    format: str
+    unit: str = ""
+
+
+HEADLINES = (
+    Headline("reward", "reward", ".3g"),
+    Headline("falls", "falls", ".1%"),  # share of the episodes that ended in a fall
+    Headline("speed_error", "speed error", ".2f", "m/s"),
+    Headline("curriculum_level", "level", ".2f"),
+)
+
+
+class Monitor:
+    """Records a run in its folder and shows it on the console; a context manager.
+
+    On a terminal two lines are kept up to date; elsewhere a plain line is printed about every ten seconds.
+
+    Args:
+        run_dir: the run's folder; made if absent.
+        total_steps: where the run will end.
+        start_step: where it starts. On resume, metrics logged past it are of work that was lost: they are dropped.
+        title: stands before the progress bar.
+        console: where to show it; standard output by default.
+        clock: seconds, for the throughput.
+
+    Raises:
+        UserError: the run's folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        total_steps: int,
+        *,
+        start_step: int = 0,
+        title: str = "training",
+        console: Console | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self._total, self._step, self._title = total_steps, start_step, title
+        self._console = console or Console()
+        self._clock = clock
+        self._metrics: dict[str, float] = {}
+        self._history: collections.deque[tuple[float, int]] = collections.deque()  # (time, step) of recent logs
+        self._shown, self._next_line = start_step, -math.inf  # step of the last plain line, time of the next
+        run_dir = Path(run_dir)
+        try:
+            run_dir.mkdir(parents=True, exist_ok=True)
+            _truncate(run_dir / METRICS, start_step)
+            self._metrics_file = (run_dir / METRICS).open("a", encoding="utf-8")
+            self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
+            purge = start_step + 1 if start_step else None
+            self._tensorboard = SummaryWriter(str(run_dir), purge_step=purge, flush_secs=10)
+        except OSError as error:
+            raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
+        self._live = Live(self, console=self._console, refresh_per_second=4) if self._console.is_terminal else None
+
+    def __enter__(self) -> "Monitor":
+        """Show the progress line."""
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Leave the last state on the console and close the files, also when training failed."""
+        if self._live:
+            self._live.stop()
+        elif self._step != self._shown:
+            self._print_plain()
+        self._tensorboard.close()
+        self._metrics_file.close()
+        self._log_file.close()
+
+    def log(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Record the metrics of `step`, as one line of metrics.jsonl (non-finite ones as null) and in TensorBoard."""
+        values = {name: float(value) for name, value in metrics.items()}
+        record = {name: value if math.isfinite(value) else None for name, value in values.items()}
+        line = {"step": step, "wall_time": round(time.time(), 3), **record}
+        self._metrics_file.write(json.dumps(line, allow_nan=False) + "\n")
+        self._metrics_file.flush()
+        for name, value in record.items():
+            if value is not None:
+                self._tensorboard.add_scalar(name, value, step)
+
+        now = self._clock()
+        self._step, self._metrics = step, values
+        self._history.append((now, step))
+        while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
+            self._history.popleft()
+        if self._live is None and now >= self._next_line:
+            self._print_plain()
+            self._next_line = now + PLAIN_INTERVAL
+
+    def note(self, text: str) -> None:
+        """Say something once: on the console, and with the time in log.txt."""
+        stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        self._log_file.write(f"{stamp} {text}\n")
+        self._log_file.flush()
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def __rich__(self) -> Table:
+        """Two lines for the terminal: how far, and how well."""
+        bar = Table.grid(padding=(0, 1), expand=True)
+        bar.add_column(no_wrap=True)
+        bar.add_column(ratio=1)
+        bar.add_column(no_wrap=True, justify="right")
+        bar.add_row(
+            self._title,
+            ProgressBar(total=max(self._total, 1), completed=self._step),
+            Text(self._progress(), style="bold"),
+        )
+        headlines = "   ".join(
+            f"{headline.label} {self._metrics[headline.key]:{headline.format}} {headline.unit}".rstrip()
+            for headline in HEADLINES
+            if headline.key in self._metrics
+        )
+        lines = Table.grid(expand=True)
+        lines.add_row(bar)
+        lines.add_row(Text(headlines or "waiting for the first step (it compiles first)", style="dim"))
+        return lines
+
+    def _print_plain(self) -> None:
+        """The same for a file or a pipe, in one line of 80 columns."""
+        headlines = (
+            f"{headline.label.split()[-1]} {self._metrics[headline.key]:{headline.format}}"
+            for headline in HEADLINES
+            if headline.key in self._metrics
+        )
+        self._console.print(" ".join([self._progress(), *headlines]), markup=False, highlight=False, soft_wrap=True)
+        self._shown = self._step
+
+    def _progress(self) -> str:
+        share = min(self._step / max(self._total, 1), 1.0)
+        parts = [f"{share:4.0%}", f"{count(self._step)}/{count(self._total)}"]
+        rate = self._rate()
+        if rate:
+            parts += [f"{count(rate)}/s", f"{duration((self._total - self._step) / rate)} left"]
+        return " ".join(parts)
+
+    def _rate(self) -> float | None:
+        """Steps per second over the last logs; None before there are two."""
+        if len(self._history) < 2:
+            return None
+        (t0, step0), (t1, step1) = self._history[0], self._history[-1]
+        return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
+
+
+def count(number: float) -> str:
+    """A number in at most five characters: 950, 12.3k, 4.00M, 1.21G."""
+    for limit, unit in ((1e3, ""), (1e6, "k"), (1e9, "M"), (1e12, "G")):
+        # A number that would round up to 1000 of a unit is 1.00 of the next.
+        scaled = number / (limit / 1e3)
+        if scaled < 999.5:
+            return (
+                f"{scaled:.0f}{unit}"
+                if not unit or scaled >= 99.95
+                else f"{scaled:.{2 if scaled < 9.995 else 1}f}{unit}"
+            )
+    return f"{number:.1e}"
+
+
+def duration(seconds: float) -> str:
+    """A time span: 0:42, 3:07, 2:15:00, 3d 4h."""
+    minutes, second = divmod(max(round(seconds), 0), 60)
+    hours, minute = divmod(minutes, 60)
+    if hours >= 48:
+        return f"{hours // 24}d {hours % 24}h"
+    return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute}:{second:02}"
+
+
+def _truncate(path: Path, last_step: int) -> None:
+    """Keep the leading whole lines of a metrics file that are of steps up to `last_step`."""
+    if not path.exists():
+        return
+    kept = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True):
+        try:
+            step = json.loads(line)["step"]
+        except (ValueError, KeyError, TypeError):
+            break
+        if not line.endswith("\n") or step > last_step:
+            break
+        kept.append(line)
+    write_text(path, "".join(kept))
