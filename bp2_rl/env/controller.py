@@ -1,0 +1,72 @@
+"""What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
+
+    observation = controller.observe(state, measurement)
+    action = policy(observation)
+    state, targets = controller.act(state, action, next_command)      # targets go to the 1 kHz PD loop
+"""
+
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Array, Float
+
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.observations import STAND, Measurement, actor_observation
+from bp2_rl.gait.reference import Reference, ReferenceMotion
+from bp2_rl.robot import specs
+
+
+@struct.dataclass
+class ControllerState:
+    """What the controller remembers from one control step to the next."""
+
+    command: Float[Array, "3"]  # v_x, v_y (m/s), omega_z (rad/s)
+    phase: Float[Array, ""]  # cycles
+    last_action: Float[Array, "12"]
+
+
+@struct.dataclass
+class Targets:
+    """What the joint PD loop follows until the next control step, and the reference at that time."""
+
+    position: Float[Array, "12"]  # rad
+    velocity: Float[Array, "12"]  # rad/s
+    reference: Reference
+
+
+class Controller:
+    """Phase clock, observation, and the meaning of actions. Pure functions of arrays for one robot; vmap for more."""
+
+    def __init__(self, config: EnvConfig):
+        self._control = config.control
+        self.reference: ReferenceMotion = config.gait
+
+    def init(self, command: Float[Array, "3"], phase: Float[Array, ""] | float = 0.0) -> ControllerState:
+        """The state at the start of an episode."""
+        return ControllerState(
+            command=jnp.asarray(command, jnp.float32),
+            phase=jnp.asarray(phase, jnp.float32),
+            last_action=jnp.zeros(specs.NUM_MOTORS),
+        )
+
+    def observe(self, state: ControllerState, measurement: Measurement) -> Float[Array, "47"]:
+        """The policy's observation (see `observations.LAYOUT`)."""
+        return actor_observation(state.command, state.phase, measurement, state.last_action)
+
+    def act(
+        self, state: ControllerState, action: Float[Array, "12"], next_command: Float[Array, "3"]
+    ) -> tuple[ControllerState, Targets]:
+        """Advance the phase by one control step under the present command and turn the action into joint targets.
+
+        `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
+        reference's velocity. `absolute`: standing pose plus action_scale x action, with zero velocity.
+        """
+        control = self._control
+        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(state.command)) % 1.0
+        reference = self.reference(state.command, phase)
+        action = jnp.clip(action, -control.action_limit, control.action_limit)
+        if control.mode == "residual":
+            centre, velocity = reference.joint_position, reference.joint_velocity
+        else:
+            centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
+        targets = Targets(position=centre + control.action_scale * action, velocity=velocity, reference=reference)
+        return ControllerState(command=next_command, phase=phase, last_action=action), targets

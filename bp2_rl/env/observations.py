@@ -1,0 +1,113 @@
+"""What the robot senses, what the policy sees of it, and what the critic sees beyond that."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax import math
+from flax import struct
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from bp2_rl.env.config import RandomizationConfig
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+
+STAND = np.asarray(specs.STAND_JOINTS, np.float32)
+UP = np.array([0.0, 0.0, 1.0], np.float32)
+
+
+class Entry(NamedTuple):
+    """One named part of the observation vector."""
+
+    name: str
+    size: int
+
+
+LAYOUT = (
+    Entry("command", 3),
+    Entry("phase", 2),
+    Entry("joint_position", 12),
+    Entry("joint_velocity", 12),
+    Entry("up", 3),
+    Entry("angular_velocity", 3),
+    Entry("last_action", 12),
+)
+"""The policy's observation, in order: the paper's (section RL training) plus the last action."""
+
+OBSERVATION_SIZE = sum(entry.size for entry in LAYOUT)
+
+
+@struct.dataclass
+class Measurement:
+    """What encoders and IMU report."""
+
+    joint_position: Float[Array, "12"]  # rad
+    joint_velocity: Float[Array, "12"]  # rad/s
+    up: Float[Array, "3"]  # the world's vertical in the body frame
+    angular_velocity: Float[Array, "3"]  # rad/s, body frame
+
+
+def measure(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
+    """The noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
+    return Measurement(
+        joint_position=qpos[MOTOR_QPOS],
+        joint_velocity=qvel[MOTOR_QVEL],
+        up=math.rotate(UP, math.quat_inv(qpos[3:7])),
+        angular_velocity=qvel[3:6],
+    )
+
+
+def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array) -> Measurement:
+    """Gaussian noise with the standard deviations of `config`."""
+    scale = Measurement(
+        joint_position=config.joint_position_noise,
+        joint_velocity=config.joint_velocity_noise,
+        up=config.orientation_noise,
+        angular_velocity=config.angular_velocity_noise,
+    )
+    flat, unflatten = ravel_pytree(measurement)
+    noise = unflatten(jax.random.normal(key, flat.shape))
+    return jax.tree.map(lambda x, s, n: x + s * n, measurement, scale, noise)
+
+
+def actor_observation(
+    command: Float[Array, "3"], phase: Float[Array, ""], measurement: Measurement, last_action: Float[Array, "12"]
+) -> Float[Array, "47"]:
+    """The vector that `LAYOUT` describes; joint positions relative to the standing pose."""
+    angle = 2.0 * jnp.pi * phase
+    return jnp.concatenate(
+        [
+            command,
+            jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            measurement.joint_position - STAND,
+            measurement.joint_velocity,
+            measurement.up,
+            measurement.angular_velocity,
+            last_action,
+        ]
+    )
+
+
+@struct.dataclass
+class Heading:
+    """The trunk's motion seen from a frame that turns with its yaw."""
+
+    velocity: Float[Array, "3"]  # m/s
+    e_z: Float[Array, "3"]  # body vertical axis
+    yaw_rate: Float[Array, ""]  # rad/s, about the world's vertical
+
+
+def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
+    """Velocity, body vertical axis and yaw rate in the heading frame."""
+    quat = qpos[3:7]
+    forward = math.rotate(jnp.array([1.0, 0.0, 0.0]), quat)
+    yaw = jnp.arctan2(forward[1], forward[0])
+    c, s = jnp.cos(yaw), jnp.sin(yaw)
+    to_heading = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Heading(
+        velocity=to_heading @ qvel[:3],
+        e_z=to_heading @ math.rotate(UP, quat),
+        yaw_rate=math.rotate(qvel[3:6], quat)[2],
+    )

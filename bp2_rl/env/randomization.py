@@ -1,0 +1,76 @@
+"""Domain randomisation: one draw of the world and the robot, and how it enters model and motors."""
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Array, Float
+from mujoco import mjx
+
+from bp2_rl.env.config import RandomizationConfig, Range
+from bp2_rl.robot.actuator import Actuator
+
+
+@struct.dataclass
+class Randomization:
+    """One robot's draw; the critic sees it."""
+
+    friction: Float[Array, ""]
+    mass: Float[Array, "nbody"]  # factor
+    com_offset: Float[Array, "3"]  # m, trunk
+    strength: Float[Array, "12"]  # factor
+    stiffness: Float[Array, "12"]  # factor
+    damping: Float[Array, "12"]  # factor
+    latency: Float[Array, ""]  # s
+
+
+def nominal(num_bodies: int, friction: float) -> Randomization:
+    """The robot as designed."""
+    ones = jnp.ones(12)
+    return Randomization(
+        friction=jnp.asarray(friction, jnp.float32),
+        mass=jnp.ones(num_bodies),
+        com_offset=jnp.zeros(3),
+        strength=ones,
+        stiffness=ones,
+        damping=ones,
+        latency=jnp.zeros(()),
+    )
+
+
+def draw(key: Array, config: RandomizationConfig, num_bodies: int, friction: float) -> Randomization:
+    """A random robot, or the nominal one where randomisation is off."""
+    if not config.enabled:
+        return nominal(num_bodies, friction)
+    keys = jax.random.split(key, 7)
+
+    def uniform(key: Array, shape: tuple[int, ...], bounds: Range) -> Array:
+        return jax.random.uniform(key, shape, minval=bounds[0], maxval=bounds[1])
+
+    return Randomization(
+        friction=uniform(keys[0], (), config.friction),
+        mass=uniform(keys[1], (num_bodies,), config.mass),
+        com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
+        strength=uniform(keys[3], (12,), config.strength),
+        stiffness=uniform(keys[4], (12,), config.gains),
+        damping=uniform(keys[5], (12,), config.gains),
+        latency=uniform(keys[6], (), config.latency),
+    )
+
+
+def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:
+    """The model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
+    return model.replace(
+        body_mass=model.body_mass * randomization.mass,
+        body_inertia=model.body_inertia * randomization.mass[:, None],
+        body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),
+        geom_friction=model.geom_friction.at[:, 0].set(randomization.friction),
+    )
+
+
+def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
+    """The motors with this robot's strength and gains."""
+    return actuator.replace(
+        strength=actuator.strength * randomization.strength,
+        stiffness=actuator.stiffness * randomization.stiffness,
+        damping=actuator.damping * randomization.damping,
+    )

@@ -1,0 +1,156 @@
+"""Table S4, row by row: every reward term as a pure function, and the speed-dependent schedule.
+
+Each function returns one row *without* its base coefficient (the imitation rows together carry c_m, the
+tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
+"""
+
+from typing import Literal
+
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Array, Float
+
+from bp2_rl.env.config import RewardConfig
+
+Scalar = Float[Array, ""]
+
+
+def squared_norm(x: Float[Array, "n"]) -> Scalar:
+    """|x|^2."""
+    return jnp.sum(jnp.square(x))
+
+
+def body_height(z: Scalar, z_ref: Scalar) -> Scalar:
+    """r_h / c_h; heights in m."""
+    return jnp.exp(-80.0 * jnp.square(z - z_ref))
+
+
+def body_attitude(e_z: Float[Array, "3"], e_z_ref: Float[Array, "3"]) -> Scalar:
+    """r_R / c_R; body vertical axes, unit vectors."""
+    return jnp.exp(-80.0 * squared_norm(e_z - e_z_ref))
+
+
+def joint_position_imitation(q: Float[Array, "12"], q_ref: Float[Array, "12"]) -> Scalar:
+    """r_q / c_m; rad."""
+    return 0.2 * jnp.exp(-2.0 * squared_norm(q_ref - q))
+
+
+def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"]) -> Scalar:
+    """r_qd / c_m; rad/s."""
+    return 0.7 * jnp.exp(-0.02 * squared_norm(qd_ref - qd))
+
+
+def velocity_tracking(
+    v: Float[Array, "n"],
+    v_cmd: Float[Array, "n"],
+    omega: Float[Array, "m"],
+    omega_cmd: Float[Array, "m"],
+    w: float,
+    width: float = float("inf"),
+) -> Scalar:
+    """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the yaw rate.
+
+    `width` is not in the paper: the linear kernel exp(-2 |e|^2) has no slope beyond 2 m/s of error; a finite
+    width (m/s) makes it exp(-2 |e|^2 / (1 + (|v_cmd| / width)^2)), so that the error counts relative to the speed.
+    """
+    widening = 1.0 + squared_norm(v_cmd) / width**2
+    linear = jnp.exp(-2.0 * squared_norm(v - v_cmd) / widening)
+    angular = jnp.exp(-2.0 * squared_norm(omega - omega_cmd))
+    return w * linear + (1.0 - w) * angular
+
+
+def torque_regularization(tau_n: Float[Array, "12"], tau_n_last: Float[Array, "12"], dt: float) -> Scalar:
+    """r_tau / c_tau; torques over the peak torque, at this and the last control step, dt seconds apart."""
+    return 0.9 * jnp.exp(-0.5 * squared_norm(tau_n)) + 0.1 * jnp.exp(-0.1 * squared_norm(tau_n - tau_n_last) / dt)
+
+
+def power_regularization(power: Float[Array, "12"]) -> Scalar:
+    """r_P / c_P; mechanical power of each actuator in W. Braking is punished five times as much as driving."""
+    # Both exponents are kept <= 0 so that the branch not taken cannot overflow.
+    phi = jnp.where(power > 0, jnp.exp(-0.01 * jnp.maximum(power, 0.0)), jnp.exp(0.05 * jnp.minimum(power, 0.0)))
+    return jnp.mean(phi)
+
+
+def action_smoothness(action: Float[Array, "12"], last_action: Float[Array, "12"]) -> Scalar:
+    """r_s / c_s."""
+    return jnp.exp(-3.0 * jnp.max(jnp.abs(action - last_action)))
+
+
+def straight_symmetry(abad: Float[Array, "4"], eta: Scalar) -> Scalar:
+    """r_str; abduction angles in the order FR, FL, RR, RL (rad); the table's 0 / 0.1 is its coefficient."""
+    front, rear = abad[0] + abad[1], abad[2] + abad[3]
+    return jnp.exp(-10.0 * eta) * jnp.exp(-100.0 * (jnp.square(front) + jnp.square(rear)))
+
+
+def turn_activation(command: Float[Array, "3"], max_lateral: float, max_yaw_rate: float) -> Scalar:
+    """eta: 0 for a straight command, 1 at the largest lateral or yaw command. command = (v_x, v_y, omega_z)."""
+    tiny = 1e-6  # a maximum of 0 means that the command is always 0
+    return jnp.maximum(jnp.abs(command[1]) / (max_lateral + tiny), jnp.abs(command[2]) / (max_yaw_rate + tiny))
+
+
+def tracking_balance(max_forward: float, max_lateral: float, max_yaw_rate: float) -> float:
+    """w: share of the linear velocity in the tracking reward."""
+    linear = max_forward + max_lateral
+    return min(linear / (linear + max_yaw_rate), 0.6)
+
+
+def speed_schedule(
+    v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Literal["text", "literal"] = "text"
+) -> tuple[Scalar, Scalar]:
+    """(c_m, c_v): weights of imitation and of velocity tracking at this commanded speed.
+
+    beta = (|v_x_cmd| / v_x_max)^0.3. `literal` is Table S4 to the letter: c_v = beta c_V + (1 - beta) c_J and
+    c_m = c_J + c_V - c_v. With the imitation stage's c_J = 0.6 > c_V = 0.1 this makes tracking *lose* weight with
+    speed, the opposite of what the text says ("reducing the constraint imposed by the reference trajectory at high
+    commanded velocities"). `text` gives tracking the larger of the two coefficients at v_x_max and the smaller at
+    rest, in both stages; in the relaxed stage (c_J < c_V) the two readings are the same.
+    """
+    beta = jnp.clip(jnp.abs(v_x_cmd) / v_x_max, 0.0, 1.0) ** 0.3
+    at_rest, at_speed = (c_J, c_V) if schedule == "literal" else (min(c_J, c_V), max(c_J, c_V))
+    c_v = beta * at_speed + (1.0 - beta) * at_rest
+    return c_J + c_V - c_v, c_v
+
+
+@struct.dataclass
+class RewardInputs:
+    """What Table S4 looks at, for one robot at one control step."""
+
+    command: Float[Array, "3"]  # v_x, v_y, omega_z
+    z: Scalar
+    z_ref: Scalar
+    e_z: Float[Array, "3"]
+    e_z_ref: Float[Array, "3"]
+    q: Float[Array, "12"]
+    q_ref: Float[Array, "12"]
+    qd: Float[Array, "12"]
+    qd_ref: Float[Array, "12"]
+    v: Float[Array, "2"]  # horizontal, heading frame
+    yaw_rate: Scalar
+    tau_n: Float[Array, "12"]
+    tau_n_last: Float[Array, "12"]
+    power: Float[Array, "12"]
+    action: Float[Array, "12"]
+    last_action: Float[Array, "12"]
+    terminal: Scalar  # 1 if the robot has fallen
+
+
+def table_s4(
+    x: RewardInputs, config: RewardConfig, *, max_forward: float, max_lateral: float, max_yaw_rate: float, dt: float
+) -> dict[str, Scalar]:
+    """All rows with their coefficients; the reward is their sum."""
+    c_m, c_v = speed_schedule(x.command[0], max_forward, config.imitation, config.tracking, config.schedule)
+    w = tracking_balance(max_forward, max_lateral, max_yaw_rate)
+    eta = turn_activation(x.command, max_lateral, max_yaw_rate)
+    tracking = velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], w, config.tracking_width)
+    return {
+        "height": config.height * body_height(x.z, x.z_ref),
+        "attitude": config.attitude * body_attitude(x.e_z, x.e_z_ref),
+        "joint_position": c_m * joint_position_imitation(x.q, x.q_ref),
+        "joint_velocity": c_m * joint_velocity_imitation(x.qd, x.qd_ref),
+        "tracking": c_v * tracking,
+        "torque": config.torque * torque_regularization(x.tau_n, x.tau_n_last, dt),
+        "power": config.power * power_regularization(x.power),
+        "smoothness": config.smoothness * action_smoothness(x.action, x.last_action),
+        "symmetry": config.symmetry * straight_symmetry(x.q[0::3], eta),
+        "terminal": -config.terminal * x.terminal,
+    }

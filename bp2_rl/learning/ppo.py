@@ -1,0 +1,364 @@
+"""PPO as one pure function over one state: `train_step(TrainState) -> (TrainState, metrics)`.
+
+Networks, loss, advantage estimation and running statistics are Brax's; the loop is ours because Brax's cannot
+resume exactly, gives every device the same randomisation, and normalises advantages per device.
+
+The program is written for global arrays on a 1-D device mesh with the axis `robots`; one device is the same
+code. Physics and policy run in a `shard_map` (robots never talk to each other); the SGD part is partitioned by
+the compiler. Every random number belongs to a robot or to the whole, never to a device, and shuffling stays
+within blocks of robots, so the result does not depend on how many devices hold the robots.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from brax import envs
+from brax.training.acme import running_statistics, specs
+from brax.training.agents.ppo import losses, networks
+from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
+from brax.training.types import Transition
+from flax import linen, struct
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array
+
+from bp2_rl.errors import UserError
+from bp2_rl.learning.fleet import Fleet
+
+Activation = Literal["swish", "elu", "tanh", "relu"]
+ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
+MAX_BLOCKS = 8
+"""Robots are shuffled within this many blocks; the number of devices must divide it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PPOConfig:
+    """Hyperparameters. One train step collects num_envs x unroll_length control steps and takes
+    num_epochs x num_minibatches gradient steps on them."""
+
+    num_envs: int = 8192
+    unroll_length: int = 24
+    num_minibatches: int = 16
+    num_epochs: int = 4
+    episode_length: int = 1600  # control steps
+    learning_rate: float = 3e-4
+    desired_kl: float | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
+    max_learning_rate: float = 1e-3
+    discounting: float = 0.985
+    gae_lambda: float = 0.95
+    clipping: float = 0.2
+    entropy_cost: float = 5e-3
+    value_coefficient: float = 1.0
+    max_grad_norm: float = 1.0
+    reward_scaling: float = 1.0
+    policy_layers: tuple[int, ...] = (512, 256, 128)
+    value_layers: tuple[int, ...] = (512, 256, 128)
+    activation: Activation = "swish"
+    initial_std: float = 0.3
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that says how to mend them."""
+        for name in ("num_envs", "unroll_length", "num_minibatches", "num_epochs", "episode_length"):
+            if getattr(self, name) < 1:
+                raise UserError(f"ppo.{name} must be at least 1, got {getattr(self, name)}")
+        if self.num_envs % self.num_minibatches:
+            raise UserError(
+                f"ppo.num_envs ({self.num_envs}) must be a multiple of ppo.num_minibatches ({self.num_minibatches})"
+            )
+        for name in ("learning_rate", "clipping", "max_grad_norm", "reward_scaling", "initial_std"):
+            if not getattr(self, name) > 0:
+                raise UserError(f"ppo.{name} must be positive, got {getattr(self, name)}")
+        for name in ("discounting", "gae_lambda"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise UserError(f"ppo.{name} must lie between 0 and 1, got {getattr(self, name)}")
+
+    @property
+    def steps_per_train_step(self) -> int:
+        """Control steps, all robots together."""
+        return self.num_envs * self.unroll_length
+
+    @property
+    def shuffle_blocks(self) -> int:
+        """Blocks of robots that are shuffled by themselves."""
+        return math.gcd(self.num_envs // self.num_minibatches, MAX_BLOCKS)
+
+
+@struct.dataclass
+class TrainState:
+    """Everything that training depends on."""
+
+    params: losses.PPONetworkParams
+    normalizer: running_statistics.RunningStatisticsState
+    optimizer: optax.OptState
+    fleet: envs.State
+    key: Array
+    step: Array  # train steps done
+
+
+class PPO:
+    """The learner for one environment.
+
+    Args:
+        env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
+            `privileged_state`.
+        config: hyperparameters.
+        devices: the mesh; default all of JAX's. Their number must divide `config.shuffle_blocks`.
+
+    Raises:
+        UserError: the number of devices does not fit the number of robots.
+    """
+
+    def __init__(self, env: envs.Env, config: PPOConfig, devices: Sequence[Any] | None = None):
+        self.config = config
+        self.fleet = Fleet(env, config.episode_length)
+        self.mesh = Mesh(np.array(devices or jax.devices()), ("robots",))
+        if config.shuffle_blocks % self.mesh.size:
+            raise UserError(
+                f"{config.num_envs} robots in {config.num_minibatches} minibatches cannot be spread evenly over "
+                f"{self.mesh.size} devices: make num_envs / num_minibatches a multiple of {MAX_BLOCKS}"
+            )
+        self._sharded = NamedSharding(self.mesh, PartitionSpec("robots"))
+        self._replicated = NamedSharding(self.mesh, PartitionSpec())
+        self.network = make_networks(env, config)
+        self._infer = networks.make_inference_fn(self.network)
+        self._optimizer = optax.chain(
+            optax.clip_by_global_norm(config.max_grad_norm),
+            optax.inject_hyperparams(optax.adam)(learning_rate=config.learning_rate),
+        )
+        self.train_step = jax.jit(
+            self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self._replicated)
+        )
+
+    def init(self, seed: int) -> TrainState:
+        """The state before the first train step, spread over the mesh."""
+        return jax.jit(self._init, out_shardings=self.shardings())(jax.random.PRNGKey(seed))
+
+    def shape(self) -> TrainState:
+        """The state's shapes and dtypes, for restoring a checkpoint."""
+        shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
+        return jax.tree.map(
+            lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
+            shapes,
+            jax.tree.map(lambda sharding, tree: jax.tree.map(lambda _: sharding, tree), self.shardings(), shapes),
+        )
+
+    def shardings(self) -> TrainState:
+        """Where each part of the state lives: robots are spread, all else is on every device."""
+        whole = self._replicated
+        return TrainState(
+            params=whole,  # pyright: ignore[reportArgumentType]
+            normalizer=whole,  # pyright: ignore[reportArgumentType]
+            optimizer=whole,
+            fleet=self._sharded,  # pyright: ignore[reportArgumentType]
+            key=whole,  # pyright: ignore[reportArgumentType]
+            step=whole,  # pyright: ignore[reportArgumentType]
+        )
+
+    # --- One train step, top down --------------------------------------------------------------------------------
+
+    def _init(self, key: Array) -> TrainState:
+        key, key_policy, key_value, key_fleet = jax.random.split(key, 4)
+        params = losses.PPONetworkParams(
+            policy=self.network.policy_network.init(key_policy),
+            value=self.network.value_network.init(key_value),
+        )
+        # Brax's initial standard deviation is weakly typed, which would compile the train step twice.
+        params = jax.tree.map(lambda x: x.astype(x.dtype), params)
+        fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
+        # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
+        template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
+        normalizer = running_statistics.update(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
+        return TrainState(
+            params=params,
+            normalizer=normalizer,
+            optimizer=self._optimizer.init(params),  # pyright: ignore[reportArgumentType]
+            fleet=fleet,
+            key=key,
+            step=jnp.zeros((), jnp.int32),
+        )
+
+    def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
+        key, key_unroll, key_sgd = jax.random.split(state.key, 3)
+        keys = jax.random.split(key_unroll, self.config.num_envs)
+        fleet, data, metrics = self._unroll(state.params, state.normalizer, state.fleet, keys)
+        params, optimizer, sgd_metrics = self._improve(state.params, state.normalizer, state.optimizer, data, key_sgd)
+        # After the gradient steps, so that these see the observations as the behaviour policy did.
+        normalizer = running_statistics.update(state.normalizer, data.observation)
+        after = TrainState(params, normalizer, optimizer, fleet, key, state.step + 1)
+        return after, {**metrics, **sgd_metrics}
+
+    def _unroll(
+        self,
+        params: losses.PPONetworkParams,
+        normalizer: running_statistics.RunningStatisticsState,
+        fleet: envs.State,
+        keys: Array,
+    ) -> tuple[envs.State, Transition, dict[str, Array]]:
+        """`unroll_length` control steps: (fleet after, data with axes (robot, time), metrics averaged over both)."""
+        robots, whole = PartitionSpec("robots"), PartitionSpec()
+        local = jax.shard_map(
+            self._unroll_local,
+            mesh=self.mesh,
+            in_specs=(whole, whole, robots, robots),
+            out_specs=(robots, robots, robots),
+            check_vma=False,
+        )
+        fleet, data, per_robot = local(params, normalizer, fleet, keys)
+        return fleet, data, jax.tree.map(jnp.mean, per_robot)
+
+    def _unroll_local(
+        self,
+        params: losses.PPONetworkParams,
+        normalizer: running_statistics.RunningStatisticsState,
+        fleet: envs.State,
+        keys: Array,
+    ) -> tuple[envs.State, Transition, dict[str, Array]]:
+        """The same for the robots of one device; each robot draws from its own key."""
+        act = jax.vmap(self._infer((normalizer, params.policy)))
+        split = jax.vmap(partial(jax.random.split, num=3))(keys)
+        bank = self.fleet.bank(fleet, split[:, 0])
+
+        def control_step(carry: tuple[envs.State, Any], time: Array) -> tuple[tuple[envs.State, Any], Transition]:
+            fleet, sums = carry
+            noise = jax.vmap(partial(jax.random.fold_in, data=time))(split[:, 1])
+            action, policy_extras = act(fleet.obs, noise)
+            after = self.fleet.step(fleet, action, bank)
+            transition = Transition(
+                observation=fleet.obs,
+                action=action,
+                reward=after.reward,
+                discount=1.0 - after.done,
+                next_observation=(),
+                extras={
+                    "policy_extras": policy_extras,
+                    "state_extras": {"truncation": after.info["truncation"]},
+                },
+            )
+            return (after, jax.tree.map(jnp.add, sums, _step_metrics(after))), transition
+
+        sums = jax.tree.map(jnp.zeros_like, _step_metrics(fleet))
+        length = self.config.unroll_length
+        (fleet, sums), data = jax.lax.scan(control_step, (fleet, sums), jnp.arange(length))
+        data = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data)
+        # The loss looks at the last next_observation alone.
+        data = data._replace(next_observation=jax.tree.map(lambda x: x[:, None], fleet.obs))
+        return fleet, data, jax.tree.map(lambda x: x / length, sums)
+
+    def _improve(
+        self,
+        params: losses.PPONetworkParams,
+        normalizer: running_statistics.RunningStatisticsState,
+        optimizer: optax.OptState,
+        data: Transition,
+        key: Array,
+    ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
+        """All epochs of gradient steps on one unroll."""
+        config = self.config
+
+        def minibatch_step(carry: tuple[Any, Any], minibatch: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
+            params, optimizer = carry
+            (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, *minibatch)
+            if config.desired_kl is not None:
+                optimizer, _ = adaptive_kl_learning_rate(
+                    optimizer, metrics["kl_mean"], config.desired_kl, max_learning_rate=config.max_learning_rate
+                )
+            updates, new_optimizer = self._optimizer.update(gradient, optimizer)
+            norm = optax.global_norm(gradient)
+            sound = jnp.isfinite(norm)
+            params, optimizer = jax.tree.map(
+                lambda new, old: jnp.where(sound, new, old),
+                (optax.apply_updates(params, updates), new_optimizer),
+                (params, optimizer),
+            )
+            metrics |= {
+                "grad_norm": norm,
+                "learning_rate": optimizer[-1].hyperparams["learning_rate"],  # pyright: ignore
+                "skipped_updates": 1.0 - sound,
+            }
+            return (params, optimizer), metrics
+
+        def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
+            key_shuffle, key_loss = jax.random.split(key)
+            keys = jax.random.split(key_loss, config.num_minibatches)
+            return jax.lax.scan(minibatch_step, carry, (self._minibatches(data, key_shuffle), keys))
+
+        (params, optimizer), metrics = jax.lax.scan(
+            epoch, (params, optimizer), jax.random.split(key, config.num_epochs)
+        )
+        return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
+
+    def loss(
+        self,
+        params: losses.PPONetworkParams,
+        normalizer: running_statistics.RunningStatisticsState,
+        data: Transition,
+        key: Array,
+    ) -> tuple[Array, dict[str, Array]]:
+        """Brax's PPO loss with this learner's hyperparameters; `data` has axes (robot, time)."""
+        config = self.config
+        return losses.compute_ppo_loss(  # pyright: ignore[reportReturnType]
+            params,
+            normalizer,
+            data,
+            key,
+            ppo_network=self.network,
+            entropy_cost=config.entropy_cost,
+            discounting=config.discounting,
+            reward_scaling=config.reward_scaling,
+            gae_lambda=config.gae_lambda,
+            clipping_epsilon=config.clipping,
+            vf_coefficient=config.value_coefficient,
+        )
+
+    def _minibatches(self, data: Transition, key: Array) -> Transition:
+        """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
+        config = self.config
+        blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
+        keys = jax.random.split(key, blocks)
+        order = jax.vmap(lambda key: jax.random.permutation(key, size))(keys)
+        spread = NamedSharding(self.mesh, PartitionSpec(None, "robots"))
+
+        def shuffle(x: Array) -> Array:
+            x = x.reshape((blocks, size) + x.shape[1:])
+            x = jax.vmap(lambda rows, order: rows[order])(x, order)
+            x = x.reshape((blocks, config.num_minibatches, -1) + x.shape[2:])
+            x = jnp.swapaxes(x, 0, 1).reshape((config.num_minibatches, -1) + x.shape[3:])
+            return jax.lax.with_sharding_constraint(x, spread)
+
+        return jax.tree.map(shuffle, data)
+
+
+def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
+    """Brax's actor and critic: Gaussian policy with a state-independent standard deviation."""
+    sizes = env.observation_size
+    asymmetric = isinstance(sizes, dict) and "privileged_state" in sizes
+    return networks.make_ppo_networks(
+        sizes,
+        env.action_size,
+        preprocess_observations_fn=_normalize,
+        policy_hidden_layer_sizes=config.policy_layers,
+        value_hidden_layer_sizes=config.value_layers,
+        activation=ACTIVATIONS[config.activation],
+        value_obs_key="privileged_state" if asymmetric else "state",
+        distribution_type="normal",
+        noise_std_type="log",
+        init_noise_std=config.initial_std,
+        # Small first outputs: training begins on the reference motion, not on noise of the initialisation.
+        mean_kernel_init_fn=partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform"),
+    )
+
+
+def _normalize(observation: Any, mean_std: Any) -> Any:
+    return running_statistics.normalize(observation, mean_std)
+
+
+def _step_metrics(state: envs.State) -> dict[str, Array]:
+    """What a control step contributes to the metrics, robot by robot."""
+    terminated = state.done * (1.0 - state.info["truncation"])
+    return {**state.metrics, "reward": state.reward, "falls": terminated, "time_outs": state.info["truncation"]}
