@@ -1,0 +1,240 @@
+"""Pictures of a run: each function takes a Trajectory and returns a Matplotlib figure, drawn off screen.
+
+Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a shade of grey is never data.
+"""
+
+import functools
+from collections.abc import Callable
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bp2_rl.evaluation.metrics import best_window, contacts, steady_window, touchdowns
+from bp2_rl.evaluation.trajectory import Trajectory
+from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator, torque_limits
+
+LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
+INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
+JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
+STYLE = {
+    "font.family": "sans-serif",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelcolor": INK,
+    "axes.edgecolor": QUIET,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.8,
+    "xtick.color": QUIET,
+    "ytick.color": QUIET,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "round",
+    "figure.dpi": 150,
+    "savefig.dpi": 150,
+}
+WIDTH = 8.4  # inches
+CLOSE_UP = 1.2  # s of steady running shown stride by stride
+POINTS = 4000  # most torque-speed points drawn for one motor
+
+Draw = Callable[[Trajectory], Figure]
+
+
+def _styled(draw: Draw) -> Draw:
+    """Draw under this module's style and leave Matplotlib's own untouched."""
+
+    @functools.wraps(draw)
+    def styled(run: Trajectory) -> Figure:
+        with mpl.rc_context(STYLE):
+            return draw(run)
+
+    return styled
+
+
+@_styled
+def speed_figure(run: Trajectory) -> Figure:
+    """Forward speed and command over time, and how well the robot kept its lane."""
+    figure = Figure(figsize=(WIDTH, 4.8), layout="constrained")
+    speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+
+    forward = run.ground_velocity[:, 0]
+    stride = _moving_mean(forward, round(0.25 / run.dt))
+    speed.plot(run.time, forward, color=LEG_COLORS["FR"], alpha=0.25, linewidth=0.7, label="each millisecond")
+    speed.plot(run.time, stride, color=LEG_COLORS["FR"], linewidth=1.8, label="0.25-s mean")
+    speed.plot(run.time, run.command[:, 0], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    best = best_window(run, 1.0)
+    if best is not None:
+        speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
+        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best second, {best.speed:.2f} m/s")
+    speed.set(ylabel="Speed [m/s]", title="Forward speed")
+    _legend_above(speed)
+
+    lane.plot(run.time, run.qpos[:, 1] - run.qpos[0, 1], color=LEG_COLORS["RR"], label="to the left [m]")
+    lane.plot(run.time, run.heading - run.heading[0], color=LEG_COLORS["RL"], label="heading [rad]")
+    lane.axhline(0.0, color=QUIET, linewidth=0.8)
+    lane.set(title="Drift", xlabel="Time [s]", ylabel="[m], [rad]", xlim=(0.0, len(run) * run.dt))
+    _legend_above(lane)
+    if run.fell_at is not None:
+        for axes in (speed, lane):
+            axes.axvline(run.fell_at, color="#D55E00", linewidth=1.6)
+        speed.annotate(
+            "fell ", (run.fell_at, 1.0), xycoords=("data", "axes fraction"), ha="right", va="top", color="#D55E00"
+        )
+    return figure
+
+
+@_styled
+def torque_speed_figure(run: Trajectory) -> Figure:
+    """Where the motors worked: torque over speed at every millisecond, inside the torque-speed envelope."""
+    figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
+    panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    motors = Actuator.from_hardware(run.hardware)
+    reach = 1.15 * max(run.hardware.joint_no_load_speed, float(np.max(np.abs(run.joint_velocity))))
+    speeds = np.linspace(-reach, reach, 601)
+    low, high = torque_limits(motors, speeds)
+    every = max(1, len(run) // POINTS)
+    velocity, torque = (x[::every].reshape(-1, 4, 3) for x in (run.joint_velocity, run.torque))
+    for j, (axes, joint) in enumerate(zip(panels, specs.JOINTS, strict=True)):
+        axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
+        axes.plot(speeds, high, color=INK, linewidth=1.1)
+        axes.plot(speeds, low, color=INK, linewidth=1.1)
+        for i, leg in enumerate(specs.LEGS):
+            axes.plot(
+                velocity[:, i, j],
+                torque[:, i, j],
+                ".",
+                ms=2.0,
+                mew=0,
+                alpha=0.45,
+                color=LEG_COLORS[leg],
+                rasterized=True,
+            )
+        axes.set(title=JOINT_TITLES[joint], xlabel="Joint speed [rad/s]", xlim=(-reach, reach))
+    panels[0].set_ylabel("Joint torque [Nm]")
+    _leg_legend(figure, marker="o")
+    return figure
+
+
+@_styled
+def gait_figure(run: Trajectory) -> Figure:
+    """The last strides: vertical foot forces, and who stands when (Hildebrand diagram)."""
+    strides = _last_strides(run)
+    standing = contacts(strides)
+    figure = Figure(figsize=(WIDTH, 4.8), layout="constrained")
+    force, gait = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+
+    for i, leg in enumerate(specs.LEGS):
+        force.plot(strides.time, strides.foot_force[:, i, 2], color=LEG_COLORS[leg])
+    weight = run.mass * specs.GRAVITY
+    _mark_level(force, weight, "body weight")
+    force.set(ylabel="Vertical force [N]", title="Foot forces", ylim=(0.0, None))
+
+    for i, leg in enumerate(specs.LEGS):
+        gait.broken_barh(_spells(strides, standing[:, i]), (i - 0.32, 0.64), color=LEG_COLORS[leg], linewidth=0)
+    gait.set(
+        title="Stance",
+        xlabel="Time [s]",
+        yticks=range(4),
+        yticklabels=[_duty_label(strides, standing, i) for i in range(4)],
+    )
+    gait.set(ylim=(3.6, -0.6), xlim=(strides.time[0], strides.time[-1]))
+    gait.grid(axis="y", visible=False)
+    gait.tick_params(axis="y", length=0)
+    _leg_legend(figure)
+    return figure
+
+
+@_styled
+def joint_figure(run: Trajectory) -> Figure:
+    """The last strides: hip and knee angles with the policy's targets, and the springs' travel."""
+    strides = _last_strides(run)
+    angle, target = (np.rad2deg(x).reshape(-1, 4, 3) for x in (strides.joint_position, strides.target))
+    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
+    hip, knee, spring = figure.subplots(3, 1, sharex=True)
+    for i, leg in enumerate(specs.LEGS):
+        color = LEG_COLORS[leg]
+        for axes, j in ((hip, 1), (knee, 2)):
+            axes.plot(strides.time, angle[:, i, j], color=color)
+            axes.plot(strides.time, target[:, i, j], color=color, linewidth=0.8, linestyle=(0, (2, 1.5)), alpha=0.8)
+        spring.plot(strides.time, 1e3 * strides.spring_compression[:, i], color=color)
+    hip.set(title="Hip angle (dotted: target)", ylabel="Angle [deg]")
+    knee.set(title="Knee angle (dotted: target)", ylabel="Angle [deg]")
+    travel = 1e3 * run.hardware.spring_travel
+    _mark_level(spring, travel, "stop")
+    spring.set(title="Spring compression", ylabel="Travel [mm]", xlabel="Time [s]")
+    spring.set(xlim=(strides.time[0], strides.time[-1]))
+    _leg_legend(figure)
+    return figure
+
+
+FIGURES: dict[str, Draw] = {
+    "speed": speed_figure,
+    "torque_speed": torque_speed_figure,
+    "gait": gait_figure,
+    "joints": joint_figure,
+}
+"""What a report shows, in order, by the name of the file."""
+
+
+def _last_strides(run: Trajectory) -> Trajectory:
+    steady = steady_window(run)
+    end = steady.time[-1] + run.dt
+    return steady.between(end - CLOSE_UP, end)
+
+
+def _moving_mean(values: Float[np.ndarray, "N"], samples: int) -> Float[np.ndarray, "N"]:
+    """Centred mean over a window that shrinks at the ends."""
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    index = np.arange(len(values))
+    start = np.maximum(index - samples // 2, 0)
+    stop = np.minimum(index + samples // 2 + 1, len(values))
+    return (sums[stop] - sums[start]) / (stop - start)
+
+
+def _spells(run: Trajectory, standing: np.ndarray) -> list[tuple[float, float]]:
+    """(start, length) of every spell of contact, s."""
+    edges = np.diff(np.concatenate(([0], standing.astype(int), [0])))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(float(run.time[a]), float((b - a) * run.dt)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
+    """Leg name, with its share of stance where whole strides are in sight."""
+    starts = touchdowns(standing[:, leg])
+    if len(starts) < 2:
+        return specs.LEGS[leg]
+    return f"{specs.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
+
+
+def _legend_above(axes: Axes) -> None:
+    """The legend in the line of the title, clear of the data."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, handlelength=1.6, borderpad=0.0)
+
+
+def _mark_level(axes: Axes, level: float, text: str) -> None:
+    """A dashed line across, with its name."""
+    axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
+    box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    at = (1.0, level)
+    axes.annotate(text, at, xycoords=("axes fraction", "data"), ha="right", va="center", color=QUIET, bbox=box)
+
+
+def _leg_legend(figure: Figure, marker: str | None = None) -> None:
+    """One legend of the four legs for the whole figure, above it."""
+    axes: Axes = figure.axes[0]
+    style = {"marker": marker, "linestyle": "", "ms": 5} if marker else {"linewidth": 3}
+    handles = [axes.plot([], [], color=color, label=leg, **style)[0] for leg, color in LEG_COLORS.items()]
+    figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=1.2, columnspacing=1.4)

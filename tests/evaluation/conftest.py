@@ -1,0 +1,65 @@
+"""Runs whose figures of merit are known in closed form."""
+
+import numpy as np
+import pytest
+
+from bp2_rl.evaluation.trajectory import Trajectory
+from bp2_rl.robot.specs import BP2, GRAVITY
+
+DT = 1e-3
+MASS = 36.0
+
+
+def make_run(duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25, **changes) -> Trajectory:
+    """A trot along x: ramp to `speed`, stride frequency and duty as given, no power, forces that carry the weight."""
+    samples = round(duration / DT)
+    time = np.arange(samples) * DT
+    forward = np.minimum(acceleration * time, speed)
+    qpos, qvel = np.zeros((samples, 23)), np.zeros((samples, 22))
+    qpos[:, 0] = np.cumsum(forward) * DT - forward * DT
+    qpos[:, 2], qpos[:, 3] = 0.55, 1.0
+    qvel[:, 0] = forward
+    phase = (frequency * time[:, None] + np.array([0.5, 0.0, 0.0, 0.5])) % 1.0
+    force = np.zeros((samples, 4, 3))
+    # two feet at a time carry the weight on average: a half sine of duty x mean = 1/4
+    force[:, :, 2] = np.where(phase < duty, np.sin(np.pi * phase / duty) * MASS * GRAVITY * np.pi / (8 * duty), 0.0)
+    fields = {
+        "time": time,
+        "qpos": qpos,
+        "qvel": qvel,
+        "torque": np.zeros((samples, 12)),
+        "target": np.zeros((samples, 12)),
+        "command": np.stack([forward, 0 * time, 0 * time], axis=-1),
+        "foot_force": force,
+        "dt": DT,
+        "steady_from": speed / acceleration,
+        "fell_at": None,
+        "mass": MASS,
+        "hardware": BP2,
+        "name": "synthetic trot",
+        "backend": "none",
+    }
+    return Trajectory(**(fields | changes))
+
+
+@pytest.fixture(name="make_run")
+def _make_run():
+    return make_run
+
+
+@pytest.fixture(scope="session")
+def busy_run() -> Trajectory:
+    """A run with something to see in every figure."""
+    run = make_run()
+    rng = np.random.default_rng(0)
+    angle = 2 * np.pi * 4.0 * run.time[:, None] + np.array([0, np.pi / 2, np.pi / 3] * 4)
+    amplitude = np.array([0.05, 0.6, 0.7] * 4)
+    qpos, qvel = run.qpos.copy(), run.qvel.copy()
+    qvel[:, 0] += 0.2 * np.sin(2 * np.pi * 8.0 * run.time)
+    qpos[:, 1] = 0.1 * np.sin(run.time)
+    motors = [7, 8, 9, 11, 12, 13, 15, 16, 17, 19, 20, 21]
+    qpos[:, motors] = np.array([0, 0.67, -1.34] * 4) + amplitude * np.sin(angle)
+    qvel[:, [i - 1 for i in motors]] = amplitude * 2 * np.pi * 4.0 * np.cos(angle)
+    qpos[:, [10, 14, 18, 22]] = run.foot_force[:, :, 2] / 6000.0
+    torque = 60.0 * np.sin(angle + 1.0) * np.array([0.3, 1.0, 1.2] * 4) + rng.normal(size=angle.shape)
+    return make_run(qpos=qpos, qvel=qvel, torque=torque, target=qpos[:, motors] + 0.05)
