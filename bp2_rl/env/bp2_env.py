@@ -99,7 +99,8 @@ class BP2Env(envs.Env):
 
         controller, targets = self.controller.act(before.controller, action, before.command.current)
         pushed = self._push(before.physics, key_push)
-        physics, effort, feet = self._simulate(pushed, targets, before.randomization)
+        with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
+            physics, effort, feet = self._simulate(pushed, targets, before.randomization)
 
         exploded = ~_is_sound(physics, config.termination.max_speed)
         physics = jax.tree.map(lambda new, old: jnp.where(exploded, old, new), physics, before.physics)
@@ -379,7 +380,7 @@ def _metrics(
         metrics[f"error/{lower:g}"] = inside * error
     metrics |= {
         "speed_error": error,
-        "curriculum": level,
+        "curriculum_level": level,
         "speed": heading.velocity[0],
         "power": jnp.sum(jnp.maximum(effort.power, 0.0)),
         "fall/exploded": exploded.astype(jnp.float32),

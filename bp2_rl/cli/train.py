@@ -1,0 +1,108 @@
+"""`python train.py`: train a stage, or go on with a stopped run."""
+
+import argparse
+import dataclasses
+import datetime
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bp2_rl.cli import app
+from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.errors import UserError
+from bp2_rl.learning.ppo import PPOConfig
+from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, make_config
+
+RUNS = Path("runs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Train BP2 to run. The presets set everything below; every setting can be changed by its flag."""
+
+    stage: Stage = "imitation"
+    """imitation: from random weights; relaxed: continues from an imitation run"""
+    preset: Preset | Literal["auto"] = "auto"
+    """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
+    out: Path | None = None
+    """the run's folder; default runs/STAGE-DATE-TIME"""
+    parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
+    """a run whose networks to start from; for --stage relaxed default the newest finished imitation run"""
+    resume: Path | None = None
+    """go on with this stopped run exactly where it stands, with its own settings"""
+    env: EnvConfig = EnvConfig()
+    ppo: PPOConfig = PPOConfig()
+    run: RunConfig = RunConfig()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, train, and return the exit status."""
+    return app.run(lambda: _train(list(sys.argv[1:] if argv is None else argv)))
+
+
+def _train(argv: list[str]) -> None:
+    prepare_jax()
+    arguments = _parse(argv)
+    from bp2_rl.learning import train  # after the flags are known to be good: this import takes seconds
+
+    if arguments.resume is not None:
+        train.resume(arguments.resume)
+        return
+    config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run)
+    parent = arguments.parent
+    if parent is None and arguments.stage == "relaxed":
+        parent = _newest_imitation_run()
+    now = datetime.datetime.now()
+    out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
+    print(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
+    if parent is not None:
+        print(f"continues from {parent}")
+    train.start(config, out, parent=parent)
+    print(f"see it run: python eval.py {out}")
+
+
+def _parse(argv: list[str]) -> Arguments:
+    """The arguments, with the defaults of the stage and preset that they name."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--stage", default="imitation")
+    first.add_argument("--preset", default="auto")
+    known, _ = first.parse_known_args(argv)
+    stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
+    preset = known.preset if known.preset in ("smoke", "cpu", "gpu") else _preset_for_this_machine()
+    defaults = make_config(stage, preset)
+    arguments = app.parse(
+        Arguments,
+        argv,
+        "train.py",
+        default=Arguments(env=defaults.env, ppo=defaults.ppo, run=defaults.run),
+    )
+    if arguments.resume is not None:
+        others = [flag for flag in argv if flag.startswith("--") and not flag.startswith("--resume")]
+        if others:
+            raise UserError(f"--resume takes the run's own settings: leave out {others[0].split('=')[0]}")
+    return dataclasses.replace(arguments, preset=preset)
+
+
+def _preset_for_this_machine() -> Preset:
+    import jax
+
+    return "cpu" if jax.default_backend() == "cpu" else "gpu"
+
+
+def _newest_imitation_run() -> Path:
+    from bp2_rl.learning.train import is_finished, load_run_config
+
+    runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for run in (path.parent for path in runs):
+        try:
+            if load_run_config(run).stage == "imitation" and is_finished(run):
+                return run
+        except UserError:
+            continue  # a damaged run is no reason not to use an older one
+    raise UserError(
+        f"no finished imitation run in {RUNS}/: run `python train.py --stage imitation` first, or name one with --from"
+    )

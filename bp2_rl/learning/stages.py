@@ -1,0 +1,72 @@
+"""What `imitation` and `relaxed`, `smoke`, `cpu` and `gpu` mean: configs, never code paths."""
+
+import dataclasses
+from typing import Literal
+
+from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RewardConfig
+from bp2_rl.errors import UserError
+from bp2_rl.learning.ppo import PPOConfig
+
+Stage = Literal["imitation", "relaxed"]
+Preset = Literal["smoke", "cpu", "gpu"]
+
+IMITATION = RewardConfig()
+
+RELAXED = RewardConfig(
+    height=0.0, attitude=0.0, imitation=0.1, tracking=0.4, torque=0.2, power=0.1, smoothness=0.2, symmetry=0.1
+)
+"""The relaxed column of Table S4."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RunConfig:
+    """How long, from which seed, and what is kept."""
+
+    steps: int = 100_000_000  # control steps, all robots together
+    seed: int = 0
+    checkpoints: int = 10  # saves during the run, evenly spread, the last one at its end
+    logs: int = 200  # lines of metrics.jsonl during the run
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        for name in ("steps", "checkpoints", "logs"):
+            if getattr(self, name) < 1:
+                raise UserError(f"run.{name} must be at least 1, got {getattr(self, name)}")
+        if self.seed < 0:
+            raise UserError(f"run.seed must not be negative, got {self.seed}")
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """Everything that a training run depends on; written to the run's config.json."""
+
+    stage: Stage = "imitation"
+    env: EnvConfig = EnvConfig()
+    ppo: PPOConfig = PPOConfig()
+    run: RunConfig = RunConfig()
+
+
+def make_config(stage: Stage, preset: Preset) -> TrainConfig:
+    """The settings of a stage at a size of machine."""
+    relaxed = stage == "relaxed"
+    env = EnvConfig(reward=RELAXED if relaxed else IMITATION)
+    ppo = PPOConfig()
+    if relaxed:
+        ppo = dataclasses.replace(ppo, learning_rate=1e-4, entropy_cost=2e-3)
+    if preset == "gpu":
+        return TrainConfig(stage, env, ppo, RunConfig(steps=120_000_000))
+    small = dataclasses.replace(
+        env,
+        commands=CommandConfig(max_forward=3.0),
+        curriculum=CurriculumConfig(start_speed=2.0),
+    )
+    if preset == "cpu":
+        ppo = dataclasses.replace(
+            ppo, num_envs=256, num_minibatches=4, policy_layers=(128, 128), value_layers=(128, 128), episode_length=800
+        )
+        return TrainConfig(stage, small, ppo, RunConfig(steps=1_200_000, logs=100, checkpoints=4))
+    ppo = dataclasses.replace(
+        ppo, num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64),
+        value_layers=(64, 64), episode_length=400,
+    )  # fmt: skip
+    return TrainConfig(stage, small, ppo, RunConfig(steps=40_960, logs=20, checkpoints=2))
