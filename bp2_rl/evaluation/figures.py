@@ -5,6 +5,7 @@ Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a s
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -20,7 +21,7 @@ from bp2_rl.robot.actuator import Actuator, torque_limits
 LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
 INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 9.5,
     "axes.titlesize": 10.5,
@@ -195,7 +196,7 @@ def _last_strides(run: Trajectory) -> Trajectory:
     return steady.between(end - CLOSE_UP, end)
 
 
-def _moving_mean(values: Float[np.ndarray, "N"], samples: int) -> Float[np.ndarray, "N"]:
+def _moving_mean(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " N"]:
     """Centred mean over a window that shrinks at the ends."""
     sums = np.concatenate(([0.0], np.cumsum(values)))
     index = np.arange(len(values))
@@ -235,6 +236,6 @@ def _mark_level(axes: Axes, level: float, text: str) -> None:
 def _leg_legend(figure: Figure, marker: str | None = None) -> None:
     """One legend of the four legs for the whole figure, above it."""
     axes: Axes = figure.axes[0]
-    style = {"marker": marker, "linestyle": "", "ms": 5} if marker else {"linewidth": 3}
+    style: dict[str, Any] = {"marker": marker, "linestyle": "", "ms": 5} if marker else {"linewidth": 3}
     handles = [axes.plot([], [], color=color, label=leg, **style)[0] for leg, color in LEG_COLORS.items()]
     figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=1.2, columnspacing=1.4)

@@ -4,6 +4,7 @@ The paper leaves most definitions open; the ones used here are stated in the doc
 """
 
 import dataclasses
+import itertools
 import math
 from typing import NamedTuple
 
@@ -155,7 +156,7 @@ class BestWindow(NamedTuple):
     speed: float  # m/s, its mean
 
 
-def window_means(values: Float[np.ndarray, "N"], samples: int) -> Float[np.ndarray, "M"]:
+def window_means(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " M"]:
     """Means over every window of so many samples, by its first sample."""
     sums = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
     return (sums[samples:] - sums[:-samples]) / samples
@@ -260,17 +261,17 @@ def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     return pressing
 
 
-def _without_short_spells(states: Bool[np.ndarray, "N"], value: bool, samples: int) -> Bool[np.ndarray, "N"]:
+def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: int) -> Bool[np.ndarray, " N"]:
     """Flip every spell of `value` that is shorter than so many samples and lies between two others."""
     bounds = np.flatnonzero(np.diff(states)) + 1
     states = states.copy()
-    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, stop in itertools.pairwise(bounds):
         if states[start] == value and stop - start < samples:
             states[start:stop] = not value
     return states
 
 
-def touchdowns(standing: Bool[np.ndarray, "N"]) -> np.ndarray:
+def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
     """Indices of the first samples of the stances that begin within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 

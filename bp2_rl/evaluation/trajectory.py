@@ -41,7 +41,7 @@ class Trajectory:
     Legs are FR, FL, RR, RL; motors abad, hip, knee of each; a leg's four joints in `qpos` end with its spring.
     """
 
-    time: Float[np.ndarray, "N"]  # s, from 0 at the start of the command schedule
+    time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
     qpos: Float[np.ndarray, "N 23"]  # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
     qvel: Float[np.ndarray, "N 22"]  # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
     torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
@@ -57,6 +57,7 @@ class Trajectory:
     backend: str  # the simulator, for titles
 
     def __post_init__(self) -> None:
+        """Refuse arrays that do not belong together."""
         for field, shape in _ARRAYS.items():
             expected = (len(self.time), *shape)
             if getattr(self, field).shape != expected:
@@ -65,6 +66,7 @@ class Trajectory:
             raise ValueError("a trajectory needs at least two samples")
 
     def __len__(self) -> int:
+        """Number of samples."""
         return len(self.time)
 
     @property
@@ -83,7 +85,7 @@ class Trajectory:
         return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, 3]
 
     @property
-    def heading(self) -> Float[np.ndarray, "N"]:
+    def heading(self) -> Float[np.ndarray, " N"]:
         """Yaw, rad, without jumps: where the trunk's x axis points on the ground."""
         return np.unwrap(heading(self.qpos[:, 3:7]))
 

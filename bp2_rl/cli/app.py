@@ -1,0 +1,73 @@
+"""How every command ends: 0 done; 2 a user's mistake, one line; 1 a failure, with the place of its log."""
+
+import contextlib
+import io
+import re
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import tyro
+
+from bp2_rl.errors import UserError
+
+Config = TypeVar("Config")
+
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def run(command: Callable[[], None]) -> int:
+    """Run a command and turn how it ends into an exit status; no traceback reaches the terminal."""
+    try:
+        command()
+    except UserError as error:
+        print(f"error: {_one_line(str(error))}", file=sys.stderr)
+        return WRONG_INPUT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except Exception as error:
+        with tempfile.NamedTemporaryFile("w", prefix="bp2-", suffix=".log", delete=False) as log:
+            traceback.print_exc(file=log)
+        print(f"failed: {type(error).__name__}: {_one_line(str(error))}; log: {log.name}", file=sys.stderr)
+        return FAILED
+    return OK
+
+
+def parse(config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None) -> Config:
+    """The config that the command line describes; `--help` prints and exits with status 0.
+
+    Args:
+        config: a dataclass; its docstring and its fields' are the help.
+        argv: the arguments; None for the process's own.
+        prog: the command as the user types it.
+        default: what holds where no flag says otherwise; None for the dataclass's own defaults.
+
+    Raises:
+        UserError: one line that names the flag at fault.
+    """
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            # To tyro, None is a default like any other.
+            chosen: dict[str, Any] = {} if default is None else {"default": default}
+            return tyro.cli(config, args=argv, prog=prog, **chosen)
+    except SystemExit as end:
+        if end.code in (0, None):
+            raise
+        raise UserError(f"{_in_one_line(complaint.getvalue())} (see {prog} --help)") from None
+
+
+def _in_one_line(box: str) -> str:
+    """What tyro says in the framed message it prints: up to its first rule or blank line, and the flag it suggests."""
+    lines = [line.strip("│ ─") for line in box.splitlines() if not re.match("[╭╰]", line)]
+    end = lines.index("") if "" in lines else len(lines)
+    text = _one_line(" ".join(lines[:end])).rstrip(".") or "wrong command line"
+    suggestion = re.search(r"Perhaps you meant:\s+(--[\w.-]+)", " ".join(lines))
+    return f"{text}; perhaps {suggestion[1]}?" if suggestion else text
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,311 @@
+"""What an evaluation leaves: a table on the terminal, and a folder that explains itself.
+
+metrics.json     benchmark, conditions and every figure of merit
+index.html       the same as one page, pictures inside
+*.png            the pictures        run.mp4   the best seconds        trajectory.npz   every millisecond
+"""
+
+import base64
+import dataclasses
+import html
+import io
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from bp2_rl.config import save_config, write_text
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks import Evaluation
+from bp2_rl.evaluation.figures import FIGURES
+from bp2_rl.evaluation.metrics import RunMetrics
+from bp2_rl.evaluation.video import NoVideo, make_video
+
+METRICS, PAGE, TRAJECTORY, VIDEO = "metrics.json", "index.html", "trajectory.npz", "run.mp4"
+NOT_MEASURED = "-"
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    label: str
+    value: str
+    meaning: str
+
+
+# --- The table -----------------------------------------------------------------------------------------------
+
+
+def verdict(metrics: RunMetrics) -> str:
+    """The run in one sentence."""
+    if metrics.fell_at is not None:
+        return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
+    return f"Held {metrics.mean_speed:.2f} m/s for {metrics.hold_time:.1f} s without a fall."
+
+
+def summary(metrics: RunMetrics) -> tuple[Row, ...]:
+    """The figures of merit for a reader, each with what it means."""
+    m = metrics
+    window = f"{m.steady_from:.1f} to {m.steady_to:.1f} s"
+    speeds = [leg.stride_frequency for leg in m.legs if leg.stride_frequency is not None]
+    stride = sum(speeds) / len(speeds) if speeds else None
+    duty = sum(leg.duty_factor for leg in m.legs) / len(m.legs)
+    torque, speed, power = (max(m.motors, key=key) for key in (_torque, _speed, _power))
+    return (
+        Row("Top speed", _with_unit(m.best_speed, ".2f", "m/s"), "best 1-s mean of the forward speed"),
+        Row("Commanded speed", _with_unit(m.commanded_speed, ".2f", "m/s"), "at the end of the run"),
+        Row("Mean speed", _with_unit(m.mean_speed, ".2f", "m/s"), f"over the steady window, {window}"),
+        Row("Slowest second", _with_unit(m.slowest_held_speed, ".2f", "m/s"), "lowest 1-s mean of the hold phase"),
+        Row("Tracking error", _with_unit(m.tracking_error, ".2f", "m/s"), "mean |speed - command| of the hold phase"),
+        Row("Falls", "none" if m.fell_at is None else f"at {m.fell_at:.2f} s", f"in {m.duration:.1f} s"),
+        Row("Time held", f"{m.hold_time:.1f} s", "of the hold phase, up to its end or a fall"),
+        Row("Distance", f"{m.distance:.1f} m", "straight from start to end"),
+        Row(
+            "Drift",
+            f"{m.lateral_drift:.2f} m, {m.heading_drift:.2f} rad",
+            "greatest, from the line and heading at the start",
+        ),
+        Row("Peak torque", f"{_torque(torque):.0f} Nm", torque.name),
+        Row("Peak joint speed", f"{_speed(speed):.1f} rad/s", speed.name),
+        Row("Peak motor power", f"{_power(power):.0f} W", f"{power.name}, driving"),
+        Row("On the envelope", f"{m.on_envelope:.1%}", "of all motors' samples, within 1 % of a torque limit"),
+        Row("Outside the envelope", f"{m.outside_envelope}", "samples; must be 0"),
+        Row("Peak foot force", f"{m.peak_force:.0f} N", "of the hardest foot, impacts included"),
+        Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", f"on the stop {m.on_stop:.1%} of the time"),
+        Row("Stride frequency", _with_unit(stride, ".2f", "Hz"), "mean of the legs, steady window"),
+        Row("Duty factor", f"{duty:.2f}", "stance over stride, mean of the legs, steady window"),
+        Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
+        Row(
+            "Cost of transport, mechanical",
+            _with_unit(m.mechanical_cost_of_transport, ".2f", ""),
+            f"positive motor work / (m g distance); {m.mechanical_power:.0f} W",
+        ),
+        Row(
+            "Cost of transport, electrical",
+            _with_unit(m.electrical_cost_of_transport, ".2f", ""),
+            f"with copper losses, braking returns nothing; {m.electrical_power:.0f} W",
+        ),
+        Row("Froude number", _with_unit(m.froude_number, ".1f", ""), "v² / (g h) at top speed, h = 0.55 m"),
+        Row("Motor demand", _with_unit(m.motor_demand, ".2f", ""), "m g v / (τ_max ω_max) at top speed"),
+    )
+
+
+def print_table(evaluation: Evaluation, console: Console) -> None:
+    """The summary on the terminal."""
+    table = Table(title=f"{evaluation.benchmark}: {evaluation.metrics.name} ({evaluation.metrics.backend})", box=None)
+    table.add_column("", no_wrap=True)
+    table.add_column("", justify="right", style="bold", no_wrap=True)
+    table.add_column("", style="dim")
+    for row in summary(evaluation.metrics):
+        table.add_row(*row)
+    console.print(table)
+    console.print(verdict(evaluation.metrics), style="bold green" if evaluation.metrics.fell_at is None else "bold red")
+
+
+def _torque(motor: Any) -> float:
+    return motor.peak_torque
+
+
+def _speed(motor: Any) -> float:
+    return motor.peak_speed
+
+
+def _power(motor: Any) -> float:
+    return motor.peak_power
+
+
+def _with_unit(value: float | None, form: str, unit: str) -> str:
+    return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
+
+
+# --- The folder ----------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class _MetricsFile:
+    """What metrics.json holds."""
+
+    benchmark: str
+    conditions: dict[str, str]
+    metrics: RunMetrics
+
+
+def open_folder(folder: Path) -> None:
+    """Make the report's folder; raises UserError where that cannot be, or where it holds anything but a report."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not (folder / METRICS).is_file():
+            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old report")
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+
+
+def write_report(
+    evaluation: Evaluation, folder: Path, *, video: bool = True, gl_library: str | None = None
+) -> str | None:
+    """Write the whole report to an open folder.
+
+    Returns the reason, in one line, if a film was asked for and could not be made.
+    """
+    run = evaluation.trajectory
+    for old in (PAGE, VIDEO):
+        (folder / old).unlink(missing_ok=True)
+    save_config(folder / METRICS, _MetricsFile(evaluation.benchmark, evaluation.conditions, evaluation.metrics))
+    run.save(folder / TRAJECTORY)
+    pictures = {name: _png(draw(run)) for name, draw in FIGURES.items()}
+    for name, picture in pictures.items():
+        (folder / f"{name}.png").write_bytes(picture)
+    no_video = None
+    if video:
+        try:
+            make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
+        except NoVideo as reason:
+            no_video = str(reason)
+    write_text(folder / PAGE, page(evaluation, pictures, has_video=(folder / VIDEO).is_file()))
+    return no_video
+
+
+def _png(figure: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+# --- The page ------------------------------------------------------------------------------------------------
+
+
+def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool) -> str:
+    """The report as one HTML page; only the film stays a file beside it."""
+    metrics = evaluation.metrics
+    rows = summary(metrics)
+    tiles = "".join(
+        f"<div><b>{_escape(r.value)}</b><span>{_escape(r.label)}</span></div>" for r in rows if r.label in _TILES
+    )
+    film = f'<video src="{VIDEO}" controls loop muted playsinline></video>' if has_video else ""
+    figures = "".join(
+        f'<figure><img alt="{_escape(_CAPTIONS[name])}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f"<figcaption>{_escape(_CAPTIONS[name])}</figcaption></figure>"
+        for name, png in pictures.items()
+    )
+    conditions = "".join(
+        f"<tr><th>{_escape(k)}</th><td>{_escape(v)}</td></tr>" for k, v in evaluation.conditions.items()
+    )
+    return _PAGE.format(
+        title=_escape(f"{evaluation.benchmark}: {metrics.name}"),
+        verdict=_escape(verdict(metrics)),
+        mood="good" if metrics.fell_at is None else "bad",
+        backend=_escape(metrics.backend),
+        tiles=tiles,
+        film=film,
+        figures=figures,
+        summary=_table(("Measure", "Value", "Definition"), rows, numbers=(1,)),
+        motors=_table(*_motor_table(metrics), numbers=range(1, 5)),
+        legs=_table(*_leg_table(metrics), numbers=range(1, 6)),
+        conditions=conditions,
+    )
+
+
+_TILES = ("Top speed", "Time held", "Falls", "Tracking error", "Cost of transport, electrical", "On the envelope")
+
+_CAPTIONS = {
+    "speed": "Forward speed with its command, and the drift from the line and heading at the start.",
+    "torque_speed": "Torque over speed of the twelve motors, by the millisecond; shaded: what a motor can give.",
+    "gait": "The last strides: vertical foot forces, and the stance of each foot with its share of the stride.",
+    "joints": "The last strides: joint angles with the policy's targets, and the travel of the springs.",
+}
+
+
+def _motor_table(metrics: RunMetrics) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    head = "Motor", "Peak torque [Nm]", "Peak speed [rad/s]", "Peak power [W]", "On the envelope"
+    return head, [
+        (m.name, f"{m.peak_torque:.1f}", f"{m.peak_speed:.1f}", f"{m.peak_power:.0f}", f"{m.on_envelope:.1%}")
+        for m in metrics.motors
+    ]
+
+
+def _leg_table(metrics: RunMetrics) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    head = "Leg", "Duty factor", "Stride frequency [Hz]", "Peak force [N]", "Peak spring travel [mm]", "On the stop"
+    return head, [
+        (
+            leg.name,
+            f"{leg.duty_factor:.2f}",
+            _with_unit(leg.stride_frequency, ".2f", ""),
+            f"{leg.peak_force:.0f}",
+            f"{1e3 * leg.peak_compression:.0f}",
+            f"{leg.on_stop:.1%}",
+        )
+        for leg in metrics.legs
+    ]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Collection[int]) -> str:
+    def line(tag: str, cells: Sequence[str]) -> str:
+        cells = [f"<{tag}{' class=n' if i in numbers else ''}>{_escape(cell)}</{tag}>" for i, cell in enumerate(cells)]
+        return f"<tr>{''.join(cells)}</tr>"
+
+    return f"<table><thead>{line('th', head)}</thead><tbody>{''.join(line('td', row) for row in rows)}</tbody></table>"
+
+
+def _escape(text: str) -> str:
+    return html.escape(text)
+
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+:root {{ --ink: #1f2328; --quiet: #656d76; --line: #e4e7eb; --good: #00704f; --bad: #b33c00; }}
+* {{ box-sizing: border-box; }}
+body {{ margin: 0 auto; max-width: 60rem; padding: 3rem 1.5rem 5rem; color: var(--ink); background: #fff;
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif; }}
+h1 {{ margin: 0; font-size: 1.7rem; line-height: 1.25; letter-spacing: -.01em; }}
+h2 {{ margin: 3rem 0 .75rem; font-size: 1.15rem; }}
+.verdict {{ margin: .4rem 0 0; font-size: 1.1rem; font-weight: 600; }}
+.good {{ color: var(--good); }} .bad {{ color: var(--bad); }}
+.quiet {{ margin: 0; color: var(--quiet); }}
+.tiles {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: 1px; margin: 2rem 0;
+  background: var(--line); border: 1px solid var(--line); border-radius: 8px; overflow: hidden; }}
+.tiles div {{ padding: .9rem 1rem; background: #fff; }}
+.tiles b {{ display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums; }}
+.tiles span {{ color: var(--quiet); font-size: .85rem; }}
+video, img {{ display: block; width: 100%; height: auto; border-radius: 8px; }}
+figure {{ margin: 2.25rem 0 0; }}
+figcaption {{ margin-top: .4rem; color: var(--quiet); font-size: .9rem; }}
+.wide {{ overflow-x: auto; }}
+table {{ width: 100%; border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
+th, td {{ padding: .38rem .75rem .38rem 0; border-bottom: 1px solid var(--line);
+  text-align: left; vertical-align: top; }}
+th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
+.n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }}
+td:last-child {{ padding-right: 0; }}
+.conditions th {{ width: 8rem; font-weight: 600; }}
+</style>
+</head>
+<body>
+<header>
+<h1>{title}</h1>
+<p class="verdict {mood}">{verdict}</p>
+<p class="quiet">BP2 in {backend}</p>
+</header>
+<section class="tiles">{tiles}</section>
+{film}
+{figures}
+<h2>Measures</h2>
+<div class="wide">{summary}</div>
+<h2>Motors</h2>
+<div class="wide">{motors}</div>
+<h2>Legs</h2>
+<div class="wide">{legs}</div>
+<h2>Conditions</h2>
+<table class="conditions"><tbody>{conditions}</tbody></table>
+</body>
+</html>
+"""
