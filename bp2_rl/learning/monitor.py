@@ -94,7 +94,7 @@ class Monitor:
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
         if self._live:
-            self._live.start()
+            self._live.start(refresh=True)
         return self
 
     def __exit__(self, *exception: object) -> None:

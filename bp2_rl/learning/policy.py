@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from bp2_rl.config import ConfigError, from_json, to_json
 from bp2_rl.env.config import EnvConfig
@@ -73,9 +73,9 @@ class Policy:
     card: PolicyCard
     mean: Float[np.ndarray, " observation"]
     std: Float[np.ndarray, " observation"]
-    layers: tuple[tuple[Float[np.ndarray, "fan_in fan_out"], Float[np.ndarray, " fan_out"]], ...]  # (kernel, bias)
+    layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (kernel, bias)
 
-    def __call__(self, observation: Float[Array, "*batch observation"]) -> Float[Array, "*batch action"]:
+    def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
         """The action of Brax's network of the same parameters, in the array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
             raise PolicyError(

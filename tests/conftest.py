@@ -1,0 +1,38 @@
+"""What every test runs under: JAX on the CPU, compiled code kept between runs, shapes checked at each call."""
+
+import hashlib
+import os
+import platform
+from pathlib import Path
+
+import jax
+import jaxtyping
+import numpy as np
+
+
+def _compilation_cache() -> Path | None:
+    """A folder of this user for compiled code of this very processor; None where there is no place for one."""
+    try:
+        features = Path("/proc/cpuinfo").read_text().split("flags", 1)[1].split("\n", 1)[0]
+    except (OSError, IndexError):
+        features = platform.processor()
+    machine = hashlib.sha256(f"{platform.machine()} {features}".encode()).hexdigest()[:12]
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = root / "bp2_rl" / f"jax-tests-{machine}"
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except (OSError, RuntimeError):
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+# In the environment, so that the commands which tests start have them too, and before JAX chooses its backend.
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+if cache := _compilation_cache():
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+
+# Every annotated shape and type of the package is checked whenever a test calls it. Two allowances: the package's
+# pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
+jaxtyping.Array = jax.Array | np.ndarray
+jaxtyping.install_import_hook("bp2_rl", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")

@@ -1,0 +1,336 @@
+import json
+import shutil
+import threading
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from brax.training.acme import running_statistics
+from flax import struct
+
+from bp2_rl.learning import checkpoint
+from bp2_rl.learning.checkpoint import CheckpointError, latest_step, read_metadata, restore_checkpoint, save_checkpoint
+
+
+@struct.dataclass
+class State:
+    """One of everything that a training state holds."""
+
+    params: dict
+    optimizer: Any
+    normalizer: Any
+    raw_key: jax.Array
+    typed_keys: jax.Array
+    step: jax.Array
+    strange: jax.Array  # NaN with a payload, infinities, minus zero, a denormal
+    half: jax.Array
+    host: np.ndarray
+    scale: float
+    rounds: int
+    done: bool
+    empty: None = None
+
+
+def make_state(seed: int = 0) -> State:
+    params, adam, normalizer = _learned(jax.random.key(seed))
+    strange = np.array([0x7FC12345, 0x7F800000, 0xFF800000, 0x80000000, 0x00000001], np.uint32).view(np.float32)
+    return State(
+        params=params,
+        optimizer=adam,
+        normalizer=normalizer.replace(std_eps=0.0),  # as Brax starts: a Python float among the arrays
+        raw_key=jax.random.key_data(jax.random.key(seed)),
+        typed_keys=jax.random.split(jax.random.key(seed), 3),
+        step=jnp.int32(12),
+        strange=jnp.asarray(strange),
+        half=jnp.array([1 / 3, -2.5], jnp.bfloat16),
+        host=np.linspace(0, 1, 5),
+        scale=0.1 + 0.2,
+        rounds=2**60,
+        done=False,
+    )
+
+
+@jax.jit
+def _learned(key: jax.Array) -> tuple:
+    params = {"policy": {"kernel": jax.random.normal(key, (7, 5)), "bias": jnp.zeros(5)}, "layers": [jnp.ones(2)]}
+    optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1e-3))
+    _, adam = optimizer.update(params, optimizer.init(params), params)
+    normalizer = running_statistics.init_state({"state": jnp.zeros(4), "privileged_state": jnp.zeros(6)})
+    batch = {name: jax.random.normal(key, (8, size)) for name, size in (("state", 4), ("privileged_state", 6))}
+    return params, adam, running_statistics.update(normalizer, batch)
+
+
+def as_bits(leaf: Any) -> tuple:
+    """Type, shape and bytes: equal only if nothing at all has changed."""
+    if isinstance(leaf, bool | int | float):
+        return (type(leaf), repr(leaf))
+    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        return (str(leaf.dtype), *as_bits(jax.random.key_data(leaf)))
+    return (isinstance(leaf, np.ndarray), leaf.dtype, leaf.shape, np.asarray(leaf).tobytes())
+
+
+def assert_same(a: Any, b: Any) -> None:
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for (path, left), right in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+        assert as_bits(left) == as_bits(right), jax.tree_util.keystr(path)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, State]:
+    run, state = tmp_path_factory.mktemp("run"), make_state()
+    save_checkpoint(run, 100, make_state(1))
+    save_checkpoint(run, 200, state, extra={"seed": 7})
+    return run, state
+
+
+@pytest.fixture
+def run(saved: tuple[Path, State], tmp_path: Path) -> Path:
+    """A copy of a run with checkpoints 100 and 200, to be broken."""
+    return Path(shutil.copytree(saved[0], tmp_path / "run"))
+
+
+def test_every_bit_comes_back(saved: tuple[Path, State]):
+    run, state = saved
+    step, restored = restore_checkpoint(run, make_state(5))
+    assert step == 200
+    assert_same(restored, state)
+
+
+def test_shapes_alone_are_template_enough(saved: tuple[Path, State]):
+    run, state = saved
+    # 64-bit leaves have no abstract form while x64 is off.
+    abstract = jax.eval_shape(lambda s: s, state.replace(host=None, rounds=None))  # pyright: ignore
+    step, restored = restore_checkpoint(run, abstract.replace(host=state.host, rounds=1), step=200)
+    assert step == 200
+    arrays_of_scalars = state.replace(  # pyright: ignore
+        scale=jnp.float32(state.scale),
+        done=jnp.bool_(state.done),
+        normalizer=state.normalizer.replace(std_eps=jnp.float32(0)),
+    )
+    assert_same(restored, arrays_of_scalars)
+
+
+def test_a_leaf_is_restored_on_its_templates_sharding(tmp_path: Path):
+    mesh = jax.make_mesh((1,), ("robots",), axis_types=(jax.sharding.AxisType.Auto,))
+    spread = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("robots"))
+    save_checkpoint(tmp_path, 1, {"x": jnp.arange(8.0), "key": jax.random.split(jax.random.key(0), 8)})
+    template = jax.device_put({"x": jnp.zeros(8), "key": jax.random.split(jax.random.key(1), 8)}, spread)
+    for form in (template, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=spread), template)):
+        _, restored = restore_checkpoint(tmp_path, form)
+        assert restored["x"].sharding == spread
+        assert restored["key"].sharding == spread
+        assert_same(restored, {"x": jnp.arange(8.0), "key": jax.random.split(jax.random.key(0), 8)})
+
+
+def test_an_older_checkpoint_can_be_named(saved: tuple[Path, State]):
+    step, restored = restore_checkpoint(saved[0], make_state(), step=100)
+    assert step == 100
+    assert_same(restored, make_state(1))
+
+
+def test_metadata_says_what_a_checkpoint_is(saved: tuple[Path, State]):
+    metadata = read_metadata(saved[0], 200)
+    assert metadata["step"] == 200
+    assert metadata["extra"] == {"seed": 7}
+    assert metadata["versions"]["jax"] == jax.__version__
+    assert metadata["tree"][".params['policy']['kernel']"] == "float32[7,5]"
+    assert metadata["tree"][".scale"] == f"python float {0.1 + 0.2!r}"
+    on_disk = {p for p in (saved[0] / "checkpoints/200").rglob("*") if p.is_file()}
+    assert len(metadata["files"]) == len(on_disk) - 1  # all but the metadata itself
+
+
+def test_only_the_newest_are_kept(tmp_path: Path):
+    for step in (1, 2, 10, 20):
+        save_checkpoint(tmp_path, step, {"x": jnp.float32(step)}, keep=2)
+    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["10", "20"]
+    assert restore_checkpoint(tmp_path, {"x": jnp.float32(0)}) == (20, {"x": 20.0})
+
+
+def test_saving_never_removes_checkpoints_beyond_it(tmp_path: Path):
+    for step in (10, 20, 30, 5):
+        save_checkpoint(tmp_path, step, {"x": jnp.float32(step)}, keep=1)
+    assert sorted(int(entry.name) for entry in (tmp_path / "checkpoints").iterdir()) == [5, 30]
+
+
+def test_a_checkpoint_of_the_same_step_is_replaced(tmp_path: Path):
+    save_checkpoint(tmp_path, 3, {"x": jnp.float32(1)})
+    save_checkpoint(tmp_path, 3, {"x": jnp.float32(2)})
+    assert restore_checkpoint(tmp_path, {"x": jnp.float32(0)}) == (3, {"x": 2.0})
+    assert [entry.name for entry in (tmp_path / "checkpoints").iterdir()] == ["3"]
+
+
+def test_a_state_of_python_scalars_alone_is_a_state(tmp_path: Path):
+    state = {"a": 1, "b": float("-inf"), "c": True}
+    save_checkpoint(tmp_path, 0, state)
+    assert restore_checkpoint(tmp_path, {"a": 0, "b": 0.0, "c": False}) == (0, state)
+
+
+def test_a_save_that_was_killed_is_passed_over_and_swept_away(run: Path):
+    folder = run / "checkpoints"
+    shutil.copytree(folder / "200", folder / ".new-300")  # killed before the rename
+    (folder / "400").mkdir()  # no metadata: never complete
+    (folder / "notes.txt").write_text("mine")
+    assert latest_step(run) == 200
+    assert restore_checkpoint(run, make_state())[0] == 200
+    save_checkpoint(run, 300, make_state())
+    assert latest_step(run) == 300
+    assert not (folder / ".new-300").exists()
+    assert (folder / "notes.txt").exists()
+
+
+@pytest.mark.parametrize("moment", ["_write", "_commit"])
+def test_a_save_that_fails_keeps_the_last_good_one(run: Path, monkeypatch: pytest.MonkeyPatch, moment: str):
+    real = getattr(checkpoint, moment)
+
+    def fail(*args: Any) -> None:
+        if moment == "_write":
+            real(*args)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoint, moment, fail)
+    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 300 .*No space left.*the last good one is 200"):
+        save_checkpoint(run, 300, make_state())
+    assert sorted(entry.name for entry in (run / "checkpoints").iterdir()) == ["100", "200"]
+    assert restore_checkpoint(run, make_state())[0] == 200
+
+
+def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path):
+    """A reader that polls during many saves restores a state that one save wrote, never a mixture."""
+    state = {"x": jnp.zeros(1000), "y": jnp.zeros(1000)}
+    save_checkpoint(tmp_path, 0, state)
+    done = threading.Event()
+
+    def save() -> None:
+        for step in range(1, 6):
+            save_checkpoint(tmp_path, step, jax.tree.map(lambda x, n=step: x + n, state), keep=10)
+        done.set()
+
+    writer = threading.Thread(target=save)
+    writer.start()
+    seen = set()
+    while not done.is_set():
+        step, restored = restore_checkpoint(tmp_path, state)
+        assert np.all(np.asarray(restored["x"]) == step)
+        assert np.all(np.asarray(restored["y"]) == step)
+        seen.add(step)
+    writer.join()
+    assert latest_step(tmp_path) == 5
+    assert seen
+
+
+# --- What is refused, and in which words ------------------------------------------------------------------------
+def refusal(run: Path, template: Any = None, step: int | None = None) -> str:
+    before = sorted(str(path) for path in run.rglob("*"))
+    with pytest.raises(CheckpointError) as error:
+        restore_checkpoint(run, make_state() if template is None else template, step)
+    assert "\n" not in str(error.value)
+    assert sorted(str(path) for path in run.rglob("*")) == before, "a refusal destroys nothing"
+    return str(error.value)
+
+
+def biggest(directory: Path) -> Path:
+    return max(
+        (p for p in directory.rglob("*") if p.is_file() and p.name != "metadata.json"), key=lambda p: p.stat().st_size
+    )
+
+
+def test_no_checkpoint(tmp_path: Path):
+    assert "no complete checkpoint in" in refusal(tmp_path)
+
+
+def test_no_checkpoint_of_that_step(run: Path):
+    assert refusal(run, step=150).endswith("it has: 100, 200")
+
+
+def test_a_truncated_array(run: Path):
+    path = biggest(run / "checkpoints/200")
+    path.write_bytes(path.read_bytes()[:-7])
+    message = refusal(run)
+    assert f"bytes of {path.stat().st_size + 7}" in message
+    assert message.endswith("remove that folder to go on from step 100")
+
+
+def test_a_flipped_bit(run: Path):
+    path = biggest(run / "checkpoints/200")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(bytes(content))
+    assert "fails its checksum" in refusal(run)
+
+
+def test_a_missing_file(run: Path):
+    biggest(run / "checkpoints/200").unlink()
+    shutil.rmtree(run / "checkpoints/100")
+    assert "is missing; there is no other to go on from" in refusal(run)
+
+
+def test_truncated_metadata(run: Path):
+    path = run / "checkpoints/200/metadata.json"
+    path.write_text(path.read_text()[:500])
+    assert "metadata.json is truncated or damaged" in refusal(run)
+
+
+def test_missing_metadata(run: Path):
+    (run / "checkpoints/200/metadata.json").unlink()
+    assert "half-written, or not a checkpoint of bp2_rl" in refusal(run, step=200)
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"format_version": "one"}', '{"format_version": true}'])
+def test_foreign_metadata(run: Path, content: str):
+    (run / "checkpoints/200/metadata.json").write_text(content)
+    assert "is not of bp2_rl" in refusal(run)
+
+
+def edit_metadata(run: Path, **changes: Any) -> None:
+    path = run / "checkpoints/200/metadata.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_a_newer_format(run: Path):
+    edit_metadata(run, format_version=99, versions={"bp2_rl": "9.9"})
+    assert "has checkpoint format 99, of bp2_rl 9.9; this one reads up to 1: update bp2_rl" in refusal(run)
+
+
+def test_a_checkpoint_renamed_to_another_step(run: Path):
+    (run / "checkpoints/200").rename(run / "checkpoints/201")
+    assert "does not describe the checkpoint of step 201" in refusal(run)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"step": jnp.zeros(2, jnp.int32)}, ".step is int32[] there and int32[2] here"),
+        ({"step": jnp.float32(0)}, ".step is int32[] there and float32[] here"),
+        ({"step": 1.0}, ".step is int32[] there and python float 1.0 here"),
+        ({"raw_key": jax.random.key(0)}, ".raw_key is uint32[2] there and key<fry>[] here"),
+        ({"params": {}}, ".params['layers'][0] is float32[2] there and absent here"),
+        ({"empty": jnp.zeros(1)}, ".empty is absent there and float32[1] here"),
+        ({"scale": 1}, ".scale is python float 0.30000000000000004 there and python int 1 here"),
+    ],
+)
+def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(run: Path, change: dict, words: str):
+    message = refusal(run, make_state().replace(**change))  # pyright: ignore
+    assert words in message
+    assert "is of another training" in message
+
+
+def test_impossible_requests(tmp_path: Path):
+    with pytest.raises(CheckpointError, match="got step -1 and keep 3"):
+        save_checkpoint(tmp_path, -1, {})
+    with pytest.raises(CheckpointError, match="got step 1 and keep 0"):
+        save_checkpoint(tmp_path, 1, {}, keep=0)
+
+
+def test_a_run_folder_that_cannot_be_written(tmp_path: Path):
+    (tmp_path / "run").write_text("a file")
+    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 1 .*there is none yet"):
+        save_checkpoint(tmp_path / "run", 1, {"x": jnp.zeros(1)})
+
+
+def test_what_is_no_array_is_the_programs_mistake(tmp_path: Path):
+    with pytest.raises(TypeError, match="not <class 'str'>"):
+        save_checkpoint(tmp_path, 1, {"x": "text"})

@@ -1,0 +1,194 @@
+import io
+import json
+import math
+import struct
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from tensorboardX.proto import event_pb2
+
+from bp2_rl.errors import UserError
+from bp2_rl.learning.monitor import Monitor, count, duration
+
+HEADLINES = {"reward": 12.345, "falls": 0.0312, "speed_error": 0.409, "curriculum_level": 0.625}
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def pipe() -> Console:
+    return Console(file=io.StringIO(), width=80)
+
+
+def terminal() -> Console:
+    return Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+
+
+def shown(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def records(run_dir: Path) -> list[dict]:
+    return [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+
+
+def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
+    """(tag, step, value) of every TensorBoard scalar, read by the TFRecord format: length, crc, data, crc."""
+    found = []
+    for path in sorted(run_dir.glob("events.*")):
+        data = path.read_bytes()
+        while data:
+            (length,) = struct.unpack("<Q", data[:8])
+            event = event_pb2.Event.FromString(data[12 : 12 + length])  # pyright: ignore[reportAttributeAccessIssue]
+            found += [(value.tag, event.step, value.simple_value) for value in event.summary.value]
+            data = data[16 + length :]
+    return found
+
+
+def test_every_log_is_a_line_of_json_at_once(tmp_path: Path):
+    with Monitor(tmp_path / "run", 100, console=pipe()) as monitor:
+        monitor.log(10, {"reward": 1.5, "loss/value": 0.25})
+        assert len(records(tmp_path / "run")) == 1
+        monitor.log(20, {"reward": math.nan, "loss/value": math.inf})
+    first, second = records(tmp_path / "run")
+    assert first.pop("wall_time") > 1.7e9
+    assert first == {"step": 10, "reward": 1.5, "loss/value": 0.25}
+    assert second["reward"] is None
+    assert second["loss/value"] is None
+
+
+def test_tensorboard_gets_every_finite_scalar(tmp_path: Path):
+    with Monitor(tmp_path, 100, console=pipe()) as monitor:
+        monitor.log(10, {"reward": 1.5, "loss/value": 0.25})
+        monitor.log(20, {"reward": math.nan, "loss/value": 0.5})
+    assert scalars(tmp_path) == [("reward", 10, 1.5), ("loss/value", 10, 0.25), ("loss/value", 20, 0.5)]
+
+
+def test_resuming_drops_what_was_logged_after_the_checkpoint(tmp_path: Path):
+    with Monitor(tmp_path, 100, console=pipe()) as monitor:
+        for step in (10, 20, 30, 40):
+            monitor.log(step, {"reward": step})
+    with (tmp_path / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 50, "rew')  # killed while writing
+    with Monitor(tmp_path, 100, start_step=20, console=pipe()) as monitor:
+        monitor.log(30, {"reward": -30.0})
+    assert [(r["step"], r["reward"]) for r in records(tmp_path)] == [(10, 10.0), (20, 20.0), (30, -30.0)]
+
+
+def test_a_line_torn_by_a_kill_is_dropped_even_if_its_step_is_early(tmp_path: Path):
+    (tmp_path / "metrics.jsonl").write_text('{"step": 10, "reward": 1}\n{"step": 20, "reward": 2}')
+    with Monitor(tmp_path, 100, start_step=20, console=pipe()):
+        pass
+    assert [r["step"] for r in records(tmp_path)] == [10]
+
+
+def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end(tmp_path: Path):
+    console, clock = pipe(), Clock()
+    with Monitor(tmp_path, 50_000_000, console=console, clock=clock) as monitor:
+        for second in range(25):
+            clock.now = float(second)
+            monitor.log((second + 1) * 500_000, HEADLINES)
+    lines = shown(console).splitlines()
+    assert [line.split()[0] for line in lines] == ["1%", "11%", "21%", "25%"]
+    assert lines[-1] == " 25% 12.5M/50.0M 500k/s 1:15 left reward 12.3 falls 3.1% error 0.41 level 0.62"
+    assert all(len(line) <= 80 for line in lines)
+    assert "\x1b" not in shown(console)
+
+
+def test_the_last_plain_line_is_not_said_twice(tmp_path: Path):
+    console = pipe()
+    with Monitor(tmp_path, 10, console=console) as monitor:
+        monitor.log(10, HEADLINES)
+    assert shown(console).splitlines() == ["100% 10/10 reward 12.3 falls 3.1% error 0.41 level 0.62"]
+
+
+def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
+    console, clock = terminal(), Clock()
+    with Monitor(tmp_path, 50_000_000, title="imitation", console=console, clock=clock) as monitor:
+        assert "waiting for the first step" in shown(console)
+        for second in range(26):
+            clock.now = float(second)
+            monitor.log((second + 1) * 500_000, HEADLINES)
+    bar, metrics = shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-2:]
+    assert bar.split()[0].endswith("imitation")
+    assert bar.endswith(" 26% 13.0M/50.0M 500k/s 1:14 left")
+    assert metrics.strip() == "reward 12.3   falls 3.1%   speed error 0.41 m/s   level 0.62"
+    assert len(bar[bar.index("imitation") :]) <= 80
+
+
+def test_throughput_is_of_the_last_half_minute(tmp_path: Path):
+    console, clock = pipe(), Clock()
+    with Monitor(tmp_path, 10_000, console=console, clock=clock) as monitor:
+        for second in range(0, 101, 10):
+            clock.now = float(second)
+            monitor.log(second * (1 if second <= 50 else 10), HEADLINES)
+    assert " 10/s " in shown(console).splitlines()[-1]
+
+
+def test_a_resumed_run_counts_from_where_it_was(tmp_path: Path):
+    console, clock = pipe(), Clock()
+    with Monitor(tmp_path, 1000, start_step=500, console=console, clock=clock) as monitor:
+        monitor.log(510, HEADLINES)
+        clock.now = 10.0
+        monitor.log(520, HEADLINES)
+    assert "52% 520/1.00k 1/s 8:00 left" in shown(console)
+
+
+def test_a_note_goes_to_console_and_log_as_it_is(tmp_path: Path):
+    console = pipe()
+    text = "checkpoint [red]saved[/red] to /a/very/long/path" + "/and" * 20
+    with Monitor(tmp_path, 10, console=console) as monitor:
+        monitor.note(text)
+    assert shown(console) == text + "\n"
+    stamp, _, rest = (tmp_path / "log.txt").read_text().partition(" ")
+    assert rest == text + "\n"
+    assert stamp.endswith("Z")
+
+
+def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):
+    console, clock = pipe(), Clock()
+
+    def train() -> None:
+        with Monitor(tmp_path, 10, console=console, clock=clock) as monitor:
+            monitor.log(1, HEADLINES)
+            monitor.log(2, HEADLINES)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        train()
+    assert [line.split()[1] for line in shown(console).splitlines()] == ["1/10", "2/10"]
+    assert len(records(tmp_path)) == 2
+
+
+def test_a_run_folder_that_cannot_be_made_is_the_users_mistake(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match=r"cannot write to run folder .*file/run"):
+        Monitor(tmp_path / "file" / "run", 10, console=pipe())
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        (0, "0"), (7.4, "7"), (999, "999"), (999.6, "1.00k"), (1000, "1.00k"), (9994, "9.99k"), (9996, "10.0k"),
+        (12_345, "12.3k"), (99_960, "100k"), (312_345, "312k"), (999_600, "1.00M"), (4e6, "4.00M"),
+        (50e6, "50.0M"), (1.234e9, "1.23G"), (9.9999e11, "1.0e+12"),
+    ],
+)  # fmt: skip
+def test_counts_are_short(number: float, text: str):
+    assert count(number) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "0:00"), (42.4, "0:42"), (59.6, "1:00"), (187, "3:07"), (8100, "2:15:00"), (3 * 86400 + 4 * 3600, "3d 4h"),
+     (-3, "0:00")],
+)  # fmt: skip
+def test_durations_are_short(seconds: float, text: str):
+    assert duration(seconds) == text

@@ -1,0 +1,352 @@
+import dataclasses
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from brax.training import networks
+from brax.training.acme import running_statistics
+from flax import linen
+
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.observations import Entry
+from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy
+
+LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
+SIZE = sum(size for _, size in LAYOUT)
+HIDDEN = (32, 16)
+ACTIVATIONS: dict[str, Callable] = {
+    "swish": linen.swish,
+    "elu": linen.elu,
+    "tanh": linen.tanh,
+    "relu": linen.relu,
+}
+
+
+def make_card(**changes: Any) -> PolicyCard:
+    card = PolicyCard(
+        stage="imitation",
+        observation_layout=LAYOUT,
+        action_size=12,
+        activation="swish",
+        hidden_layer_sizes=HIDDEN,
+        env=EnvConfig(),
+        reference="kinematic",
+        physics_steps=1_000_000,
+        seed=7,
+        versions={"bp2_rl": "0.1.0", "jax": "0.10.2"},
+        config_hash="0123456789ab",
+        results={"top_speed": 8.3, "falls": 0, "command": "python eval.py"},
+        created="2026-11-20T12:00:00+00:00",
+    )
+    return dataclasses.replace(card, **changes)
+
+
+def brax_network(activation: str = "swish") -> networks.FeedForwardNetwork:
+    return networks.make_policy_network(
+        12,
+        {"state": (SIZE,), "privileged_state": (40,)},
+        preprocess_observations_fn=running_statistics.normalize,  # pyright: ignore[reportArgumentType]
+        hidden_layer_sizes=HIDDEN,
+        activation=ACTIVATIONS[activation],
+        distribution_type="normal",
+        noise_std_type="log",
+    )
+
+
+def brax_normalizer() -> running_statistics.RunningStatisticsState:
+    """Running statistics that have seen data far from zero mean and unit deviation."""
+    state = running_statistics.init_state({"state": jnp.zeros(SIZE), "privileged_state": jnp.zeros(40)})
+    key = jax.random.key(1)
+    batch = {"state": 3 + 5 * jax.random.normal(key, (64, SIZE)), "privileged_state": jax.random.normal(key, (64, 40))}
+    return jax.jit(running_statistics.update)(state, batch)
+
+
+@pytest.fixture(scope="module")
+def brax_params() -> Any:
+    params = jax.jit(brax_network().init)(jax.random.key(0))
+    return jax.tree.map(lambda x: x + 0.1, params)  # Brax starts biases at zero: let them count
+
+
+@pytest.fixture(scope="module")
+def normalizer() -> Any:
+    return brax_normalizer()
+
+
+@pytest.fixture(scope="module")
+def exported(brax_params: Any, normalizer: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("run") / "policy"
+    export_policy(directory, params=brax_params, normalizer=normalizer, card=make_card())
+    return directory
+
+
+@pytest.fixture
+def policy_dir(exported: Path, tmp_path: Path) -> Path:
+    """A copy of an exported policy, to be broken."""
+    return Path(shutil.copytree(exported, tmp_path / "policy"))
+
+
+# --- The function ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize(
+    ("deviations", "tolerance"),
+    [
+        (1.0, 1e-6),  # float32's rounding of sums of order one
+        (100.0, 1e-4),  # of sums of some hundreds, which may nearly cancel; a careless sigmoid would overflow here
+    ],
+)
+def test_the_action_is_that_of_braxs_network(
+    activation: str, deviations: float, tolerance: float, brax_params: Any, normalizer: Any
+):
+    policy = make_policy(brax_params, normalizer, make_card(activation=activation))
+    noise = deviations * jax.random.normal(jax.random.key(2), (100, SIZE))
+    observation = normalizer.mean["state"] + noise * normalizer.std["state"]
+    expected, _ = brax_network(activation).apply(
+        normalizer, brax_params, {"state": observation, "privileged_state": jnp.zeros((100, 40))}
+    )
+    scale = np.maximum(1, np.abs(expected).max(axis=-1, keepdims=True))
+    for action in (policy(np.asarray(observation)), policy(observation), jax.jit(policy)(observation)):
+        assert action.dtype == np.float32
+        np.testing.assert_allclose(action / scale, expected / scale, rtol=0, atol=tolerance)
+
+
+def test_the_action_keeps_the_observations_library_and_batch_shape(exported: Path):
+    policy = load_policy(exported)
+    observation = np.random.default_rng(0).normal(size=(4, 5, SIZE))  # float64, as C MuJoCo gives it
+    action = policy(observation)
+    assert isinstance(action, np.ndarray)
+    assert action.shape == (4, 5, 12)
+    np.testing.assert_allclose(policy(observation[2, 3]), action[2, 3], rtol=0, atol=1e-6)
+    assert isinstance(policy(jnp.asarray(observation)), jax.Array)
+    np.testing.assert_allclose(jax.vmap(jax.vmap(policy))(jnp.asarray(observation)), action, rtol=0, atol=1e-6)
+
+
+def test_an_observation_of_another_size_is_refused(exported: Path):
+    with pytest.raises(
+        PolicyError, match="has 17 numbers, but this policy reads 18: command 3, joint_position 12, up 3"
+    ):
+        load_policy(exported)(np.zeros(17))
+
+
+# --- The files ------------------------------------------------------------------------------------------------
+def test_what_is_loaded_is_what_was_exported(brax_params: Any, normalizer: Any, tmp_path: Path):
+    card = make_card(
+        env=dataclasses.replace(EnvConfig(), control=dataclasses.replace(EnvConfig().control, stiffness=99.0))
+    )
+    made = export_policy(tmp_path / "p", params=brax_params, normalizer=normalizer, card=card)
+    loaded = load_policy(tmp_path / "p")
+    assert loaded.card == made.card
+    assert dataclasses.replace(loaded.card, weights_sha256="") == card
+    assert loaded.card.env.control.stiffness == 99.0
+    np.testing.assert_array_equal(loaded.mean, normalizer.mean["state"])
+    np.testing.assert_array_equal(loaded.layers[0][0], brax_params["params"]["MLP_0"]["hidden_0"]["kernel"])
+    np.testing.assert_array_equal(loaded.layers[-1][1], brax_params["params"]["Dense_0"]["bias"])
+    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == ["card.json", "weights.npz"]
+
+
+def test_statistics_of_the_policys_part_alone_will_do(
+    brax_params: Any, normalizer: Any, exported: Path, tmp_path: Path
+):
+    export_policy(
+        tmp_path / "p",
+        params=brax_params,
+        normalizer=running_statistics.NestedMeanStd(mean=normalizer.mean["state"], std=normalizer.std["state"]),
+        card=make_card(),
+    )
+    assert (tmp_path / "p/weights.npz").read_bytes() == (exported / "weights.npz").read_bytes()
+
+
+def test_a_runs_policy_is_found_by_the_runs_folder(exported: Path):
+    assert load_policy(exported.parent).card == load_policy(str(exported)).card
+
+
+def test_exporting_again_replaces_the_policy(brax_params: Any, normalizer: Any, policy_dir: Path):
+    export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card(seed=8))
+    assert load_policy(policy_dir).card.seed == 8
+    assert [path.name for path in policy_dir.parent.iterdir()] == ["policy"]
+
+
+def test_a_policy_set_aside_by_a_killed_export_comes_back(
+    brax_params: Any, normalizer: Any, policy_dir: Path, monkeypatch: pytest.MonkeyPatch
+):
+    policy_dir.rename(policy_dir.with_name(".policy.old"))  # killed between the two renames
+    monkeypatch.setattr(Path, "mkdir", _no_space)  # and the next export fails before it could write
+    with pytest.raises(PolicyError, match="No space left"):
+        export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card())
+    monkeypatch.undo()
+    assert load_policy(policy_dir).card.seed == 7
+
+
+def _no_space(self: Path, *args: Any, **kwargs: Any) -> None:
+    if self.name.startswith("."):
+        raise OSError(28, "No space left on device")
+
+
+def test_an_export_never_replaces_a_folder_that_is_no_policy(brax_params: Any, normalizer: Any, tmp_path: Path):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis/chapter1.tex").write_text("mine")
+    with pytest.raises(PolicyError, match="holds files that are no policy's"):
+        export_policy(tmp_path / "thesis", params=brax_params, normalizer=normalizer, card=make_card())
+    assert (tmp_path / "thesis/chapter1.tex").read_text() == "mine"
+    assert not (tmp_path / "thesis/card.json").exists()
+
+
+def test_a_network_that_is_not_the_cards_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
+    before = (policy_dir / "card.json").read_bytes()
+    with pytest.raises(PolicyError, match=r"layer_1/kernel has shape \(32, 16\), its card says \(32, 20\)"):
+        export_policy(
+            policy_dir, params=brax_params, normalizer=normalizer, card=make_card(hidden_layer_sizes=(32, 20))
+        )
+    with pytest.raises(PolicyError, match="the network has 3 layers, its card says 2"):
+        export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card(hidden_layer_sizes=(32,)))
+    assert (policy_dir / "card.json").read_bytes() == before
+
+
+def test_a_policy_that_is_not_finite_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
+    before = (policy_dir / "weights.npz").read_bytes()
+    broken = jax.tree.map(lambda x: x * jnp.nan, brax_params)
+    with pytest.raises(PolicyError, match="layer_0/kernel is not finite"):
+        export_policy(policy_dir, params=broken, normalizer=normalizer, card=make_card())
+    assert (policy_dir / "weights.npz").read_bytes() == before
+
+
+# --- What is refused, and in which words ----------------------------------------------------------------------
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(PolicyError) as error:
+        load_policy(path, **options)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def edit_card(directory: Path, **changes: Any) -> None:
+    path = directory / "card.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_no_such_folder(tmp_path: Path):
+    assert "there is no such file or folder" in refusal(tmp_path / "nowhere")
+
+
+def test_a_folder_without_a_policy(tmp_path: Path):
+    assert "expected card.json and weights.npz there or in its folder policy" in refusal(tmp_path)
+
+
+def test_a_file_instead_of_a_folder(policy_dir: Path):
+    assert "is a file; name the policy's folder" in refusal(policy_dir / "weights.npz")
+
+
+def test_a_run_that_has_exported_nothing_yet(tmp_path: Path):
+    (tmp_path / "checkpoints").mkdir()
+    assert "has exported no policy yet" in refusal(tmp_path)
+
+
+def test_missing_weights(policy_dir: Path):
+    (policy_dir / "weights.npz").unlink()
+    assert "weights.npz is missing" in refusal(policy_dir)
+
+
+def test_truncated_weights(policy_dir: Path):
+    path = policy_dir / "weights.npz"
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "truncated, damaged or from another policy" in refusal(policy_dir)
+
+
+def test_weights_of_another_policy(brax_params: Any, normalizer: Any, policy_dir: Path, tmp_path: Path):
+    other = jax.tree.map(lambda x: x + 1, brax_params)
+    export_policy(tmp_path / "other", params=other, normalizer=normalizer, card=make_card())
+    shutil.copy(tmp_path / "other/weights.npz", policy_dir)
+    assert "from another policy" in refusal(policy_dir)
+
+
+def forge(directory: Path, content: bytes) -> None:
+    """Put other weights in place, with a card that vouches for them."""
+    (directory / "weights.npz").write_bytes(content)
+    edit_card(directory, weights_sha256=hashlib.sha256(content).hexdigest())
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not really", b"not a zip at all"])
+def test_weights_that_are_no_archive(policy_dir: Path, content: bytes):
+    forge(policy_dir, content)
+    assert "is not an .npz archive of plain arrays" in refusal(policy_dir)
+
+
+def archive(path: Path, **arrays: Any) -> bytes:
+    np.savez(path / "forged.npz", **arrays)
+    return (path / "forged.npz").read_bytes()
+
+
+def test_weights_that_hide_a_pickle(policy_dir: Path, tmp_path: Path):
+    forge(policy_dir, archive(tmp_path, mean=np.array([{"a": 1}], object)))
+    assert "is not an .npz archive of plain arrays" in refusal(policy_dir)
+
+
+def test_a_foreign_archive(policy_dir: Path, tmp_path: Path):
+    forge(policy_dir, archive(tmp_path, w=np.zeros(3, np.float32)))
+    assert "holds no array 'mean': not the weights of card.json beside it" in refusal(policy_dir)
+
+
+def test_an_archive_of_another_precision(policy_dir: Path, tmp_path: Path):
+    forge(policy_dir, archive(tmp_path, mean=np.zeros(SIZE)))
+    assert "mean is float64, expected float32" in refusal(policy_dir)
+
+
+def test_weights_of_another_shape(policy_dir: Path):
+    edit_card(policy_dir, action_size=13)
+    assert "layer_2/kernel has shape (16, 12), its card says (16, 13)" in refusal(policy_dir)
+
+
+def test_a_truncated_card(policy_dir: Path):
+    path = policy_dir / "card.json"
+    path.write_text(path.read_text()[:300])
+    assert "card.json is damaged or not a policy card" in refusal(policy_dir)
+
+
+@pytest.mark.parametrize("content", ["[1, 2]", '{"model": "gpt"}', '{"format_version": "1"}'])
+def test_a_foreign_card(policy_dir: Path, content: str):
+    (policy_dir / "card.json").write_text(content)
+    assert "is not a BP2 policy card: it has no format_version" in refusal(policy_dir)
+
+
+def test_a_newer_card(policy_dir: Path):
+    edit_card(policy_dir, format_version=2)
+    assert "has policy format 2; this bp2_rl reads up to 1: update bp2_rl" in refusal(policy_dir)
+
+
+def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
+    card = json.loads((policy_dir / "card.json").read_text())
+    card["env"]["gravity"] = 1.62
+    (policy_dir / "card.json").write_text(json.dumps(card))
+    assert "env.gravity: unknown key" in refusal(policy_dir)
+
+
+def test_an_unknown_activation(policy_dir: Path):
+    edit_card(policy_dir, activation="gelu")
+    assert "activation: expected 'swish' or 'elu' or 'tanh' or 'relu', got 'gelu'" in refusal(policy_dir)
+
+
+@pytest.mark.parametrize(
+    ("expected", "words"),
+    [
+        (
+            [("command", 3), ("joint_position", 12), ("up", 2)],
+            "entry 2 is 'up' of size 3 there and 'up' of size 2 here",
+        ),
+        ([("command", 3), ("phase", 2)], "entry 1 is 'joint_position' of size 12 there and 'phase' of size 2 here"),
+        ([("command", 3), ("joint_position", 12)], "entry 2 is 'up' of size 3 there and absent here"),
+        ([*LAYOUT, ("last_action", 12)], "entry 3 is absent there and 'last_action' of size 12 here"),
+    ],
+)
+def test_another_observation_layout_names_the_first_difference(policy_dir: Path, expected: list, words: str):
+    message = refusal(policy_dir, expected_layout=expected)
+    assert words in message
+    assert "use the bp2_rl that trained it (0.1.0)" in message
+
+
+def test_the_same_layout_of_named_tuples_is_accepted(exported: Path):
+    assert load_policy(exported, expected_layout=[Entry(*entry) for entry in LAYOUT]).card.observation_size == SIZE
