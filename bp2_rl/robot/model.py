@@ -6,6 +6,7 @@ velocity (body frame), then the same 16 coordinates. `ctrl` is the 12 joint torq
 """
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,7 +24,7 @@ SPRING_QVEL = SPRING_QPOS - 1
 MOTOR_QVEL = MOTOR_QPOS - 1
 
 FLOOR_GEOM = "floor"
-TRUNK_GEOM = "trunk"
+TRUNK_GEOMS = ("trunk_right", "trunk_left")
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
 IMU_SITE = "imu"
@@ -54,7 +55,8 @@ def load_model(
     if not visual:
         _drop_visuals(spec)
     if not trunk_contact:
-        _find(spec, "geom", TRUNK_GEOM).conaffinity = 0
+        for name in TRUNK_GEOMS:
+            _find(spec, "geom", name).conaffinity = 0
     try:
         model = spec.compile()
     except ValueError as error:
@@ -76,14 +78,11 @@ def load_spec(hardware: HardwareSpec = BP2, *, xml: Path | None = None) -> mujoc
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
-    try:
-        _apply_masses(spec, hardware)
-        _apply_leg_length(spec, hardware)
-        _apply_springs(spec, hardware)
-        _apply_motors(spec, hardware)
-        _apply_friction(spec, hardware)
-    except _MissingElement as missing:
-        raise ModelError(f"{path} is not a model of BP2: it has no {missing}") from None
+    _apply_masses(spec, hardware)
+    _apply_leg_length(spec, hardware)
+    _apply_springs(spec, hardware)
+    _apply_motors(spec, hardware)
+    _apply_friction(spec, hardware)
     return spec
 
 
@@ -150,14 +149,10 @@ def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
     return float(np.max(leg_length * np.cos(hip) + (leg_length - compression) * np.cos(hip + knee)))
 
 
-class _MissingElement(LookupError):
-    """An element that BP2's XML must have."""
-
-
-def _find(spec: mujoco.MjSpec, kind: str, name: str):
+def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     element = getattr(spec, kind)(name)
     if element is None:
-        raise _MissingElement(f"{kind} '{name}'")
+        raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
     return element
 
 
