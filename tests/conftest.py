@@ -5,10 +5,6 @@ import os
 import platform
 from pathlib import Path
 
-import jax
-import jaxtyping
-import numpy as np
-
 
 def _compilation_cache() -> Path | None:
     """A folder of this user for compiled code of this very processor; None where there is no place for one."""
@@ -19,18 +15,23 @@ def _compilation_cache() -> Path | None:
     machine = hashlib.sha256(f"{platform.machine()} {features}".encode()).hexdigest()[:12]
     try:
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        folder = root / "bp2_rl" / f"jax-tests-{machine}"
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder = root / "bp2_rl" / f"tests-{machine}"
+        (folder / "jax").mkdir(parents=True, exist_ok=True, mode=0o700)
     except (OSError, RuntimeError):
         return None
     return folder if os.access(folder, os.W_OK) else None
 
 
-# In the environment, so that the commands which tests start have them too, and before JAX chooses its backend.
+# In the environment, so that the commands which tests start have them too, and before JAX reads it on import.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 if cache := _compilation_cache():
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("BP2_CACHE", str(cache))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+
+import jax  # noqa: E402
+import jaxtyping  # noqa: E402
+import numpy as np  # noqa: E402
 
 # Every annotated shape and type of the package is checked whenever a test calls it. Two allowances: the package's
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).

@@ -1,0 +1,32 @@
+"""`bp2 COMMAND ...`, also `python -m bp2_rl COMMAND ...`: hands over to the command's own main."""
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+COMMANDS = {
+    "train": "train a policy, stage by stage",
+    "eval": "run a policy and measure it",
+}
+USAGE = "usage: bp2 COMMAND ...\n\ncommands:\n" + "\n".join(f"  {name:8} {what}" for name, what in COMMANDS.items())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` (the process's arguments by default) names; the exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments:
+        print(USAGE, file=sys.stderr)
+        return 2
+    name, rest = arguments[0], arguments[1:]
+    if name in ("-h", "--help"):
+        print(USAGE + "\n\n`bp2 COMMAND --help` lists a command's flags.")
+        return 0
+    if name not in COMMANDS:
+        print(f"error: no command {name!r}; bp2 has: {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    # Only now: a command's imports take seconds, the help above none.
+    return importlib.import_module(f"bp2_rl.cli.{name}").main(rest)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

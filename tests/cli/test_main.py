@@ -1,0 +1,48 @@
+import subprocess
+import sys
+import types
+
+import pytest
+
+from bp2_rl.cli.__main__ import COMMANDS, main
+
+
+def test_a_command_gets_the_rest_of_the_line_and_its_status_is_ours(monkeypatch: pytest.MonkeyPatch):
+    seen = []
+    command = types.SimpleNamespace(main=lambda argv: seen.append(argv) or 2)
+    monkeypatch.setitem(sys.modules, "bp2_rl.cli.train", command)
+    assert main(["train", "--stage", "relaxed"]) == 2
+    assert seen == [["--stage", "relaxed"]]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    assert end.value.code == 0
+    assert "usage" in capsys.readouterr().out.lower()
+
+
+def test_no_command_shows_the_usage(capsys: pytest.CaptureFixture[str]):
+    assert main([]) == 2
+    assert capsys.readouterr().err.startswith("usage: bp2 COMMAND")
+
+
+def test_an_unknown_command_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]):
+    assert main(["fly"]) == 2
+    assert capsys.readouterr().err == f"error: no command 'fly'; bp2 has: {', '.join(COMMANDS)}\n"
+
+
+def test_help_imports_nothing_slow():
+    program = (
+        "import sys; from bp2_rl.cli.__main__ import main; status = main(['--help']); "
+        "assert not {'jax', 'numpy', 'mujoco', 'tyro'} & set(sys.modules); sys.exit(status)"
+    )
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert all(name in shown.stdout for name in COMMANDS)
+
+
+def test_the_package_runs_as_a_module():
+    ended = subprocess.run([sys.executable, "-m", "bp2_rl", "fly"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "no command 'fly'" in ended.stderr
