@@ -86,7 +86,7 @@ class RunMetrics:
 
 def measure(run: Trajectory) -> RunMetrics:
     """All figures of merit of one run."""
-    end = len(run) * run.dt
+    end = round(len(run) * run.dt, 6)
     hold = hold_phase(run)
     best = best_window(run, 1.0)
     steady = steady_window(run)

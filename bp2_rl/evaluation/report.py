@@ -48,75 +48,66 @@ def verdict(metrics: RunMetrics) -> str:
 def summary(metrics: RunMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     m = metrics
-    window = f"{m.steady_from:.1f} to {m.steady_to:.1f} s"
-    speeds = [leg.stride_frequency for leg in m.legs if leg.stride_frequency is not None]
-    stride = sum(speeds) / len(speeds) if speeds else None
+    frequencies = [leg.stride_frequency for leg in m.legs if leg.stride_frequency is not None]
+    frequency = sum(frequencies) / len(frequencies) if frequencies else None
     duty = sum(leg.duty_factor for leg in m.legs) / len(m.legs)
-    torque, speed, power = (max(m.motors, key=key) for key in (_torque, _speed, _power))
+    strongest = max(m.motors, key=lambda motor: motor.peak_torque)
+    fastest = max(m.motors, key=lambda motor: motor.peak_speed)
+    hardest = max(m.motors, key=lambda motor: motor.peak_power)
     return (
-        Row("Top speed", _with_unit(m.best_speed, ".2f", "m/s"), "best 1-s mean of the forward speed"),
-        Row("Commanded speed", _with_unit(m.commanded_speed, ".2f", "m/s"), "at the end of the run"),
-        Row("Mean speed", _with_unit(m.mean_speed, ".2f", "m/s"), f"over the steady window, {window}"),
-        Row("Slowest second", _with_unit(m.slowest_held_speed, ".2f", "m/s"), "lowest 1-s mean of the hold phase"),
-        Row("Tracking error", _with_unit(m.tracking_error, ".2f", "m/s"), "mean |speed - command| of the hold phase"),
-        Row("Falls", "none" if m.fell_at is None else f"at {m.fell_at:.2f} s", f"in {m.duration:.1f} s"),
-        Row("Time held", f"{m.hold_time:.1f} s", "of the hold phase, up to its end or a fall"),
+        Row("Top speed", _show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
+        Row("Commanded speed", _show(m.commanded_speed, ".2f", "m/s"), "at the end"),
+        Row(
+            "Mean speed",
+            _show(m.mean_speed, ".2f", "m/s"),
+            f"steady window, {m.steady_from:.1f} to {m.steady_to:.1f} s",
+        ),
+        Row("Slowest second", _show(m.slowest_held_speed, ".2f", "m/s"), "lowest 1-s mean while held"),
+        Row("Tracking error", _show(m.tracking_error, ".2f", "m/s"), "mean |speed - command| while held"),
+        Row("Fall", "none" if m.fell_at is None else f"at {m.fell_at:.2f} s", f"in {m.duration:.1f} s"),
+        Row("Time held", f"{m.hold_time:.1f} s", "at the final command"),
         Row("Distance", f"{m.distance:.1f} m", "straight from start to end"),
-        Row(
-            "Drift",
-            f"{m.lateral_drift:.2f} m, {m.heading_drift:.2f} rad",
-            "greatest, from the line and heading at the start",
-        ),
-        Row("Peak torque", f"{_torque(torque):.0f} Nm", torque.name),
-        Row("Peak joint speed", f"{_speed(speed):.1f} rad/s", speed.name),
-        Row("Peak motor power", f"{_power(power):.0f} W", f"{power.name}, driving"),
-        Row("On the envelope", f"{m.on_envelope:.1%}", "of all motors' samples, within 1 % of a torque limit"),
-        Row("Outside the envelope", f"{m.outside_envelope}", "samples; must be 0"),
-        Row("Peak foot force", f"{m.peak_force:.0f} N", "of the hardest foot, impacts included"),
-        Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", f"on the stop {m.on_stop:.1%} of the time"),
-        Row("Stride frequency", _with_unit(stride, ".2f", "Hz"), "mean of the legs, steady window"),
-        Row("Duty factor", f"{duty:.2f}", "stance over stride, mean of the legs, steady window"),
+        Row("Lateral drift", f"{m.lateral_drift:.2f} m", "greatest, from the first heading's line"),
+        Row("Heading drift", f"{m.heading_drift:.2f} rad", "greatest, from the first heading"),
+        Row("Peak torque", f"{strongest.peak_torque:.0f} Nm", strongest.name),
+        Row("Peak joint speed", f"{fastest.peak_speed:.1f} rad/s", fastest.name),
+        Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
+        Row("On the envelope", f"{m.on_envelope:.1%}", "motor samples within 1 % of a limit"),
+        Row("Outside the envelope", f"{m.outside_envelope}", "motor samples; must be 0"),
+        Row("Peak foot force", f"{m.peak_force:.0f} N", "impacts included"),
+        Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", f"on a stop {m.on_stop:.1%} of the time"),
+        Row("Stride frequency", _show(frequency, ".2f", "Hz"), "mean of legs, steady window"),
+        Row("Duty factor", f"{duty:.2f}", "mean of legs, steady window"),
         Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
-        Row(
-            "Cost of transport, mechanical",
-            _with_unit(m.mechanical_cost_of_transport, ".2f", ""),
-            f"positive motor work / (m g distance); {m.mechanical_power:.0f} W",
-        ),
-        Row(
-            "Cost of transport, electrical",
-            _with_unit(m.electrical_cost_of_transport, ".2f", ""),
-            f"with copper losses, braking returns nothing; {m.electrical_power:.0f} W",
-        ),
-        Row("Froude number", _with_unit(m.froude_number, ".1f", ""), "v² / (g h) at top speed, h = 0.55 m"),
-        Row("Motor demand", _with_unit(m.motor_demand, ".2f", ""), "m g v / (τ_max ω_max) at top speed"),
+        Row("Mechanical cost", _show(m.mechanical_cost_of_transport, ".2f"), "positive motor work / (m g distance)"),
+        Row("Electrical cost", _show(m.electrical_cost_of_transport, ".2f"), "likewise, with copper losses"),
+        Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
+        Row("Electrical power", f"{m.electrical_power:.0f} W", "likewise, with copper losses"),
+        Row("Froude number", _show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m"),
+        Row("Motor demand", _show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
     )
 
 
 def print_table(evaluation: Evaluation, console: Console) -> None:
     """The summary on the terminal."""
-    table = Table(title=f"{evaluation.benchmark}: {evaluation.metrics.name} ({evaluation.metrics.backend})", box=None)
-    table.add_column("", no_wrap=True)
-    table.add_column("", justify="right", style="bold", no_wrap=True)
-    table.add_column("", style="dim")
-    for row in summary(evaluation.metrics):
+    metrics = evaluation.metrics
+    table = Table(
+        title=f"{evaluation.benchmark}: {metrics.name} ({metrics.backend})",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        show_header=False,
+    )
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", style="bold", no_wrap=True)
+    table.add_column(style="dim")
+    for row in summary(metrics):
         table.add_row(*row)
     console.print(table)
-    console.print(verdict(evaluation.metrics), style="bold green" if evaluation.metrics.fell_at is None else "bold red")
+    console.print(verdict(metrics), style="bold green" if metrics.fell_at is None else "bold red")
 
 
-def _torque(motor: Any) -> float:
-    return motor.peak_torque
-
-
-def _speed(motor: Any) -> float:
-    return motor.peak_speed
-
-
-def _power(motor: Any) -> float:
-    return motor.peak_power
-
-
-def _with_unit(value: float | None, form: str, unit: str) -> str:
+def _show(value: float | None, form: str, unit: str = "") -> str:
     return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
 
 
@@ -210,7 +201,7 @@ def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool)
     )
 
 
-_TILES = ("Top speed", "Time held", "Falls", "Tracking error", "Cost of transport, electrical", "On the envelope")
+_TILES = ("Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope")
 
 _CAPTIONS = {
     "speed": "Forward speed with its command, and the drift from the line and heading at the start.",
@@ -234,7 +225,7 @@ def _leg_table(metrics: RunMetrics) -> tuple[tuple[str, ...], list[tuple[str, ..
         (
             leg.name,
             f"{leg.duty_factor:.2f}",
-            _with_unit(leg.stride_frequency, ".2f", ""),
+            _show(leg.stride_frequency, ".2f"),
             f"{leg.peak_force:.0f}",
             f"{1e3 * leg.peak_compression:.0f}",
             f"{leg.on_stop:.1%}",

@@ -8,7 +8,7 @@ trained in. Both start from the same settled stand and run the same controller a
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -29,13 +29,15 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
 
-SETTLING_TIME = 3.0  # s of standing before the clock starts
+SETTLING_TIME = 4.0  # s of standing before the clock starts
+SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
 DT = specs.PHYSICS_STEP
 
 
 # --- What the robot is asked to do ---------------------------------------------------------------------------
 
 
+@runtime_checkable
 class Schedule(Protocol):
     """A velocity command over time."""
 
@@ -251,7 +253,9 @@ def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
         data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, stand, still, DT)
         mujoco.mj_step(model, data)
+        data.qvel *= 1.0 - SETTLING_DAMPING * DT
     data.qpos[:2] = 0.0
+    data.qvel[:] = 0.0
     data.time = 0.0
     return data
 
@@ -326,7 +330,7 @@ class _Recording:
             **arrays,
             dt=DT,
             steady_from=schedule.steady_from,
-            fell_at=length * DT if fell else None,
+            fell_at=round(length * DT, 6) if fell else None,
             mass=float(np.sum(model.body_mass)),
             hardware=config.hardware,
             name=name,

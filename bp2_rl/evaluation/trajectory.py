@@ -116,7 +116,7 @@ class Trajectory:
     def load(cls, path: Path) -> "Trajectory":
         """Read what `save` wrote; raises TrajectoryError for anything else."""
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 if str(archive["format"]) != FORMAT:
                     raise TrajectoryError(f"{path} is of format {archive['format']}, this version reads {FORMAT}")
                 facts = json.loads(str(archive["facts"]))
