@@ -14,35 +14,37 @@ the supply can only brake: tau_hi is then negative. w_c = 0 is the straight back
 from typing import Any
 
 from flax import struct
+from jaxtyping import Array, Float
 
 from bp2_rl.robot.specs import BP2, HardwareSpec
 
-Array = Any  # numpy or jax array; shapes are stated as "... 12"
+Parameter = Any  # a number, or an array that broadcasts against the joints, "... 12"
+Joints = Float[Array, "..."]  # "... 12" in the robot; any shape will do
 
 
 @struct.dataclass
 class Actuator:
     """Gains and limits of the motors; each a number or an array that broadcasts to (..., 12)."""
 
-    stiffness: Array  # Nm/rad
-    damping: Array  # Nm s/rad
-    peak_torque: Array  # Nm
-    corner_speed: Array  # rad/s
-    no_load_speed: Array  # rad/s
-    strength: Array = 1.0  # scale on the peak torque
-    current_lag: Array = 0.0  # s, time constant of the first-order current loop; 0: none
-    torque_rate: Array = float("inf")  # Nm/s, largest rate of change
+    stiffness: Parameter  # Nm/rad
+    damping: Parameter  # Nm s/rad
+    peak_torque: Parameter  # Nm
+    corner_speed: Parameter  # rad/s
+    no_load_speed: Parameter  # rad/s
+    strength: Parameter = 1.0  # scale on the peak torque
+    current_lag: Parameter = 0.0  # s, time constant of the first-order current loop; 0: none
+    torque_rate: Parameter = float("inf")  # Nm/s, largest rate of change
 
     @classmethod
     def from_hardware(
         cls,
         hardware: HardwareSpec = BP2,
         *,
-        stiffness: Array = 250.0,
-        damping: Array = 3.0,
-        strength: Array = 1.0,
-        current_lag: Array = 0.0,
-        torque_rate: Array = float("inf"),
+        stiffness: Parameter = 250.0,
+        damping: Parameter = 3.0,
+        strength: Parameter = 1.0,
+        current_lag: Parameter = 0.0,
+        torque_rate: Parameter = float("inf"),
     ) -> "Actuator":
         """The motors behind this hardware's gear."""
         return cls(
@@ -57,25 +59,25 @@ class Actuator:
         )
 
 
-def torque_limits(actuator: Actuator, qd: Array) -> tuple[Array, Array]:
+def torque_limits(actuator: Actuator, qd: Joints) -> tuple[Joints, Joints]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s)."""
     return -_upper_limit(actuator, -qd), _upper_limit(actuator, qd)
 
 
-def pd_torque(actuator: Actuator, q: Array, qd: Array, q_target: Array, qd_target: Array) -> Array:
+def pd_torque(actuator: Actuator, q: Joints, qd: Joints, q_target: Joints, qd_target: Joints) -> Joints:
     """Torque that the PD law asks for, Nm."""
     return actuator.stiffness * (q_target - q) + actuator.damping * (qd_target - qd)
 
 
 def joint_torque(
     actuator: Actuator,
-    previous_torque: Array,
-    q: Array,
-    qd: Array,
-    q_target: Array,
-    qd_target: Array,
+    previous_torque: Joints,
+    q: Joints,
+    qd: Joints,
+    q_target: Joints,
+    qd_target: Joints,
     dt: float,
-) -> Array:
+) -> Joints:
     """Torque that acts on the joints for the next `dt` seconds, Nm, "... 12".
 
     PD law, then the current loop's lag, then its rate limit, then the envelope: last, so nothing ever leaves it.
@@ -89,13 +91,13 @@ def joint_torque(
     return xp.clip(torque, lower, upper)
 
 
-def _upper_limit(actuator: Actuator, qd: Array) -> Array:
+def _upper_limit(actuator: Actuator, qd: Joints) -> Joints:
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
     stall = peak / (1.0 - actuator.corner_speed / actuator.no_load_speed)
     return xp.clip(stall * (1.0 - qd / actuator.no_load_speed), -peak, peak)
 
 
-def _lag_share(lag: Array, dt: float) -> Array:
+def _lag_share(lag: Parameter, dt: float) -> Parameter:
     """Share of the way to the desired torque covered in `dt`: a first-order lag by implicit Euler, all of it for 0."""
     return dt / (lag + dt)

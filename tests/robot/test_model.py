@@ -1,0 +1,459 @@
+"""The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on how it moves."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from mujoco import mjx
+
+from bp2_rl import assets
+from bp2_rl.assets import asset_path
+from bp2_rl.robot import actuator as act
+from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.kinematics import LEG_ORIGINS, SIDE, foot_position, joint_angles
+from bp2_rl.robot.model import (
+    FOOT_GEOMS,
+    MOTOR_QPOS,
+    MOTOR_QVEL,
+    NQ,
+    NV,
+    SOLE_SITES,
+    SPRING_QPOS,
+    SPRING_QVEL,
+    TRUNK_GEOMS,
+    ModelError,
+    foot_geom_ids,
+    load_model,
+    put_model,
+)
+from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
+
+MOTOR = Actuator.from_hardware(stiffness=250.0, damping=3.0)
+DT = specs.PHYSICS_STEP
+
+
+def converged(model: mujoco.MjModel) -> mujoco.MjModel:
+    model.opt.iterations, model.opt.ls_iterations = 50, 50
+    return model
+
+
+@pytest.fixture(scope="module")
+def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
+    """BP2 after 3 s under joint PD at its standing targets: model, state, and the foot forces (4, 3) in the world."""
+    model = converged(load_model())
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    target, torque = np.array(specs.STAND_JOINTS), np.zeros(12)
+    for _ in range(3000):
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        torque = data.ctrl[:] = act.joint_torque(MOTOR, torque, q, qd, target, np.zeros(12), DT)
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    return model, data, foot_forces(model, data)
+
+
+def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Force of the floor on each foot, world frame, N."""
+    feet, forces, wrench = list(foot_geom_ids(model)), np.zeros((4, 3)), np.zeros(6)
+    for i in range(data.ncon):
+        contact = data.contact[i]
+        if contact.geom2 in feet:
+            mujoco.mj_contactForce(model, data, i, wrench)
+            forces[feet.index(contact.geom2)] += contact.frame.reshape(3, 3).T @ wrench[:3]
+    return forces
+
+
+# --- What it is ----------------------------------------------------------------------------------------------
+
+
+def test_state_layout():
+    model = load_model()
+    assert [model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)] == list(MOTOR_NAMES)
+    assert [model.actuator(i).name for i in range(model.nu)] == list(MOTOR_NAMES)
+    for name, qpos, qvel in zip(MOTOR_NAMES, MOTOR_QPOS, MOTOR_QVEL, strict=True):
+        assert (model.joint(name).qposadr[0], model.joint(name).dofadr[0]) == (qpos, qvel)
+    for leg, qpos, qvel in zip(LEGS, SPRING_QPOS, SPRING_QVEL, strict=True):
+        assert (model.joint(f"{leg}_spring").qposadr[0], model.joint(f"{leg}_spring").dofadr[0]) == (qpos, qvel)
+
+
+def test_total_mass():
+    assert 35.8 <= mujoco.mj_getTotalmass(load_model()) <= 36.2
+
+
+def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
+    """Composite inertia of the trunk and the abduction links, from MuJoCo's mass matrix of a legless robot."""
+    spec = mujoco.MjSpec.from_file(str(asset_path("bp2_mjcf/bp2.xml")))
+    for part in (*spec.tendons, *spec.actuators, *spec.sensors, *spec.keys):
+        spec.delete(part)
+    for leg in LEGS:
+        spec.delete(spec.body(f"{leg}_thigh"))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[4, 4] == pytest.approx(specs.TRUNK_PITCH_INERTIA, rel=1e-9)
+    assert inertia[4, 4] == pytest.approx(1.94, abs=0.005)
+
+
+def test_front_track_is_wider_than_the_hind():
+    feet = foot_position(np.zeros((4, 3)))
+    model = load_model()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    lateral = np.array([data.site(name).xpos[1] for name in SOLE_SITES])
+    np.testing.assert_allclose(lateral, feet[:, 1], atol=1e-12)
+    assert lateral[1] - lateral[0] > lateral[3] - lateral[2] > 0
+
+
+def test_only_feet_and_trunk_collide_and_only_with_the_floor():
+    model = load_model()
+    floor = model.geom("floor").id
+    collides = {model.geom(i).name for i in range(model.ngeom) if model.geom_conaffinity[i] or model.geom_contype[i]}
+    assert collides == {"floor", *FOOT_GEOMS, *TRUNK_GEOMS}
+    assert model.geom_contype[np.arange(model.ngeom) != floor].max() == 0
+
+
+def test_keyframe_stand_has_its_soles_on_the_floor_and_run_is_in_flight():
+    for hardware in (HardwareSpec(), HardwareSpec(leg_length=0.33)):
+        model = load_model(hardware)
+        data = mujoco.MjData(model)
+        feet = foot_geom_ids(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.geom_xpos[feet, 2], specs.FOOT_RADIUS, atol=1e-3)
+        np.testing.assert_allclose(data.qpos[MOTOR_QPOS], specs.STAND_JOINTS, atol=1e-12)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("run").id)
+        mujoco.mj_kinematics(model, data)
+        assert data.geom_xpos[feet, 2].min() > specs.FOOT_RADIUS + 0.02
+        assert data.qvel[0] == 10.0
+
+
+def test_sensors_measure_the_imu_and_the_joints():
+    model = load_model()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data.qvel[3:6] = [0.1, 0.2, 0.3]
+    data.qpos[2] += 1.0  # in free fall an accelerometer at the centre of mass reads nothing but rotation
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.sensor("imu_gyro").data, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(data.sensor("imu_quat").data, [1, 0, 0, 0])
+    np.testing.assert_allclose(data.sensor("imu_accelerometer").data, data.qacc[:3] + np.array([0, 0, 9.81]), atol=1e-9)
+    for name, q in zip(MOTOR_NAMES, specs.STAND_JOINTS, strict=True):
+        assert data.sensor(f"{name}_pos").data[0] == q
+
+
+# --- How it stands -------------------------------------------------------------------------------------------
+
+
+def test_settles_at_its_standing_height(standing):
+    _, data, _ = standing
+    assert data.qpos[2] == pytest.approx(specs.STANDING_HEIGHT, abs=0.015)
+    assert abs(data.qvel).max() < 0.05
+    assert data.qpos[3] > 0.9999
+
+
+def test_floor_carries_the_weight_at_rest(standing):
+    model, _, forces = standing
+    assert forces[:, 2].sum() == pytest.approx(mujoco.mj_getTotalmass(model) * specs.GRAVITY, rel=1e-2)
+
+
+def test_springs_carry_the_axial_part_of_the_foot_force_at_rest(standing):
+    """k c = axial contact force less the axial weight of the toe, which hangs below the spring: 0.5 kg."""
+    model, data, forces = standing
+    for i, leg in enumerate(LEGS):
+        axis = data.body(f"{leg}_toe").xmat.reshape(3, 3)[:, 2]
+        toe_weight = model.body(f"{leg}_toe").mass[0] * specs.GRAVITY * axis[2]
+        spring_force = specs.SPRING_STIFFNESS * data.qpos[SPRING_QPOS[i]]
+        assert spring_force == pytest.approx(forces[i] @ axis - toe_weight, rel=0.02)
+        assert spring_force == pytest.approx(forces[i] @ axis, rel=0.07)  # the toe weighs 6 % of a standing leg's load
+
+
+@pytest.mark.parametrize("compression", [-0.02, 0.0, 0.05, 0.13, 0.15])
+def test_spring_and_its_stops_push_with_the_stated_force(compression):
+    model = load_model()
+    data = mujoco.MjData(model)
+    data.qpos[SPRING_QPOS] = compression
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.qfrc_passive[SPRING_QVEL], spring_force(compression), atol=1e-9)
+    np.testing.assert_allclose(data.qfrc_passive[MOTOR_QVEL], 0.0)
+
+
+def spring_force(compression):
+    """6 kN/m everywhere and 30 kN/m more outside [0, 0.13] m, N along the compression."""
+    beyond = np.maximum(compression - 0.13, 0.0) + np.minimum(compression, 0.0)
+    return -6000.0 * compression - 30000.0 * beyond
+
+
+# --- MJX and C MuJoCo ----------------------------------------------------------------------------------------
+
+
+def random_states(rng: np.random.Generator, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States (qpos, qvel, torque) about standing, near and far, the lowest foot from 8 mm in the floor to 8 mm above.
+
+    Springs are anywhere in their travel and beyond; in one state of five a knee is beyond its limit.
+    """
+    model = load_model(visual=False)
+    data = mujoco.MjData(model)
+    qpos = np.zeros((number, NQ))
+    qvel = rng.normal(size=(number, NV)) * [5, 1, 1, 2, 2, 2, *(3, 8, 8, 2) * 4]
+    for q in qpos:
+        spread = 10.0 ** rng.uniform(-2.5, -0.5)  # rad: from all four feet level to all over the place
+        roll, pitch = spread * rng.normal(size=2) / 4
+        q[3:7] = np.array([1.0, roll / 2, pitch / 2, 0.0]) / np.linalg.norm([1.0, roll / 2, pitch / 2])
+        q[MOTOR_QPOS] = specs.STAND_JOINTS + spread * rng.normal(size=12)
+        q[SPRING_QPOS] = rng.uniform(-0.005, 0.14) + spread * rng.uniform(-0.02, 0.02, 4)
+        if rng.random() < 0.2:
+            q[rng.choice(MOTOR_QPOS[2::3])] = specs.KNEE_RANGE[1] + 0.05
+        data.qpos = q
+        mujoco.mj_kinematics(model, data)
+        q[2] = rng.uniform(-0.008, 0.008) + specs.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].min()
+    return qpos, qvel, rng.uniform(-120.0, 120.0, (number, 12))
+
+
+@pytest.fixture(scope="module")
+def one_step_on_mjx() -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """200 random states (qpos, qvel, torque), their accelerations and their passive forces, by MJX in float32."""
+    model = put_model(converged(load_model(visual=False)))
+    blank = mjx.make_data(model)
+
+    @jax.jit
+    @jax.vmap
+    def forward(qpos, qvel, torque):
+        data = mjx.forward(model, blank.replace(qpos=qpos, qvel=qvel, ctrl=torque))
+        return data.qacc, data.qfrc_passive
+
+    states = [x.astype(np.float32) for x in random_states(np.random.default_rng(0), 200)]
+    with jax.default_matmul_precision("highest"):
+        acceleration, passive = forward(*states)
+    return states, np.asarray(acceleration), np.asarray(passive)
+
+
+def test_mjx_and_mujoco_agree_on_one_step(one_step_on_mjx):
+    """Accelerations from 200 random states, to 1e-4 of each state's largest; both solvers converged."""
+    states, accelerations, _ = one_step_on_mjx
+    model = converged(load_model(visual=False))
+    data, contacts, limits, errors = mujoco.MjData(model), [], [], []
+    for qpos, qvel, torque, acceleration in zip(*states, accelerations, strict=True):
+        mujoco.mj_resetData(model, data)
+        data.qpos, data.qvel, data.ctrl = qpos, qvel, torque
+        mujoco.mj_forward(model, data)
+        contacts.append(data.ncon)
+        limits.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
+        errors.append(abs(acceleration - data.qacc).max() / abs(data.qacc).max())
+    counts = np.bincount(contacts, minlength=5)
+    assert counts[0] > 20  # the states cover flight, and one to four feet on the ground, and joint limits
+    assert all(counts[1:5] > 5)
+    assert np.sum(limits) > 20
+    assert max(errors) < 1e-4
+
+
+def test_springs_and_stops_push_alike_in_mjx(one_step_on_mjx):
+    (qpos, qvel, _), _, passive = one_step_on_mjx
+    compression = qpos[:, SPRING_QPOS].astype(float)
+    assert (compression < 0.0).any()
+    assert (compression > 0.13).any()
+    force = spring_force(compression) - 10.0 * qvel[:, SPRING_QVEL]
+    np.testing.assert_allclose(passive[:, SPRING_QVEL], force, atol=0.02)  # 36 kN/m x float32's 1e-8 m, damping's 1e-6
+
+
+def trot_targets(steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Joint targets (steps, 12), rad and rad/s, of a trot whose feet sweep back at 10 m/s in stance."""
+    speed, period, duty, height, lift = 10.0, 0.2, 0.35, 0.53, 0.12
+    reach, swing = speed * period * duty / 2, speed * period * (1 - duty)
+
+    def joints(time: np.ndarray) -> np.ndarray:
+        phase = (time[:, None] / period + [0.0, 0.5, 0.5, 0.0]) % 1.0
+        s = np.maximum(phase - duty, 0.0) / (1 - duty)
+        back = reach - speed * period * phase  # stance; then a cubic with the same speed at both ends
+        forth = (4 * reach + 2 * swing) * (1.5 * s**2 - s**3) - swing * s - reach
+        x = np.where(phase < duty, back, forth)
+        y = np.broadcast_to(SIDE * specs.THIGH_LATERAL, x.shape)
+        z = np.where(phase < duty, 0.0, lift * np.sin(np.pi * s) ** 2) - height
+        return joint_angles(LEG_ORIGINS + np.stack([x, y, z], axis=-1)).reshape(-1, 12)
+
+    time, e = np.arange(steps) * DT, 1e-6
+    return joints(time), (joints(time + e) - joints(time - e)) / (2 * e)
+
+
+def test_mjx_and_mujoco_agree_on_a_touchdown_at_10_m_per_s():
+    """Trunk and feet over 150 ms, to 1e-3 m; MJX with the model's own few iterations, C MuJoCo converged in float64."""
+    steps, robots = 150, 16
+    model = load_model(visual=False)
+    feet = foot_geom_ids(model)
+    target, target_velocity = trot_targets(steps)
+    qpos, qvel = touchdown_states(model, target[0], target_velocity[0], robots)
+    device_model = put_model(model)
+    blank = mjx.make_data(device_model)
+
+    def step(carry, targets):
+        data, torque = carry
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        torque = act.joint_torque(MOTOR, torque, q, qd, *targets, DT)
+        data = mjx.step(device_model, data.replace(ctrl=torque))
+        places = jnp.concatenate([data.qpos[None, :3], mjx.kinematics(device_model, data).geom_xpos[feet]])
+        return (data, torque), places
+
+    @jax.jit
+    @jax.vmap
+    def run(qpos, qvel):
+        start = (blank.replace(qpos=qpos, qvel=qvel), jnp.zeros(12))
+        return jax.lax.scan(step, start, (jnp.asarray(target), jnp.asarray(target_velocity)))[1]
+
+    with jax.default_matmul_precision("highest"):
+        on_mjx = np.asarray(run(jnp.asarray(qpos), jnp.asarray(qvel)))
+
+    model, on_mujoco, touched = converged(model), np.zeros_like(on_mjx, float), np.zeros((robots, 4), bool)
+    for robot in range(robots):
+        data, torque = mujoco.MjData(model), np.zeros(12)
+        data.qpos, data.qvel = qpos[robot], qvel[robot]
+        for i in range(steps):
+            q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+            torque = data.ctrl[:] = act.joint_torque(MOTOR, torque, q, qd, target[i], target_velocity[i], DT)
+            mujoco.mj_step(model, data)
+            mujoco.mj_kinematics(model, data)
+            on_mujoco[robot, i] = [data.qpos[:3], *data.geom_xpos[feet]]
+            touched[robot] |= foot_forces(model, data)[:, 2] > 300.0
+    assert touched.any(axis=1).all()  # every robot lands with force
+    assert touched.sum() > 2 * robots  # and most on both diagonals in turn
+    np.testing.assert_allclose(on_mjx, on_mujoco, atol=1e-3, rtol=0)
+
+
+def touchdown_states(
+    model: mujoco.MjModel, joints: np.ndarray, joint_velocity: np.ndarray, number: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robots at 10 m/s, falling at 0.7 m/s, each a little different, the first foot 2 mm above the floor."""
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    qpos, qvel = np.zeros((number, NQ)), np.zeros((number, NV))
+    qpos[:, 3], qvel[:, 0], qvel[:, 2] = 1.0, 10.0, -0.7
+    qvel[:, 4] = 0.2 * rng.normal(size=number)
+    qpos[:, MOTOR_QPOS] = joints + 0.02 * rng.normal(size=(number, 12))
+    qvel[:, MOTOR_QVEL] = joint_velocity
+    for q in qpos:
+        data.qpos = q
+        mujoco.mj_kinematics(model, data)
+        q[2] = 0.002 + specs.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].min()
+    return qpos, qvel
+
+
+# --- What load_model can change ------------------------------------------------------------------------------
+
+
+def test_changed_hardware_changes_the_robot():
+    changed = HardwareSpec(
+        gear_ratio=9.0,
+        leg_length=0.33,
+        spring_stiffness=5000.0,
+        spring_damping=20.0,
+        spring_travel=0.1,
+        spring_stop_stiffness=2e4,
+        rotor_inertia=3e-4,
+        mass_scale=1.1,
+        friction=0.6,
+    )
+    model, published = load_model(changed), load_model()
+    np.testing.assert_allclose(model.body_mass, 1.1 * published.body_mass)
+    np.testing.assert_allclose(model.body_inertia, 1.1 * published.body_inertia)
+    np.testing.assert_allclose(model.dof_armature[MOTOR_QVEL], 3e-4 * 81.0)
+    np.testing.assert_allclose(model.jnt_stiffness[[4, 8, 12, 16]], 5000.0)
+    np.testing.assert_allclose(model.dof_damping[SPRING_QVEL], 20.0)
+    np.testing.assert_allclose(model.tendon_lengthspring, [[0.0, 0.1]] * 4)
+    np.testing.assert_allclose(model.tendon_stiffness, 2e4)
+    np.testing.assert_allclose(model.actuator_forcerange[:, 1], 120.0 * 9.0 / 8.5)
+    np.testing.assert_allclose(model.geom_friction[foot_geom_ids(model), 0], 0.6)
+
+
+def test_soles_are_where_the_kinematics_say():
+    model = load_model(HardwareSpec(leg_length=0.37))
+    data = mujoco.MjData(model)
+    data.qpos[:3] = 0.0
+    rng = np.random.default_rng(0)
+    joints, compression = rng.uniform(-1.0, 1.0, (4, 3)), rng.uniform(0.0, 0.13, 4)
+    data.qpos[MOTOR_QPOS], data.qpos[SPRING_QPOS] = joints.ravel(), compression
+    mujoco.mj_kinematics(model, data)
+    soles = np.array([data.site(name).xpos for name in SOLE_SITES])
+    np.testing.assert_allclose(soles, foot_position(joints, compression, leg_length=0.37), atol=1e-12)
+
+
+def test_dropping_visuals_and_trunk_contact_keeps_the_physics():
+    full, lean = load_model(), load_model(visual=False, trunk_contact=False)
+    assert lean.ngeom == 1 + len(FOOT_GEOMS) + len(TRUNK_GEOMS)
+    assert (lean.nsensor, lean.ncam, lean.nlight) == (0, 0, 0)
+    accelerations = []
+    for model in (full, lean):
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("run").id)
+        data.qpos[2] -= 0.05
+        mujoco.mj_forward(model, data)
+        accelerations.append(data.qacc.copy())
+        assert data.ncon > 0
+    np.testing.assert_array_equal(*accelerations)
+
+
+@pytest.mark.parametrize(("trunk_contact", "contacts"), [(True, 4), (False, 0)])
+def test_trunk_lands_on_its_capsules_unless_told_not_to(trunk_contact, contacts):
+    model = load_model(trunk_contact=trunk_contact)
+    data = mujoco.MjData(model)
+    data.qpos[2] = 0.069
+    data.qpos[MOTOR_QPOS] = [0.0, 1.5, -0.5] * 4
+    data.qpos[8::4] = np.pi  # legs in the air
+    mujoco.mj_forward(model, data)
+    assert data.ncon == contacts
+
+
+def test_timestep_is_the_callers():
+    assert load_model().opt.timestep == 1e-3
+    assert load_model(timestep=5e-4).opt.timestep == 5e-4
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "no robot model at .*robot.xml"),
+        ("<mujoco><worldbody><body></worldbody></mujoco>", "not valid MJCF"),
+        (
+            "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>",
+            "not a model of BP2: it has no body 'FR_shank'",
+        ),
+        ("not xml at all", "not valid MJCF"),
+    ],
+    ids=["missing", "broken", "another robot", "no XML"],
+)
+def test_a_wrong_model_file_is_refused_in_one_line(tmp_path: Path, text, says):
+    path = tmp_path / "robot.xml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ModelError, match=says) as refusal:
+        load_model(xml=path)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("original", "edit", "says"),
+    [
+        ('mass="21"', 'mass="-21"', "does not compile|not valid MJCF"),
+        ('<freejoint name="root"/>', "", "nq, nv, nu = 16, 16, 12"),
+    ],
+    ids=["negative mass", "fixed trunk"],
+)
+def test_a_damaged_copy_of_bp2_is_refused_in_one_line(tmp_path: Path, original, edit, says):
+    text = asset_path("bp2_mjcf/bp2.xml").read_text()
+    damaged = text[: text.index("<keyframe>")] + "</mujoco>"
+    assert original in damaged
+    path = tmp_path / "bp2.xml"
+    path.write_text(damaged.replace(original, edit))
+    with pytest.raises(ModelError, match=says) as refusal:
+        load_model(xml=path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_assets_are_found_in_a_checkout_and_in_an_installed_package(tmp_path: Path, monkeypatch):
+    assert asset_path("bp2_mjcf/bp2.xml").is_file()
+    monkeypatch.setattr(assets, "_PACKAGE", tmp_path)
+    assert asset_path("bp2.xml") == tmp_path.parent / "assets" / "bp2.xml"
+    (tmp_path / "assets").mkdir()
+    assert asset_path("bp2.xml") == tmp_path / "assets" / "bp2.xml"

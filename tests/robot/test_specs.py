@@ -1,0 +1,159 @@
+"""One truth: the numbers in the XML are those of specs.py, and specs.py's are the paper's."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from bp2_rl.assets import asset_path
+from bp2_rl.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
+from bp2_rl.robot.specs import BP2, LEGS, MOTOR_NAMES, HardwareSpec
+
+EXACT = {"rtol": 1e-12, "atol": 1e-12}
+
+
+@pytest.fixture(scope="module")
+def xml() -> mujoco.MjModel:
+    """The hand-written file as it stands, with no HardwareSpec applied."""
+    return mujoco.MjModel.from_xml_path(str(asset_path("bp2_mjcf/bp2.xml")))
+
+
+def test_table_s3_is_a_quarter_of_the_robot():
+    quarter = specs.TRUNK_QUARTER_MASS + specs.THIGH_MASS + specs.SHANK_MASS + specs.TOE_MASS
+    assert 4 * quarter == pytest.approx(35.8)
+
+
+def test_scaling_numbers_of_the_paper():
+    """m g v / (tau w) and the Froude number at 10.74 m/s follow from the published parts."""
+    v = specs.OUTDOOR_TOP_SPEED
+    power_ratio = specs.TOTAL_MASS * specs.GRAVITY * v / (specs.PEAK_TORQUE * specs.NO_LOAD_SPEED)
+    assert power_ratio == pytest.approx(1.475, rel=2e-3)  # 1.477; with g = 9.80 the printed number
+    assert v**2 / (specs.GRAVITY * specs.STANDING_HEIGHT) == pytest.approx(21.4, abs=0.05)
+
+
+def test_corner_speed_is_the_least_that_gives_the_published_power():
+    power = specs.PEAK_TORQUE * specs.CORNER_SPEED
+    assert power == pytest.approx(1765.0, rel=1e-3)
+
+
+def test_rates_agree():
+    control_step = specs.SUBSTEPS * specs.PHYSICS_STEP
+    assert control_step == pytest.approx(specs.CONTROL_STEP)
+
+
+def test_xml_applying_the_default_hardware_changes_nothing(xml):
+    scene = mujoco.MjModel.from_xml_path(str(asset_path("bp2_mjcf/scene_flat.xml")))
+    applied = load_model()
+    for field in dir(scene):
+        written, loaded = getattr(scene, field), getattr(applied, field)
+        if isinstance(written, np.ndarray) and np.issubdtype(written.dtype, np.number):
+            np.testing.assert_allclose(loaded, written, err_msg=field, **EXACT)
+    assert scene.opt.timestep == specs.PHYSICS_STEP
+    assert xml.nbody == applied.nbody
+
+
+@pytest.mark.parametrize("leg", LEGS)
+def test_xml_leg_masses_and_inertias(xml, leg):
+    thigh, shank, toe, abad = (xml.body(f"{leg}_{part}") for part in ("thigh", "shank", "toe", "abad"))
+    fore = 1.0 if leg[0] == "F" else -1.0
+    assert [b.mass[0] for b in (abad, thigh, shank, toe)] == [
+        specs.ABAD_MASS,
+        specs.THIGH_MASS,
+        specs.SHANK_MASS,
+        specs.TOE_MASS,
+    ]
+    np.testing.assert_allclose(abad.inertia, [specs.ABAD_INERTIA] * 3, **EXACT)
+    np.testing.assert_allclose(
+        thigh.inertia, [specs.THIGH_INERTIA, specs.THIGH_INERTIA, specs.THIGH_TWIST_INERTIA], **EXACT
+    )
+    np.testing.assert_allclose(
+        shank.inertia, [specs.SHANK_INERTIA, specs.SHANK_INERTIA, specs.SHANK_TWIST_INERTIA], **EXACT
+    )
+    np.testing.assert_allclose(toe.inertia, [specs.TOE_INERTIA] * 3, **EXACT)
+    np.testing.assert_allclose(abad.ipos, [fore * specs.ABAD_COM_FORE_AFT, 0, 0], **EXACT)
+    np.testing.assert_allclose(thigh.ipos, [0, 0, -specs.THIGH_COM], **EXACT)
+    np.testing.assert_allclose(shank.ipos, [0, 0, -(specs.SHANK_LENGTH + specs.SHANK_COM)], **EXACT)
+    np.testing.assert_allclose(toe.ipos, [0, 0, -(specs.TOE_LENGTH + specs.TOE_COM)], **EXACT)
+
+
+@pytest.mark.parametrize("leg", LEGS)
+def test_xml_leg_geometry(xml, leg):
+    fore, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
+    lateral = specs.FRONT_HIP_LATERAL if leg[0] == "F" else specs.HIND_HIP_LATERAL
+    np.testing.assert_allclose(xml.body(f"{leg}_abad").pos, [fore * specs.HIP_FORE_AFT, side * lateral, 0], **EXACT)
+    np.testing.assert_allclose(xml.body(f"{leg}_thigh").pos, [0, side * specs.THIGH_LATERAL, 0], **EXACT)
+    np.testing.assert_allclose(xml.body(f"{leg}_shank").pos, [0, 0, -specs.THIGH_LENGTH], **EXACT)
+    toe = specs.SHANK_LENGTH + specs.SPRING_REST_LENGTH
+    np.testing.assert_allclose(xml.body(f"{leg}_toe").pos, [0, 0, -toe], **EXACT)
+    np.testing.assert_allclose(xml.site(f"{leg}_sole").pos, [0, 0, -specs.TOE_LENGTH], **EXACT)
+    foot = xml.geom(f"{leg}_foot")
+    assert foot.size[0] == specs.FOOT_RADIUS
+    np.testing.assert_allclose(foot.pos, [0, 0, specs.FOOT_RADIUS - specs.TOE_LENGTH], **EXACT)
+
+
+def test_xml_trunk(xml):
+    trunk = xml.body("trunk")
+    abads = 4 * (specs.ABAD_INERTIA + specs.ABAD_MASS * (specs.HIP_FORE_AFT + specs.ABAD_COM_FORE_AFT) ** 2)
+    assert trunk.mass[0] == pytest.approx(4 * (specs.TRUNK_QUARTER_MASS - specs.ABAD_MASS), rel=1e-12)
+    np.testing.assert_allclose(
+        trunk.inertia,
+        [specs.TRUNK_ROLL_INERTIA, specs.TRUNK_PITCH_INERTIA - abads, specs.TRUNK_YAW_INERTIA],
+        **EXACT,
+    )
+    np.testing.assert_allclose(trunk.ipos, 0.0, **EXACT)
+
+
+def test_xml_joints_springs_motors_and_friction(xml):
+    for leg in LEGS:
+        for joint, joint_range in (
+            ("abad", specs.ABAD_RANGE),
+            ("hip", specs.HIP_RANGE),
+            ("knee", specs.KNEE_RANGE),
+        ):
+            np.testing.assert_allclose(xml.joint(f"{leg}_{joint}").range, joint_range, **EXACT)
+            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(BP2.reflected_inertia, rel=1e-12)
+        spring, stop = xml.joint(f"{leg}_spring"), xml.tendon(f"{leg}_stop").id
+        assert (spring.stiffness[0], spring.damping[0]) == (specs.SPRING_STIFFNESS, specs.SPRING_DAMPING)
+        assert xml.tendon_stiffness[stop] == specs.SPRING_STOP_STIFFNESS
+        np.testing.assert_allclose(xml.tendon_lengthspring[stop], [0.0, specs.SPRING_TRAVEL], **EXACT)
+    assert [xml.actuator(i).name for i in range(xml.nu)] == list(MOTOR_NAMES)
+    np.testing.assert_allclose(xml.actuator_forcerange, [[-specs.PEAK_TORQUE, specs.PEAK_TORQUE]] * 12, **EXACT)
+    assert {xml.geom(name).friction[0] for name in FOOT_GEOMS} == {specs.FOOT_FRICTION}
+    assert not xml.dof_armature[SPRING_QVEL].any()
+    assert xml.opt.gravity[2] == -specs.GRAVITY
+
+
+def test_every_number_has_a_unit_and_a_source():
+    assert len(specs.PROVENANCE) > 40
+    for number in specs.PROVENANCE:
+        assert math.isfinite(number.value)
+        assert number.unit
+        assert number.source.startswith(("paper", "DERIVED", "ASSUMED", "standard"))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"gear_ratio": 0.0}, "gear_ratio must be greater than 0"),
+        ({"leg_length": float("nan")}, "leg_length must be a finite number"),
+        ({"leg_length": 0.2}, "leg_length .* must exceed shank"),
+        ({"spring_stiffness": -1.0}, "spring_stiffness must be a finite number >= 0"),
+        ({"corner_speed": 21.4}, "corner_speed .* must be below no_load_speed"),
+        ({"mass_scale": float("inf")}, "mass_scale must be a finite number"),
+    ],
+)
+def test_impossible_hardware_is_refused_in_one_line(change, says):
+    with pytest.raises(UserError, match=says) as refusal:
+        HardwareSpec(**change)
+    assert "\n" not in str(refusal.value)
+
+
+def test_gear_ratio_scales_torque_speed_and_inertia():
+    geared = HardwareSpec(gear_ratio=17.0)
+    assert geared.joint_peak_torque == pytest.approx(2 * BP2.joint_peak_torque)
+    assert geared.joint_no_load_speed == pytest.approx(BP2.joint_no_load_speed / 2)
+    assert geared.joint_corner_speed == pytest.approx(BP2.joint_corner_speed / 2)
+    assert geared.reflected_inertia == pytest.approx(4 * BP2.reflected_inertia)
