@@ -1,12 +1,18 @@
 """The kinematic gait generator: a trot for forward, lateral and yaw commands, in closed form.
 
-A foot in stance is fixed in the world, so in the trunk frame it obeys p' = -v - omega x p exactly. A foot in
-swing leaves with that velocity and returns to it, so the reference is continuously differentiable in time.
-Period and duty follow the command so that the stance sweep stays within the legs' reach at every speed, and
-everything grows smoothly from standing still at zero command.
+Stance: a foot is fixed in the world, so in the trunk frame it obeys p' = -v - omega x p exactly, while its spring
+takes the pulse of compression that carries the robot's weight. Joint angles follow by inverse kinematics.
+
+Swing: the joints leave with the angles and speeds of lift-off and come to those of touchdown along a polynomial,
+with a bump of knee flexion that lifts the foot. So the joint angles are continuously differentiable in time, and
+no overshoot of the foot can leave the reach of the leg.
+
+Period and duty follow the command so that the sweep of a stance stays within reach at every speed, and everything
+grows smoothly out of standing still. How the defaults were found is in docs/notes/kinematic_gait.md.
 """
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
@@ -16,148 +22,192 @@ from jaxtyping import Array, Float
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import kinematics, specs
 
-TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL with RR, FR with RL
+TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL goes with RR, FR with RL
+FLEXION = np.array([0.0, 0.5, -1.0])  # of abad, hip, knee: draws the foot straight towards the hip
+AXIAL_SHARE = 0.78  # of a foot's force acts along its spring: the cosine of the lower leg at rest, cos(STAND_HIP)
+
+# The nominal feet, seen from above, are below the hips. A foot is a sphere and its sole the point that is lowest
+# when the lower leg is upright; as it leans by STAND_HIP or so, the sole stays a little above the ground.
+_NOMINAL = kinematics.LEG_ORIGINS[:, :2] + np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
+_NOMINAL_RADIUS = float(np.max(np.linalg.norm(_NOMINAL, axis=-1)))
+SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
 
 
 @dataclasses.dataclass(frozen=True)
 class KinematicGait:
-    """Configuration of the kinematic gait, and the `ReferenceMotion` it defines. Lengths are for BP2's own leg and
-    scale with `hardware.leg_length`.
+    """Configuration of the kinematic gait, and the `ReferenceMotion` that it defines.
+
+    Lengths are for BP2's own leg; they scale with `hardware.leg_length`.
     """
 
-    stand_height: float = 0.55  # m, trunk centre above the ground at zero command
-    run_height: float = 0.52  # m, mean at high speed
+    stand_height: float = 0.545  # m, trunk centre above the ground at zero command
+    run_height: float = 0.55  # m, its mean at high speed
     height_speed: float = 4.0  # m/s, at which half of that change has been made
-    sweep: float = 0.58  # m, greatest path of a foot during stance
     slow_stance: float = 0.22  # s, stance time at low speed
-    swing_time: float = 0.26  # s
-    slow_lift: float = 0.08  # m, swing height when walking
-    run_lift: float = 0.18  # m, swing height at high speed
-    lift_speed: float = 5.0  # m/s, at which half of that change has been made
-    start_speed: float = 0.2  # m/s: the scale on which stepping in place grows out of standing
-    follow_through: int = 10  # power n: the foot overshoots by speed x swing_time / (n + 1)
-    bounce: float = 1.0  # share of the trunk's ballistic rise and fall
+    sweep: float = 0.70  # m, path of a foot during stance at high speed
+    swing_time: float = 0.28  # s
+    slow_flexion: float = 0.5  # rad, of the knee in mid-swing at low speed
+    run_flexion: float = 1.25  # rad, likewise at high speed
+    flexion_speed: float = 3.5  # m/s, at which half of that change has been made
+    follow_through: int = 7  # n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing
+    landing: float = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
+    start_speed: float = 0.2  # m/s, the scale on which stepping grows out of standing
     hardware: specs.HardwareSpec = specs.BP2
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""
-        return 1.0 / (self._stance_time(_square_speed(command)) + self.swing_time)
+        return 1.0 / (self._stance_time(command) + self.swing_time)
 
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The reference at this command and phase (see `ReferenceMotion`)."""
-        rate = self.phase_rate(command)
-        (q, spring, height), (qd, spring_velocity, height_velocity), contact = jax.jvp(
-            lambda phase: self._posture(command, phase), (phase,), (rate,), has_aux=True
+        stance_time = self._stance_time(command)
+        period = stance_time + self.swing_time
+        leg_phase = phase[..., None] + jnp.asarray(TROT, dtype=phase.dtype)
+        since_touchdown = (leg_phase - jnp.floor(leg_phase)) * period[..., None]
+        in_stance = since_touchdown < stance_time[..., None]
+
+        # A foot's stance now, at lift-off and at touchdown in one batch, with rates.
+        half = jnp.broadcast_to(stance_time[..., None] / 2.0, since_touchdown.shape)
+        tau = jnp.stack([jnp.where(in_stance, since_touchdown - half, 0.0), half, -half], axis=-2)
+        (q, spring), (qd, spring_rate) = jax.jvp(lambda t: self._stance(command, t), (tau,), (jnp.ones_like(tau),))
+        s = jnp.where(in_stance, 0.0, (since_touchdown - 2.0 * half) / self.swing_time)
+        q_swing, qd_swing = self._swing(
+            command, s, (q[..., 1, :, :], qd[..., 1, :, :]), (q[..., 2, :, :], qd[..., 2, :, :])
+        )
+
+        def choose(stance, swing):
+            return jnp.where(in_stance.reshape(in_stance.shape + (1,) * (stance.ndim - in_stance.ndim)), stance, swing)
+
+        def flat(q):
+            return q.reshape(*q.shape[:-2], 12)
+
+        height, height_rate = jax.jvp(
+            lambda t: self._height(command, t), (phase * period - stance_time / 2.0,), (jnp.ones_like(phase),)
         )
         zero = jnp.zeros_like(height)
+        at_rest = self._at_rest(command)[..., None]
         return Reference(
-            joint_position=q,
-            joint_velocity=qd,
-            spring_compression=spring,
-            spring_velocity=spring_velocity,
+            joint_position=flat(choose(q[..., 0, :, :], q_swing)),
+            joint_velocity=flat(choose(qd[..., 0, :, :], qd_swing)),
+            spring_compression=choose(spring[..., 0, :], at_rest),
+            spring_velocity=choose(spring_rate[..., 0, :], 0.0),
             height=height,
-            height_velocity=height_velocity,
+            height_velocity=height_rate,
             up=jnp.stack([zero, zero, zero + 1.0], axis=-1),
             pitch=zero,
             pitch_rate=zero,
-            velocity=jnp.stack([command[..., 0], command[..., 1], height_velocity], axis=-1),
-            contact=contact,
-            torque=jnp.zeros_like(q),
+            velocity=jnp.stack([command[..., 0], command[..., 1], height_rate], axis=-1),
+            contact=in_stance.astype(phase.dtype),
+            torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )
 
-    def _stance_time(self, square_speed):
-        """Smooth minimum of the slow stance time and sweep / speed, s."""
-        ratio = square_speed * (self.slow_stance / (self._scale * self.sweep)) ** 2
-        return self.slow_stance * (1.0 + ratio**2) ** -0.25
+    def _stance_time(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """About the lesser of `slow_stance` and the time that the sweep takes, s."""
+        s2 = _square_speed(command)
+        return self.slow_stance * jax.lax.rsqrt(1.0 + s2 * (self.slow_stance / (self._scale * self.sweep)) ** 2)
+
+    def _height(self, command: Float[Array, "... 3"], tau: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Trunk centre above the ground `tau` seconds after mid-stance of either pair of legs, m.
+
+        Rise and fall are the first harmonic of the answer to the legs' force: of relative size 2 for short
+        impulses and 2/3 for half sines that follow each other without a gap.
+        """
+        s2, period = _square_speed(command), 1.0 / self.phase_rate(command)
+        mean = self._scale * _blend(self.stand_height, self.run_height, s2, self.height_speed)
+        harmonic = 2.0 - 4.0 / 3.0 * (2.0 * self._stance_time(command) / period) ** 2
+        amplitude = self._stepping(command) * harmonic * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
+        return mean - amplitude * jnp.cos(4.0 * jnp.pi / period * tau)
+
+    def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """0 when standing, 1 on the move."""
+        return _blend(0.0, 1.0, _square_speed(command), self.start_speed)
+
+    def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """The part of a spring's compression that does not change with time, m: all of it when standing."""
+        return (1.0 - self._stepping(command)) * self._sag
+
+    def _stance(
+        self, command: Float[Array, "... 3"], tau: Float[Array, "... k 4"]
+    ) -> tuple[Float[Array, "... k 4 3"], Float[Array, "... k 4"]]:
+        """Joint angles (rad) and spring compressions (m) of legs `tau` seconds from the middle of their stance."""
+        command = command[..., None, :]
+        stance_time = self._stance_time(command)
+        mean = self._stepping(command) * self._sag / (stance_time * self.phase_rate(command))
+        most = 1.2 * self.hardware.spring_travel  # beyond, the stop takes the force
+        mean = mean * (1.0 + (1.5 * mean / most) ** 8) ** -0.125
+        w = 1.0 - (2.0 * tau / stance_time[..., None]) ** 2
+        pulse = w * (self.landing + (1.0 - self.landing) * w) / (2.0 / 3.0 - 2.0 / 15.0 * (1.0 - self.landing))
+        spring = self._at_rest(command)[..., None] + mean[..., None] * pulse
+
+        seen_from_above = _ground(jnp.asarray(_NOMINAL, dtype=tau.dtype), command[..., :2], command[..., 2:], tau)
+        z = SOLE_CLEARANCE - self._height(command[..., None, :], tau)
+        feet = jnp.concatenate([seen_from_above, z[..., None]], axis=-1)
+        return kinematics.joint_angles(feet, spring, leg_length=self.hardware.leg_length), spring
+
+    def _swing(
+        self,
+        command: Float[Array, "... 3"],
+        s: Float[Array, "... 4"],
+        lift_off: tuple[Float[Array, "... 4 3"], Float[Array, "... 4 3"]],
+        touchdown: tuple[Float[Array, "... 4 3"], Float[Array, "... 4 3"]],
+    ) -> tuple[Float[Array, "... 4 3"], Float[Array, "... 4 3"]]:
+        """Joint angles and speeds at the share `s` of a swing between two pairs (angles, speeds).
+
+        Speed is out (1 - s)^n + back s^n + mean 30 s^2 (1 - s)^2, plus that of the flexion 16 s^2 (1 - s)^2.
+        """
+        (start, out), (end, back) = lift_off, touchdown
+        n, time = self.follow_through, self.swing_time
+        mean = (end - start) / time - (out + back) / (n + 1)
+        flexion = self._stepping(command) * _blend(
+            self.slow_flexion, self.run_flexion, _square_speed(command), self.flexion_speed
+        )
+        flexion = flexion[..., None, None] * jnp.asarray(FLEXION, dtype=s.dtype)
+        s = s[..., None]
+        r = 1.0 - s
+        q = start + time / (n + 1) * (out * (1.0 - r ** (n + 1)) + back * s ** (n + 1))
+        q = q + time * mean * s**3 * (10.0 - 15.0 * s + 6.0 * s**2) + flexion * 16.0 * (s * r) ** 2
+        qd = out * r**n + back * s**n + mean * 30.0 * (s * r) ** 2 + flexion / time * 32.0 * s * r * (r - s)
+        return q, qd
 
     @property
     def _scale(self) -> float:
+        """Size of the legs relative to BP2's."""
         return self.hardware.leg_length / specs.THIGH_LENGTH
 
-    def _posture(self, command, phase):
-        """Joint angles (... 12), spring compressions (... 4) and trunk height (...); with contacts (... 4)."""
-        s2 = _square_speed(command)
-        stance_time = self._stance_time(s2)
-        period = stance_time + self.swing_time
-        duty = stance_time / period
-        going = s2 / (s2 + self.start_speed**2)  # 0 standing, 1 on the move
-
-        leg_phase = phase[..., None] + TROT
-        leg_phase = leg_phase - jnp.floor(leg_phase)
-        contact = leg_phase < duty[..., None]
-        sigma = jnp.where(contact, leg_phase / duty[..., None], (leg_phase - duty[..., None]) / (1.0 - duty[..., None]))
-
-        # Trunk: lowest at mid-stance of either pair, by the first harmonic of a half-sine force pulse.
-        rise = (2.0 - 1.33 * (2.0 * duty) ** 2) * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
-        mean_height = self.stand_height + (self.run_height - self.stand_height) * s2 / (s2 + self.height_speed**2)
-        height = self._scale * mean_height - self.bounce * going * rise * jnp.cos(4.0 * jnp.pi * (phase - duty / 2.0))
-
-        # Springs: the weight at rest, a pulse of the same mean force in stance.
-        load = self.hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY / 4.0 / self.hardware.spring_stiffness
-        pulse = jnp.where(contact, (sigma * (1.0 - sigma)) ** 2 * 30.0, 0.0)
-        peak = load / duty * 0.85
-        peak = peak * (1.0 + (peak * 1.875 / self.hardware.spring_travel) ** 4) ** -0.25
-        spring = (1.0 - going[..., None]) * load * 0.85 + (going * peak)[..., None] * pulse
-
-        # Feet, in the heading frame with the origin below the trunk's centre.
-        feet = self._foot_plan(command, stance_time, contact, sigma)
-        lift = self.slow_lift + (self.run_lift - self.slow_lift) * s2 / (s2 + self.lift_speed**2)
-        bump = jnp.where(contact, 0.0, 64.0 * (sigma * (1.0 - sigma)) ** 3)
-        z = self._scale * (going * lift)[..., None] * bump - height[..., None]
-        feet = jnp.concatenate([feet, z[..., None]], axis=-1)
-        q = kinematics.joint_angles(feet, spring, leg_length=self.hardware.leg_length)
-        return (q.reshape(*q.shape[:-2], 12), spring, height), contact.astype(q.dtype)
-
-    def _foot_plan(self, command, stance_time, contact, sigma):
-        """Feet (... 4 2) seen from above: exact rolling in stance, a C1 swing between lift-off and touchdown."""
-        v, yaw_rate = command[..., None, :2], command[..., 2:]
-        nominal = jnp.asarray(_NOMINAL, dtype=command.dtype)
-        half = stance_time[..., None] / 2.0
-        tau = jnp.where(contact, (2.0 * sigma - 1.0) * half, 0.0)
-        stance = _ground(nominal, v, yaw_rate, tau)
-
-        lift_off, touchdown = _ground(nominal, v, yaw_rate, half), _ground(nominal, v, yaw_rate, -half)
-        out, back = -v - _cross(yaw_rate, lift_off), -v - _cross(yaw_rate, touchdown)
-        n = self.follow_through
-        mean = (touchdown - lift_off) / self.swing_time - (out + back) / (n + 1)
-        x = sigma[..., None]
-        swing = lift_off + self.swing_time * (
-            out * (1.0 - (1.0 - x) ** (n + 1)) / (n + 1)
-            + back * x ** (n + 1) / (n + 1)
-            + mean * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        )
-        return jnp.where(contact[..., None], stance, swing)
+    @property
+    def _sag(self) -> float:
+        """Compression of a spring that carries a quarter of the robot, m."""
+        weight = self.hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY
+        return AXIAL_SHARE * weight / 4.0 / self.hardware.spring_stiffness
 
 
-_NOMINAL = kinematics.LEG_ORIGINS[:, :2] + np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
-_HIP_RADIUS = float(np.max(np.linalg.norm(_NOMINAL, axis=-1)))  # m, of the farthest nominal foot from the centre
+def _blend(slow: float, fast: float, s2: Float[Array, "..."], halfway: float) -> Float[Array, "..."]:
+    """From `slow` at rest to `fast` at high speed, smooth in the command; s2 is the square of the speed."""
+    return slow + (fast - slow) * s2 / (s2 + halfway**2)
 
 
-def _square_speed(command):
+def _square_speed(command: Float[Array, "... 3"]) -> Float[Array, "..."]:
     """Square of the planar speed demanded of a foot, yaw included, (m/s)^2."""
     vx, vy, yaw_rate = command[..., 0], command[..., 1], command[..., 2]
-    return vx * vx + vy * vy + (yaw_rate * _HIP_RADIUS) ** 2
+    return vx**2 + vy**2 + (_NOMINAL_RADIUS * yaw_rate) ** 2
 
 
-def _cross(yaw_rate, p):
-    """omega x p for omega along z: (... 4 2)."""
-    return yaw_rate[..., None] * jnp.stack([-p[..., 1], p[..., 0]], axis=-1)
+def _ground(
+    nominal: Float[Array, "4 2"], v: Float[Array, "... 2"], yaw_rate: Float[Array, "... 1"], tau: Float[Array, "... 4"]
+) -> Float[Array, "... 4 2"]:
+    """Where points of the ground are, seen from the trunk, `tau` seconds after they were at `nominal`.
 
-
-def _turn(angle, p):
-    """Rotation of p (... 4 2) by `angle` (... 4) about z."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * p[..., 0] - s * p[..., 1], s * p[..., 0] + c * p[..., 1]], axis=-1)
-
-
-def _ground(nominal, v, yaw_rate, tau):
-    """Where a point of the ground is, seen from the trunk, `tau` seconds after it was at `nominal`: (... 4 2).
-
-    The trunk turns at `yaw_rate` and moves at `v` in its own frame, so p' = -v - omega x p, whose solution is
-    R(-omega tau) nominal - V v with V = integral of R(-omega u) du from 0 to tau: a chord, of length
-    tau sinc(omega tau / 2) and direction R(-omega tau / 2).
+    The trunk moves at `v` in its own frame and turns at omega = `yaw_rate`, so p' = -v - omega x p. The solution is
+    R(-omega tau) nominal - V v with V the integral of R(-omega u) du from 0 to tau: a chord, of direction
+    R(-omega tau / 2) and length tau sinc(omega tau / 2).
     """
     half = yaw_rate * tau / 2.0
     y = half * half
-    chord = tau * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0))))  # sinc: exact for |half| < 1
-    return _turn(-2.0 * half, nominal) - chord[..., None] * _turn(-half, v)
+    chord = tau * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0)))  # sinc by its series: |half| is below 0.3
+    return _turn(-2.0 * half, nominal) - chord[..., None] * _turn(-half, v[..., None, :])
+
+
+def _turn(angle: Float[Array, "... 4"], p: Float[Array, "... 2"]) -> Float[Array, "... 4 2"]:
+    """p turned by `angle` about z."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return jnp.stack([c * p[..., 0] - s * p[..., 1], s * p[..., 0] + c * p[..., 1]], axis=-1)
