@@ -27,7 +27,7 @@ class ControlConfig:
 class CommandConfig:
     """How velocity commands are drawn: a target, approached at a limited rate, drawn anew every few seconds."""
 
-    max_forward: float = 10.0  # m/s, v_x^max of Table S4
+    max_forward: float = 12.0  # m/s, v_x^max of Table S4
     max_lateral: float = 0.5  # m/s, v_y^max
     max_yaw_rate: float = 1.0  # rad/s, omega_z^max
     max_backward: float = 0.0  # m/s
@@ -42,10 +42,10 @@ class CommandConfig:
 class CurriculumConfig:
     """Per-robot speed curriculum: tracked segments raise a robot's fastest command, falls lower it."""
 
-    start_speed: float = 3.0  # m/s, fastest forward command at level 0; level 1 is commands.max_forward
+    start_speed: float = 4.0  # m/s, fastest forward command at level 0; level 1 is commands.max_forward
     tolerance: float = 0.12  # a segment is tracked if its mean speed error is below tolerance x (1 m/s + command)
-    raise_by: float = 0.06
-    lower_by: float = 0.03
+    raise_by: float = 0.25
+    lower_by: float = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
