@@ -50,10 +50,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(config: EvalConfig) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
+    # Imported here so that --help and a mistyped flag are answered at once.
+    import jax
+
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
+    if config.backend == "mujoco":
+        jax.config.update("jax_platforms", "cpu")  # leaves the accelerator to a training that may be running
     prepare_jax()
-    # Imported here so that --help and a mistyped flag are answered at once.
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT

@@ -1,9 +1,12 @@
-"""Runs whose figures of merit are known in closed form."""
+"""Runs whose figures of merit are known in closed form, and the card of a policy that stands."""
 
 import numpy as np
 import pytest
 
+from bp2_rl.env.config import ControlConfig, EnvConfig
+from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.trajectory import Trajectory
+from bp2_rl.learning.policy import PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
 
 DT = 1e-3
@@ -40,6 +43,31 @@ def make_run(duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25
         "backend": "none",
     }
     return Trajectory(**(fields | changes))
+
+
+def make_card(**changes) -> PolicyCard:
+    """The card of a tiny policy that acts around the standing pose."""
+    fields = {
+        "stage": "imitation",
+        "observation_layout": tuple((entry.name, entry.size) for entry in LAYOUT),
+        "action_size": 12,
+        "activation": "swish",
+        "hidden_layer_sizes": (4,),
+        "env": EnvConfig(control=ControlConfig(mode="absolute")),
+        "reference": "none",
+        "physics_steps": 123_000_000,
+        "seed": 3,
+        "versions": {"bp2_rl": "0.1.0"},
+        "config_hash": "0" * 12,
+        "results": {},
+        "created": "2026-11-20T12:00:00+00:00",
+    }
+    return PolicyCard(**(fields | changes))
+
+
+@pytest.fixture(name="make_card")
+def _make_card():
+    return make_card
 
 
 @pytest.fixture(name="make_run")

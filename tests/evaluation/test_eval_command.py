@@ -13,38 +13,28 @@ import pytest
 
 from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
-from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
-from bp2_rl.learning.policy import PolicyCard, export_policy
+from bp2_rl.learning.policy import export_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def export_standing_policy(folder, layout=LAYOUT, **results):
-    """A policy of zeros around the standing pose: it stands."""
-    size = sum(entry[1] for entry in layout)
-    layers = {
-        "MLP_0": {"hidden_0": {"kernel": np.zeros((size, 4)), "bias": np.zeros(4)}},
-        "Dense_0": {"kernel": np.zeros((4, 12)), "bias": np.zeros(12)},
-    }
-    card = PolicyCard(
-        stage="imitation",
-        observation_layout=tuple((name, size) for name, size in layout),
-        action_size=12,
-        activation="swish",
-        hidden_layer_sizes=(4,),
-        env=EnvConfig(control=ControlConfig(mode="absolute")),
-        reference="none",
-        physics_steps=0,
-        seed=0,
-        versions={"bp2_rl": "0.1.0"},
-        config_hash="0" * 12,
-        results=results,
-        created="2026-11-20T12:00:00+00:00",
-    )
-    normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
-    export_policy(folder, params={"params": layers}, normalizer=normalizer, card=card)
+@pytest.fixture
+def export(make_card):
+    """Write a policy of zeros around the standing pose: it stands."""
+
+    def export(folder, layout=LAYOUT, **results):
+        size = sum(entry.size for entry in layout)
+        layers = {
+            "MLP_0": {"hidden_0": {"kernel": np.zeros((size, 4)), "bias": np.zeros(4)}},
+            "Dense_0": {"kernel": np.zeros((4, 12)), "bias": np.zeros(12)},
+        }
+        card = make_card(results=results, observation_layout=tuple((name, size) for name, size in layout))
+        normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
+        export_policy(folder, params={"params": layers}, normalizer=normalizer, card=card)
+
+    return export
 
 
 @pytest.fixture
@@ -57,8 +47,8 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def policy(here):
-    export_standing_policy(here / "policy", top_speed=0.5)
+def policy(here, export):
+    export(here / "policy", top_speed=0.5)
     return here / "policy"
 
 
@@ -100,9 +90,9 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert "heading" in data["conditions"]["operator"]
 
 
-def test_the_newest_run_is_evaluated_if_none_is_named(here):
+def test_the_newest_run_is_evaluated_if_none_is_named(here, export):
     for age, name in enumerate(("newest", "older", "oldest")):
-        export_standing_policy(here / "runs" / name / "policy")
+        export(here / "runs" / name / "policy")
         os.utime(here / "runs" / name / "policy" / "card.json", (1e9 - age, 1e9 - age))
     (here / "runs" / "unfinished").mkdir()
     assert command.choose_policy(command.EvalConfig()) == Path("runs/newest/policy")
@@ -183,8 +173,8 @@ def test_a_truncated_policy(policy, capsys):
     assert_refused(capsys, [policy], "weights.npz", "checksum")
 
 
-def test_a_policy_with_another_observation(here, capsys):
-    export_standing_policy(here / "blind", layout=[entry for entry in LAYOUT if entry.name != "phase"])
+def test_a_policy_with_another_observation(here, export, capsys):
+    export(here / "blind", layout=[entry for entry in LAYOUT if entry.name != "phase"])
     assert_refused(capsys, ["blind"], "other observations", "'phase'")
 
 

@@ -106,9 +106,9 @@ def test_the_verdict_tells_a_fall(make_run):
 
 def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run):
     for run in (busy_run, make_run(duration=0.5, fell_at=0.5)):
-        console = Console(file=io.StringIO(), width=80)
-        report.print_table(evaluation_of(run), console)
-        lines = console.file.getvalue().splitlines()
+        terminal = io.StringIO()
+        report.print_table(evaluation_of(run), Console(file=terminal, width=80))
+        lines = terminal.getvalue().splitlines()
         assert len(lines) == len(report.summary(measure(run))) + 2  # title and verdict: nothing is wrapped
         assert not any("…" in line for line in lines)
 

@@ -201,7 +201,7 @@ def test_no_torque_leaves_the_envelope_whatever_the_policy_does():
 def test_a_run_ends_at_the_fall():
     run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=5.0), TROTTING)
     assert run.fell_at == pytest.approx(len(run) * run.dt)
-    assert run.fell_at < 4.0
+    assert len(run) < 4000
     assert not any(fallen(*sample, TROTTING.termination) for sample in zip(run.qpos, run.qvel, strict=True))
 
 
@@ -224,7 +224,8 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
     np.testing.assert_allclose(steered.command[5:, 2], 0.1 * y[: len(steered) - 5], atol=1e-4)
 
 
-def test_no_state_gone_bad_is_reset_behind_our_back():
+def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a log file
     model = converged_model(STANDING)
     data = standing_start(model, STANDING)
     data.qvel[0] = np.nan
