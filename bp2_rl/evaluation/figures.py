@@ -92,7 +92,7 @@ def speed_figure(run: Trajectory) -> Figure:
         for axes in (speed, lane):
             axes.axvline(run.fell_at, color="#D55E00", linewidth=1.6)
         speed.annotate(
-            "fell ", (run.fell_at, 1.0), xycoords=("data", "axes fraction"), ha="right", va="top", color="#D55E00"
+            "fell ", (run.fell_at, 0.02), xycoords=("data", "axes fraction"), ha="right", va="bottom", color="#D55E00"
         )
     return figure
 

@@ -276,7 +276,7 @@ th, td {{ padding: .38rem .75rem .38rem 0; border-bottom: 1px solid var(--line);
   text-align: left; vertical-align: top; }}
 th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
 .n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }}
-td:last-child {{ padding-right: 0; }}
+th:last-child, td:last-child {{ padding-right: 0; }}
 .conditions th {{ width: 8rem; font-weight: 600; }}
 </style>
 </head>
