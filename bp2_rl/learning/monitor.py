@@ -26,6 +26,7 @@ METRICS = "metrics.jsonl"
 LOG = "log.txt"
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
+WAITING = "waiting for the first step, which compiles"
 RATE_WINDOW = 30.0  # s over which the throughput is averaged
 
 
@@ -75,7 +76,7 @@ class Monitor:
     ):
         self._total, self._step, self._title = total_steps, start_step, title
         self._console = console or Console()
-        self._clock = clock
+        self._clock, self._began = clock, clock()
         self._metrics: dict[str, float] = {}
         self._history: collections.deque[tuple[float, int]] = collections.deque()  # (time, step) of recent logs
         self._shown, self._next_line = start_step, -math.inf  # step of the last plain line, time of the next
@@ -95,6 +96,8 @@ class Monitor:
         """Show the progress line."""
         if self._live:
             self._live.start(refresh=True)
+        else:
+            self._say(f"{self._title}: {WAITING}")
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -132,7 +135,7 @@ class Monitor:
         stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         self._log_file.write(f"{stamp} {text}\n")
         self._log_file.flush()
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._say(text)
 
     def __rich__(self) -> Table:
         """Two lines for the terminal: how far, and how well."""
@@ -152,7 +155,7 @@ class Monitor:
         )
         lines = Table.grid(expand=True)
         lines.add_row(bar)
-        lines.add_row(Text(headlines or "waiting for the first step (it compiles first)", style="dim"))
+        lines.add_row(Text(headlines or f"{WAITING} ({duration(self._clock() - self._began)})", style="dim"))
         return lines
 
     def _print_plain(self) -> None:
@@ -162,15 +165,23 @@ class Monitor:
             for headline in HEADLINES
             if headline.key in self._metrics
         )
-        self._console.print(" ".join([self._progress(), *headlines]), markup=False, highlight=False, soft_wrap=True)
+        self._say(" ".join([self._progress(), *headlines]))
         self._shown = self._step
+
+    def _say(self, text: str) -> None:
+        """Print a line as it is."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def _progress(self) -> str:
         share = min(self._step / max(self._total, 1), 1.0)
         parts = [f"{share:4.0%}", f"{count(self._step)}/{count(self._total)}"]
         rate = self._rate()
         if rate:
-            parts += [f"{count(rate)}/s", f"{duration((self._total - self._step) / rate)} left"]
+            parts.append(f"{count(rate)}/s")
+        if self._step >= self._total:
+            parts.append(f"in {duration(self._clock() - self._began)}")
+        elif rate:
+            parts.append(f"{duration((self._total - self._step) / rate)} left")
         return " ".join(parts)
 
     def _rate(self) -> float | None:
