@@ -218,7 +218,9 @@ def _read_card(directory: Path) -> tuple[PolicyCard, str]:
     try:
         card = from_json(PolicyCard, data)
     except ConfigError as error:
-        raise PolicyError(f"{path}: {error}") from error
+        versions = data.get("versions")
+        author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
+        raise PolicyError(f"{path} (exported by bp2_rl {author}): {error}") from error
     return card, card.weights_sha256
 
 

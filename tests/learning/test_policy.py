@@ -322,7 +322,7 @@ def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
     card = json.loads((policy_dir / "card.json").read_text())
     card["env"]["gravity"] = 1.62
     (policy_dir / "card.json").write_text(json.dumps(card))
-    assert "env.gravity: unknown key" in refusal(policy_dir)
+    assert "card.json (exported by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
 
 
 def test_an_unknown_activation(policy_dir: Path):
