@@ -19,12 +19,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import kinematics, specs
 
 TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL goes with RR, FR with RL
 FLEXION = np.array([0.0, 0.5, -1.0])  # of abad, hip, knee: draws the foot straight towards the hip
-AXIAL_SHARE = 0.78  # of a foot's force acts along its spring: the cosine of the lower leg at rest, cos(STAND_HIP)
+AXIAL_SHARE = 0.78  # of a foot's force is along its spring; found on rails, where the ground then bears the weight
+STANDING = 0.05  # below this much of `_stepping` (0.05 m/s) no foot counts as lifted
 
 # The nominal feet, seen from above, are below the hips. A foot is a sphere and its sole the point that is lowest
 # when the lower leg is upright; as it leans by STAND_HIP or so, the sole stays a little above the ground.
@@ -40,9 +42,7 @@ class KinematicGait:
     Lengths are for BP2's own leg; they scale with `hardware.leg_length`.
     """
 
-    stand_height: float = 0.545  # m, trunk centre above the ground at zero command
-    run_height: float = 0.55  # m, its mean at high speed
-    height_speed: float = 4.0  # m/s, at which half of that change has been made
+    height: float = specs.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
     slow_stance: float = 0.22  # s, stance time at low speed
     sweep: float = 0.70  # m, path of a foot during stance at high speed
     swing_time: float = 0.28  # s
@@ -54,12 +54,31 @@ class KinematicGait:
     start_speed: float = 0.2  # m/s, the scale on which stepping grows out of standing
     hardware: specs.HardwareSpec = specs.BP2
 
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        for name in ("height", "slow_stance", "sweep", "swing_time", "flexion_speed", "start_speed"):
+            if not (math.isfinite(value := getattr(self, name)) and value > 0):
+                raise UserError(f"gait.{name} must be a finite number > 0, got {value}")
+        for name in ("slow_flexion", "run_flexion"):
+            if not 0 <= getattr(self, name) <= 1.5:
+                raise UserError(f"gait.{name} must lie between 0 and 1.5 rad, got {getattr(self, name)}")
+        if self.follow_through < 2:
+            raise UserError(f"gait.follow_through must be an integer >= 2, got {self.follow_through}")
+        if not 0 <= self.landing <= 1:
+            raise UserError(f"gait.landing must lie between 0 and 1, got {self.landing}")
+        longest = kinematics.reach()[1]
+        if math.hypot(self.sweep / 2, self.height) > longest:
+            raise UserError(
+                f"gait.height ({self.height}) and gait.sweep ({self.sweep}) exceed the legs' reach of {longest:.3f} m"
+            )
+
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""
         return 1.0 / (self._stance_time(command) + self.swing_time)
 
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The reference at this command and phase (see `ReferenceMotion`)."""
+        phase = phase - jnp.floor(phase)
         stance_time = self._stance_time(command)
         period = stance_time + self.swing_time
         leg_phase = phase[..., None] + jnp.asarray(TROT, dtype=phase.dtype)
@@ -97,7 +116,7 @@ class KinematicGait:
             pitch=zero,
             pitch_rate=zero,
             velocity=jnp.stack([command[..., 0], command[..., 1], height_rate], axis=-1),
-            contact=in_stance.astype(phase.dtype),
+            contact=(in_stance | (self._stepping(command)[..., None] < STANDING)).astype(phase.dtype),
             torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )
 
@@ -112,11 +131,10 @@ class KinematicGait:
         Rise and fall are the first harmonic of the answer to the legs' force: of relative size 2 for short
         impulses and 2/3 for half sines that follow each other without a gap.
         """
-        s2, period = _square_speed(command), 1.0 / self.phase_rate(command)
-        mean = self._scale * _blend(self.stand_height, self.run_height, s2, self.height_speed)
+        period = 1.0 / self.phase_rate(command)
         harmonic = 2.0 - 4.0 / 3.0 * (2.0 * self._stance_time(command) / period) ** 2
         amplitude = self._stepping(command) * harmonic * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
-        return mean - amplitude * jnp.cos(4.0 * jnp.pi / period * tau)
+        return self._scale * self.height - amplitude * jnp.cos(4.0 * jnp.pi / period * tau)
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""

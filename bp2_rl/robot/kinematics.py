@@ -9,19 +9,18 @@ arrays alike, in the caller's precision.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from bp2_rl.robot import specs
+
+Array = Any  # NumPy or JAX
 
 SIDE = np.array([-1.0, 1.0, -1.0, 1.0])  # y of each leg's side: right, left, right, left
 LEG_ORIGINS = np.array(
     [
         [fore * specs.HIP_FORE_AFT, side * lateral, 0.0]
         for fore, side, lateral in zip(
-            (1, 1, -1, -1),
-            SIDE,
-            (specs.FRONT_HIP_LATERAL,) * 2 + (specs.HIND_HIP_LATERAL,) * 2,
-            strict=True,
+            (1, 1, -1, -1), SIDE, (specs.FRONT_HIP_LATERAL,) * 2 + (specs.HIND_HIP_LATERAL,) * 2, strict=True
         )
     ]
 )  # m, abduction axis of each leg in the trunk frame
@@ -83,10 +82,8 @@ def joint_angles(
     return xp.stack([abad, hip, knee], axis=-1)
 
 
-def leg_extension(
-    feet: Float[Array, "... 4 3"],
-) -> Float[Array, "... 4"]:
-    """Distance from each hip axis' middle of the leg's plane to the sole, m: what `reach` bounds."""
+def leg_extension(feet: Float[Array, "... 4 3"]) -> Float[Array, "... 4"]:
+    """Distance of each sole from its hip axis, in the leg's plane, m: what `reach` bounds."""
     xp = feet.__array_namespace__()
     p = feet - xp.asarray(LEG_ORIGINS, dtype=feet.dtype)
     return xp.sqrt(xp.maximum(xp.sum(p * p, axis=-1) - specs.THIGH_LATERAL**2, 0.0))
