@@ -11,7 +11,6 @@ import tyro
 
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import app
-from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.errors import UserError
 
 RUNS = Path("runs")
@@ -50,20 +49,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(config: EvalConfig) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
-    # Imported here so that --help and a mistyped flag are answered at once.
-    import jax
-
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
-    if config.backend == "mujoco":
-        jax.config.update("jax_platforms", "cpu")  # leaves the accelerator to a training that may be running
-    prepare_jax()
+    # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
+    from bp2_rl.cli.runtime import prepare_jax  # isort: skip
+
+    import jax
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT
     from bp2_rl.evaluation import benchmarks, report
     from bp2_rl.learning.policy import load_policy
 
+    if config.backend == "mujoco":
+        jax.config.update("jax_platforms", "cpu")  # leaves the accelerator to a training that may be running
+    prepare_jax()
     setup = benchmarks.Setup(backend=config.backend, speed=config.speed, hold=config.hold)
     benchmark = benchmarks.BENCHMARKS.get(config.benchmark)
     if benchmark is None:

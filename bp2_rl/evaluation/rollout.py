@@ -6,6 +6,7 @@ trained in. Both start from the same settled stand and run the same controller a
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
@@ -136,7 +137,7 @@ def rollout_mujoco(
     torque = data.ctrl.copy()
 
     with jax.default_device(jax.devices("cpu")[0]):
-        control = jax.jit(_control_step(policy, config, operator))
+        control = _compiled_control_step(policy, config, operator)
         state = Controller(config).init(commands[0])
         for k, next_command in enumerate(commands[1:]):
             command = np.asarray(state.command)
@@ -172,7 +173,7 @@ def rollout_mjx(
     commands = _commands(schedule)
     state = Controller(config).init(commands[0])
     with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
-        run = jax.jit(mjx_run(policy, config, operator))
+        run = _compiled_mjx_run(policy, config, operator)
         recorded = run(state, start.qpos, start.qvel, start.ctrl, commands[1:])
     qpos, qvel, torque, target, command = (
         np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
@@ -289,6 +290,17 @@ def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHo
         return controller.act(state, action, operator.steer(next_command, qpos[1], heading(qpos[3:7])))
 
     return control
+
+
+# One compilation serves all runs of a policy: a benchmark may need many.
+@functools.lru_cache(maxsize=8)
+def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+    return jax.jit(_control_step(policy, config, operator))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled_mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+    return jax.jit(mjx_run(policy, config, operator))
 
 
 def _commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
