@@ -14,16 +14,15 @@ the supply can only brake: tau_hi is then negative. w_c = 0 is the straight back
 from typing import Any
 
 from flax import struct
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from bp2_rl.robot.specs import BP2, HardwareSpec
 
 Parameter = Any  # a number, or an array that broadcasts against the joints, "... 12"
-Joints = Float[Array, "..."]  # "... 12" in the robot; any shape will do
+Joints = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
 
 
-@struct.dataclass
-class Actuator:
+class Actuator(struct.PyTreeNode):
     """Gains and limits of the motors; each a number or an array that broadcasts to (..., 12)."""
 
     stiffness: Parameter  # Nm/rad

@@ -141,6 +141,7 @@ class HardwareSpec:
     friction: float = FOOT_FRICTION
 
     def __post_init__(self) -> None:
+        """Refuse what cannot be built."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not math.isfinite(value) or value < 0:

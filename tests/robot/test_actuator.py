@@ -91,9 +91,9 @@ def test_gear_trades_speed_for_torque():
 def test_numpy_and_jax_are_the_same_motor(motor, data):
     rows = st.lists(st.floats(-30.0, 30.0, width=32), min_size=12, max_size=12)
     q, qd, q_target, qd_target, previous = (np.array(data.draw(rows), np.float32) for _ in range(5))
-    args = (previous, q, qd, q_target, qd_target)
-    on_numpy = act.joint_torque(motor, *args, 1e-3)
-    on_jax = act.joint_torque(motor, *map(jnp.asarray, args), 1e-3)
+    on_numpy = act.joint_torque(motor, previous, q, qd, q_target, qd_target, 1e-3)
+    on_device = [jnp.asarray(x) for x in (previous, q, qd, q_target, qd_target)]
+    on_jax = act.joint_torque(motor, *on_device, dt=1e-3)
     assert on_numpy.dtype == np.float32
     asked = motor.stiffness * (abs(q) + abs(q_target)) + motor.damping * (abs(qd) + abs(qd_target)) + abs(previous)
     stall = motor.strength * motor.peak_torque / (1.0 - motor.corner_speed / motor.no_load_speed)

@@ -1,5 +1,6 @@
 """One truth: the numbers in the XML are those of specs.py, and specs.py's are the paper's."""
 
+import functools
 import math
 
 import mujoco
@@ -12,7 +13,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
 from bp2_rl.robot.specs import BP2, LEGS, MOTOR_NAMES, HardwareSpec
 
-EXACT = {"rtol": 1e-12, "atol": 1e-12}
+assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def test_xml_applying_the_default_hardware_changes_nothing(xml):
     for field in dir(scene):
         written, loaded = getattr(scene, field), getattr(applied, field)
         if isinstance(written, np.ndarray) and np.issubdtype(written.dtype, np.number):
-            np.testing.assert_allclose(loaded, written, err_msg=field, **EXACT)
+            assert_same(loaded, written, err_msg=field)
     assert scene.opt.timestep == specs.PHYSICS_STEP
     assert xml.nbody == applied.nbody
 
@@ -65,45 +66,37 @@ def test_xml_leg_masses_and_inertias(xml, leg):
         specs.SHANK_MASS,
         specs.TOE_MASS,
     ]
-    np.testing.assert_allclose(abad.inertia, [specs.ABAD_INERTIA] * 3, **EXACT)
-    np.testing.assert_allclose(
-        thigh.inertia, [specs.THIGH_INERTIA, specs.THIGH_INERTIA, specs.THIGH_TWIST_INERTIA], **EXACT
-    )
-    np.testing.assert_allclose(
-        shank.inertia, [specs.SHANK_INERTIA, specs.SHANK_INERTIA, specs.SHANK_TWIST_INERTIA], **EXACT
-    )
-    np.testing.assert_allclose(toe.inertia, [specs.TOE_INERTIA] * 3, **EXACT)
-    np.testing.assert_allclose(abad.ipos, [fore * specs.ABAD_COM_FORE_AFT, 0, 0], **EXACT)
-    np.testing.assert_allclose(thigh.ipos, [0, 0, -specs.THIGH_COM], **EXACT)
-    np.testing.assert_allclose(shank.ipos, [0, 0, -(specs.SHANK_LENGTH + specs.SHANK_COM)], **EXACT)
-    np.testing.assert_allclose(toe.ipos, [0, 0, -(specs.TOE_LENGTH + specs.TOE_COM)], **EXACT)
+    assert_same(abad.inertia, [specs.ABAD_INERTIA] * 3)
+    assert_same(thigh.inertia, [specs.THIGH_INERTIA, specs.THIGH_INERTIA, specs.THIGH_TWIST_INERTIA])
+    assert_same(shank.inertia, [specs.SHANK_INERTIA, specs.SHANK_INERTIA, specs.SHANK_TWIST_INERTIA])
+    assert_same(toe.inertia, [specs.TOE_INERTIA] * 3)
+    assert_same(abad.ipos, [fore * specs.ABAD_COM_FORE_AFT, 0, 0])
+    assert_same(thigh.ipos, [0, 0, -specs.THIGH_COM])
+    assert_same(shank.ipos, [0, 0, -(specs.SHANK_LENGTH + specs.SHANK_COM)])
+    assert_same(toe.ipos, [0, 0, -(specs.TOE_LENGTH + specs.TOE_COM)])
 
 
 @pytest.mark.parametrize("leg", LEGS)
 def test_xml_leg_geometry(xml, leg):
     fore, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
     lateral = specs.FRONT_HIP_LATERAL if leg[0] == "F" else specs.HIND_HIP_LATERAL
-    np.testing.assert_allclose(xml.body(f"{leg}_abad").pos, [fore * specs.HIP_FORE_AFT, side * lateral, 0], **EXACT)
-    np.testing.assert_allclose(xml.body(f"{leg}_thigh").pos, [0, side * specs.THIGH_LATERAL, 0], **EXACT)
-    np.testing.assert_allclose(xml.body(f"{leg}_shank").pos, [0, 0, -specs.THIGH_LENGTH], **EXACT)
+    assert_same(xml.body(f"{leg}_abad").pos, [fore * specs.HIP_FORE_AFT, side * lateral, 0])
+    assert_same(xml.body(f"{leg}_thigh").pos, [0, side * specs.THIGH_LATERAL, 0])
+    assert_same(xml.body(f"{leg}_shank").pos, [0, 0, -specs.THIGH_LENGTH])
     toe = specs.SHANK_LENGTH + specs.SPRING_REST_LENGTH
-    np.testing.assert_allclose(xml.body(f"{leg}_toe").pos, [0, 0, -toe], **EXACT)
-    np.testing.assert_allclose(xml.site(f"{leg}_sole").pos, [0, 0, -specs.TOE_LENGTH], **EXACT)
+    assert_same(xml.body(f"{leg}_toe").pos, [0, 0, -toe])
+    assert_same(xml.site(f"{leg}_sole").pos, [0, 0, -specs.TOE_LENGTH])
     foot = xml.geom(f"{leg}_foot")
     assert foot.size[0] == specs.FOOT_RADIUS
-    np.testing.assert_allclose(foot.pos, [0, 0, specs.FOOT_RADIUS - specs.TOE_LENGTH], **EXACT)
+    assert_same(foot.pos, [0, 0, specs.FOOT_RADIUS - specs.TOE_LENGTH])
 
 
 def test_xml_trunk(xml):
     trunk = xml.body("trunk")
     abads = 4 * (specs.ABAD_INERTIA + specs.ABAD_MASS * (specs.HIP_FORE_AFT + specs.ABAD_COM_FORE_AFT) ** 2)
     assert trunk.mass[0] == pytest.approx(4 * (specs.TRUNK_QUARTER_MASS - specs.ABAD_MASS), rel=1e-12)
-    np.testing.assert_allclose(
-        trunk.inertia,
-        [specs.TRUNK_ROLL_INERTIA, specs.TRUNK_PITCH_INERTIA - abads, specs.TRUNK_YAW_INERTIA],
-        **EXACT,
-    )
-    np.testing.assert_allclose(trunk.ipos, 0.0, **EXACT)
+    assert_same(trunk.inertia, [specs.TRUNK_ROLL_INERTIA, specs.TRUNK_PITCH_INERTIA - abads, specs.TRUNK_YAW_INERTIA])
+    assert_same(trunk.ipos, 0.0)
 
 
 def test_xml_joints_springs_motors_and_friction(xml):
@@ -113,14 +106,14 @@ def test_xml_joints_springs_motors_and_friction(xml):
             ("hip", specs.HIP_RANGE),
             ("knee", specs.KNEE_RANGE),
         ):
-            np.testing.assert_allclose(xml.joint(f"{leg}_{joint}").range, joint_range, **EXACT)
+            assert_same(xml.joint(f"{leg}_{joint}").range, joint_range)
             assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(BP2.reflected_inertia, rel=1e-12)
         spring, stop = xml.joint(f"{leg}_spring"), xml.tendon(f"{leg}_stop").id
         assert (spring.stiffness[0], spring.damping[0]) == (specs.SPRING_STIFFNESS, specs.SPRING_DAMPING)
         assert xml.tendon_stiffness[stop] == specs.SPRING_STOP_STIFFNESS
-        np.testing.assert_allclose(xml.tendon_lengthspring[stop], [0.0, specs.SPRING_TRAVEL], **EXACT)
+        assert_same(xml.tendon_lengthspring[stop], [0.0, specs.SPRING_TRAVEL])
     assert [xml.actuator(i).name for i in range(xml.nu)] == list(MOTOR_NAMES)
-    np.testing.assert_allclose(xml.actuator_forcerange, [[-specs.PEAK_TORQUE, specs.PEAK_TORQUE]] * 12, **EXACT)
+    assert_same(xml.actuator_forcerange, [[-specs.PEAK_TORQUE, specs.PEAK_TORQUE]] * 12)
     assert {xml.geom(name).friction[0] for name in FOOT_GEOMS} == {specs.FOOT_FRICTION}
     assert not xml.dof_armature[SPRING_QVEL].any()
     assert xml.opt.gravity[2] == -specs.GRAVITY
