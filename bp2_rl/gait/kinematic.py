@@ -4,8 +4,8 @@ Stance: a foot is fixed in the world, so in the trunk frame it obeys p' = -v - o
 takes the pulse of compression that carries the robot's weight. Joint angles follow by inverse kinematics.
 
 Swing: the joints leave with the angles and speeds of lift-off and come to those of touchdown along a polynomial,
-with a bump of knee flexion that lifts the foot. So the joint angles are continuously differentiable in time, and
-no overshoot of the foot can leave the reach of the leg.
+with a bump of knee flexion that lifts the foot by much the same at any speed. So the joint angles are continuously
+differentiable in time, and no overshoot of the foot can leave the reach of the leg.
 
 Period and duty follow the command so that the sweep of a stance stays within reach at every speed, and everything
 grows smoothly out of standing still. How the defaults were found is in docs/notes/kinematic_gait.md.
@@ -46,9 +46,7 @@ class KinematicGait:
     slow_stance: float = 0.22  # s, stance time at low speed
     sweep: float = 0.70  # m, path of a foot during stance at high speed
     swing_time: float = 0.28  # s
-    slow_flexion: float = 0.5  # rad, of the knee in mid-swing at low speed
-    run_flexion: float = 1.25  # rad, likewise at high speed
-    flexion_speed: float = 3.5  # m/s, at which half of that change has been made
+    flexion: float = 0.8  # rad, of the knee in mid-swing beyond its mean at lift-off and touchdown
     follow_through: int = 7  # n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing
     landing: float = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
     start_speed: float = 0.2  # m/s, the scale on which stepping grows out of standing
@@ -56,12 +54,11 @@ class KinematicGait:
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
-        for name in ("height", "slow_stance", "sweep", "swing_time", "flexion_speed", "start_speed"):
+        for name in ("height", "slow_stance", "sweep", "swing_time", "start_speed"):
             if not (math.isfinite(value := getattr(self, name)) and value > 0):
                 raise UserError(f"gait.{name} must be a finite number > 0, got {value}")
-        for name in ("slow_flexion", "run_flexion"):
-            if not 0 <= getattr(self, name) <= 1.5:
-                raise UserError(f"gait.{name} must lie between 0 and 1.5 rad, got {getattr(self, name)}")
+        if not 0 <= self.flexion <= 1.5:
+            raise UserError(f"gait.flexion must lie between 0 and 1.5 rad, got {self.flexion}")
         if self.follow_through < 2:
             raise UserError(f"gait.follow_through must be an integer >= 2, got {self.follow_through}")
         if not 0 <= self.landing <= 1:
@@ -138,7 +135,8 @@ class KinematicGait:
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
-        return _blend(0.0, 1.0, _square_speed(command), self.start_speed)
+        s2 = _square_speed(command)
+        return s2 / (s2 + self.start_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The part of a spring's compression that does not change with time, m: all of it when standing."""
@@ -171,15 +169,15 @@ class KinematicGait:
     ) -> tuple[Float[Array, "... 4 3"], Float[Array, "... 4 3"]]:
         """Joint angles and speeds at the share `s` of a swing between two pairs (angles, speeds).
 
-        Speed is out (1 - s)^n + back s^n + mean 30 s^2 (1 - s)^2, plus that of the flexion 16 s^2 (1 - s)^2.
+        Speed is out (1 - s)^n + back s^n + mean 30 s^2 (1 - s)^2, plus that of the flexion 16 s^2 (1 - s)^2, which
+        leaves every knee in mid-swing bent by `flexion` beyond its mean at lift-off and touchdown.
         """
         (start, out), (end, back) = lift_off, touchdown
         n, time = self.follow_through, self.swing_time
         mean = (end - start) / time - (out + back) / (n + 1)
-        flexion = self._stepping(command) * _blend(
-            self.slow_flexion, self.run_flexion, _square_speed(command), self.flexion_speed
-        )
-        flexion = flexion[..., None, None] * jnp.asarray(FLEXION, dtype=s.dtype)
+        followed = time / (n + 1) * (out - back) / 2.0  # what the follow-through leaves in mid-swing
+        flexion = (self._stepping(command) * self.flexion)[..., None] + followed[..., 2]
+        flexion = flexion[..., None] * jnp.asarray(FLEXION, dtype=s.dtype)
         s = s[..., None]
         r = 1.0 - s
         q = start + time / (n + 1) * (out * (1.0 - r ** (n + 1)) + back * s ** (n + 1))
@@ -197,11 +195,6 @@ class KinematicGait:
         """Compression of a spring that carries a quarter of the robot, m."""
         weight = self.hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY
         return AXIAL_SHARE * weight / 4.0 / self.hardware.spring_stiffness
-
-
-def _blend(slow: float, fast: float, s2: Float[Array, "..."], halfway: float) -> Float[Array, "..."]:
-    """From `slow` at rest to `fast` at high speed, smooth in the command; s2 is the square of the speed."""
-    return slow + (fast - slow) * s2 / (s2 + halfway**2)
 
 
 def _square_speed(command: Float[Array, "... 3"]) -> Float[Array, "..."]:
