@@ -29,6 +29,7 @@ if cache := _compilation_cache():
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
+import flax.struct  # noqa: E402
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import numpy as np  # noqa: E402
@@ -36,4 +37,17 @@ import numpy as np  # noqa: E402
 # Every annotated shape and type of the package is checked whenever a test calls it. Two allowances: the package's
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
 jaxtyping.Array = jax.Array | np.ndarray
+
+# JAX rebuilds its pytrees with whatever it maps over them: batches, shapes, shardings. So these are not checked when
+# made; the functions that make and take their parts are.
+_struct_dataclass = flax.struct.dataclass
+
+
+def _unchecked(*args, **kwargs):
+    made = _struct_dataclass(*args, **kwargs)
+    made.__no_type_check__ = True
+    return made
+
+
+flax.struct.dataclass = _unchecked
 jaxtyping.install_import_hook("bp2_rl", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")

@@ -1,15 +1,22 @@
-"""JAX as the commands want it: compiled programs cached on disk, and no chatter on import."""
+"""JAX as the commands want it: compiled programs cached on disk, and no chatter on import.
+
+Import this before anything else of the package.
+"""
 
 import contextlib
 import io
 import os
 from pathlib import Path
 
+import jax
+
+# MJX prints on import that the optional package warp is missing.
+with contextlib.redirect_stdout(io.StringIO()):
+    import mujoco.mjx  # noqa: F401
+
 
 def prepare_jax() -> None:
     """Call before anything is compiled. The cache is in $BP2_CACHE, else ~/.cache/bp2_rl (or $XDG_CACHE_HOME)."""
-    import jax
-
     default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
     cache = Path(os.environ.get("BP2_CACHE") or default) / "jax"
     # An unwritable home is no reason not to train; it only costs the compilation next time.
@@ -17,6 +24,3 @@ def prepare_jax() -> None:
         cache.mkdir(parents=True, exist_ok=True)
         jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
-    # MJX prints that the optional package warp is missing.
-    with contextlib.redirect_stdout(io.StringIO()):
-        import mujoco.mjx  # noqa: F401

@@ -28,11 +28,11 @@ SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 class Physics:
     """The simulated robot between two control steps: all that MJX has to remember, and the motors."""
 
-    qpos: Float[Array, "23"]
-    qvel: Float[Array, "22"]
-    qacc_warmstart: Float[Array, "22"]
-    torque: Float[Array, "12"]  # Nm, last applied
-    targets: Float[Array, "2 2 12"]  # the last two joint targets, newest first: (position, velocity)
+    qpos: Float[Array, "... 23"]
+    qvel: Float[Array, "... 22"]
+    qacc_warmstart: Float[Array, "... 22"]
+    torque: Float[Array, "... 12"]  # Nm, last applied
+    targets: Float[Array, "... 2 2 12"]  # the last two joint targets, newest first: (position, velocity)
 
 
 @struct.dataclass
@@ -43,15 +43,15 @@ class PipelineState:
     controller: ControllerState
     command: CommandState
     randomization: Randomization
-    mean_torque: Float[Array, "12"]  # Nm, over the last control step
+    mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
 
 
 @struct.dataclass
 class Effort:
     """What the motors did during one control step."""
 
-    torque: Float[Array, "12"]  # Nm, mean
-    power: Float[Array, "12"]  # W, mean mechanical
+    torque: Float[Array, "... 12"]  # Nm, mean
+    power: Float[Array, "... 12"]  # W, mean mechanical
 
 
 class BP2Env(envs.Env):
@@ -97,20 +97,22 @@ class BP2Env(envs.Env):
         before: PipelineState = state.pipeline_state
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
+        sound_action = jnp.all(jnp.isfinite(action))
+        action = jnp.where(sound_action, action, 0.0)
         controller, targets = self.controller.act(before.controller, action, before.command.current)
         pushed = self._push(before.physics, key_push)
         with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
             physics, effort, feet = self._simulate(pushed, targets, before.randomization)
 
-        exploded = ~_is_sound(physics, config.termination.max_speed)
-        physics = jax.tree.map(lambda new, old: jnp.where(exploded, old, new), physics, before.physics)
+        exploded = ~(sound_action & _is_sound(physics, config.termination.max_speed))
+        physics = jax.tree.map(lambda new, home: jnp.where(exploded, home, new), physics, self._at_rest())
         effort = jax.tree.map(lambda x: jnp.where(exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
         too_low = physics.qpos[2] < config.termination.min_height
         tilted = heading.e_z[2] < config.termination.min_up
         fallen = exploded | too_low | tilted
 
-        terms = self._rewards(before, controller, physics, effort, heading, targets.reference, action, fallen)
+        terms = self._rewards(before, controller, physics, effort, heading, targets.reference, fallen)
         reward = sum(terms.values())
 
         level = state.info["curriculum"]
@@ -218,6 +220,20 @@ class BP2Env(envs.Env):
         qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
         return qpos, jnp.where(standing, 0.0, qvel)
 
+    def _at_rest(self) -> Physics:
+        """A sound state to put in the place of one that is not; the episode is over anyway."""
+        qpos = jnp.zeros(self.mj_model.nq).at[2].set(specs.STANDING_HEIGHT).at[3].set(1.0)
+        rest = jnp.zeros(self.mj_model.nv)
+        zero = jnp.zeros(specs.NUM_MOTORS)
+        targets = jnp.stack([jnp.asarray(observations.STAND), zero])
+        return Physics(
+            qpos=qpos.at[MOTOR_QPOS].set(observations.STAND),
+            qvel=rest,
+            qacc_warmstart=rest,
+            torque=zero,
+            targets=jnp.stack([targets, targets]),
+        )
+
     # --- Within a control step -----------------------------------------------------------------------------------
 
     def _push(self, physics: Physics, key: Array) -> Physics:
@@ -273,7 +289,6 @@ class BP2Env(envs.Env):
         effort: Effort,
         heading: observations.Heading,
         reference: Reference,
-        action: Float[Array, "12"],
         fallen: Array,
     ) -> dict[str, Array]:
         config = self.config
@@ -297,7 +312,6 @@ class BP2Env(envs.Env):
             last_action=before.controller.last_action,
             terminal=fallen.astype(jnp.float32),
         )
-        del action
         return rewards.table_s4(
             inputs,
             config.reward,

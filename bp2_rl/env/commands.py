@@ -13,12 +13,12 @@ from bp2_rl.robot import specs
 class CommandState:
     """The present command on its way to a target."""
 
-    current: Float[Array, "3"]  # v_x, v_y (m/s), omega_z (rad/s)
-    target: Float[Array, "3"]
-    acceleration: Float[Array, ""]  # m/s2, of the forward command
-    time_left: Float[Array, ""]  # s, until a new target is drawn
-    error: Float[Array, ""]  # m, time integral of the forward speed error since the target was drawn
-    time: Float[Array, ""]  # s, since the target was drawn
+    current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
+    target: Float[Array, "... 3"]
+    acceleration: Float[Array, "..."]  # m/s2, of the forward command
+    time_left: Float[Array, "..."]  # s, until a new target is drawn
+    error: Float[Array, "..."]  # m, time integral of the forward speed error since the target was drawn
+    time: Float[Array, "..."]  # s, since the target was drawn
 
 
 def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:

@@ -19,17 +19,17 @@ from bp2_rl.robot import specs
 class ControllerState:
     """What the controller remembers from one control step to the next."""
 
-    command: Float[Array, "3"]  # v_x, v_y (m/s), omega_z (rad/s)
-    phase: Float[Array, ""]  # cycles
-    last_action: Float[Array, "12"]
+    command: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
+    phase: Float[Array, "..."]  # cycles
+    last_action: Float[Array, "... 12"]
 
 
 @struct.dataclass
 class Targets:
     """What the joint PD loop follows until the next control step, and the reference at that time."""
 
-    position: Float[Array, "12"]  # rad
-    velocity: Float[Array, "12"]  # rad/s
+    position: Float[Array, "... 12"]  # rad
+    velocity: Float[Array, "... 12"]  # rad/s
     reference: Reference
 
 
@@ -40,7 +40,7 @@ class Controller:
         self._control = config.control
         self.reference: ReferenceMotion = config.gait
 
-    def init(self, command: Float[Array, "3"], phase: Float[Array, ""] | float = 0.0) -> ControllerState:
+    def init(self, command: Float[Array, "... 3"], phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
         """The state at the start of an episode."""
         return ControllerState(
             command=jnp.asarray(command, jnp.float32),
@@ -48,12 +48,12 @@ class Controller:
             last_action=jnp.zeros(specs.NUM_MOTORS),
         )
 
-    def observe(self, state: ControllerState, measurement: Measurement) -> Float[Array, "47"]:
+    def observe(self, state: ControllerState, measurement: Measurement) -> Float[Array, "... 47"]:
         """The policy's observation (see `observations.LAYOUT`)."""
         return actor_observation(state.command, state.phase, measurement, state.last_action)
 
     def act(
-        self, state: ControllerState, action: Float[Array, "12"], next_command: Float[Array, "3"]
+        self, state: ControllerState, action: Float[Array, "... 12"], next_command: Float[Array, "... 3"]
     ) -> tuple[ControllerState, Targets]:
         """Advance the phase by one control step under the present command and turn the action into joint targets.
 

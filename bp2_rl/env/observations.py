@@ -43,10 +43,10 @@ OBSERVATION_SIZE = sum(entry.size for entry in LAYOUT)
 class Measurement:
     """What encoders and IMU report."""
 
-    joint_position: Float[Array, "12"]  # rad
-    joint_velocity: Float[Array, "12"]  # rad/s
-    up: Float[Array, "3"]  # the world's vertical in the body frame
-    angular_velocity: Float[Array, "3"]  # rad/s, body frame
+    joint_position: Float[Array, "... 12"]  # rad
+    joint_velocity: Float[Array, "... 12"]  # rad/s
+    up: Float[Array, "... 3"]  # the world's vertical in the body frame
+    angular_velocity: Float[Array, "... 3"]  # rad/s, body frame
 
 
 def measure(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
@@ -61,15 +61,14 @@ def measure(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
 
 def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array) -> Measurement:
     """Gaussian noise with the standard deviations of `config`."""
-    scale = Measurement(
-        joint_position=config.joint_position_noise,
-        joint_velocity=config.joint_velocity_noise,
-        up=config.orientation_noise,
-        angular_velocity=config.angular_velocity_noise,
-    )
     flat, unflatten = ravel_pytree(measurement)
-    noise = unflatten(jax.random.normal(key, flat.shape))
-    return jax.tree.map(lambda x, s, n: x + s * n, measurement, scale, noise)
+    noise: Measurement = unflatten(jax.random.normal(key, flat.shape))
+    return Measurement(
+        joint_position=measurement.joint_position + config.joint_position_noise * noise.joint_position,
+        joint_velocity=measurement.joint_velocity + config.joint_velocity_noise * noise.joint_velocity,
+        up=measurement.up + config.orientation_noise * noise.up,
+        angular_velocity=measurement.angular_velocity + config.angular_velocity_noise * noise.angular_velocity,
+    )
 
 
 def actor_observation(
@@ -94,9 +93,9 @@ def actor_observation(
 class Heading:
     """The trunk's motion seen from a frame that turns with its yaw."""
 
-    velocity: Float[Array, "3"]  # m/s
-    e_z: Float[Array, "3"]  # body vertical axis
-    yaw_rate: Float[Array, ""]  # rad/s, about the world's vertical
+    velocity: Float[Array, "... 3"]  # m/s
+    e_z: Float[Array, "... 3"]  # body vertical axis
+    yaw_rate: Float[Array, "..."]  # rad/s, about the world's vertical
 
 
 def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:

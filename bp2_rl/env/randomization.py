@@ -14,13 +14,13 @@ from bp2_rl.robot.actuator import Actuator
 class Randomization:
     """One robot's draw; the critic sees it."""
 
-    friction: Float[Array, ""]
-    mass: Float[Array, "nbody"]  # factor
-    com_offset: Float[Array, "3"]  # m, trunk
-    strength: Float[Array, "12"]  # factor
-    stiffness: Float[Array, "12"]  # factor
-    damping: Float[Array, "12"]  # factor
-    latency: Float[Array, ""]  # s
+    friction: Float[Array, "..."]
+    mass: Float[Array, "... nbody"]  # factor
+    com_offset: Float[Array, "... 3"]  # m, trunk
+    strength: Float[Array, "... 12"]  # factor
+    stiffness: Float[Array, "... 12"]  # factor
+    damping: Float[Array, "... 12"]  # factor
+    latency: Float[Array, "..."]  # s
 
 
 def nominal(num_bodies: int, friction: float) -> Randomization:

@@ -115,23 +115,23 @@ def speed_schedule(
 class RewardInputs:
     """What Table S4 looks at, for one robot at one control step."""
 
-    command: Float[Array, "3"]  # v_x, v_y, omega_z
-    z: Scalar
-    z_ref: Scalar
-    e_z: Float[Array, "3"]
-    e_z_ref: Float[Array, "3"]
-    q: Float[Array, "12"]
-    q_ref: Float[Array, "12"]
-    qd: Float[Array, "12"]
-    qd_ref: Float[Array, "12"]
-    v: Float[Array, "2"]  # horizontal, heading frame
-    yaw_rate: Scalar
-    tau_n: Float[Array, "12"]
-    tau_n_last: Float[Array, "12"]
-    power: Float[Array, "12"]
-    action: Float[Array, "12"]
-    last_action: Float[Array, "12"]
-    terminal: Scalar  # 1 if the robot has fallen
+    command: Float[Array, "... 3"]  # v_x, v_y, omega_z
+    z: Float[Array, "..."]
+    z_ref: Float[Array, "..."]
+    e_z: Float[Array, "... 3"]
+    e_z_ref: Float[Array, "... 3"]
+    q: Float[Array, "... 12"]
+    q_ref: Float[Array, "... 12"]
+    qd: Float[Array, "... 12"]
+    qd_ref: Float[Array, "... 12"]
+    v: Float[Array, "... 2"]  # horizontal, heading frame
+    yaw_rate: Float[Array, "..."]
+    tau_n: Float[Array, "... 12"]
+    tau_n_last: Float[Array, "... 12"]
+    power: Float[Array, "... 12"]
+    action: Float[Array, "... 12"]
+    last_action: Float[Array, "... 12"]
+    terminal: Float[Array, "..."]  # 1 if the robot has fallen
 
 
 def table_s4(

@@ -269,7 +269,7 @@ class PPO:
                     optimizer, metrics["kl_mean"], config.desired_kl, max_learning_rate=config.max_learning_rate
                 )
             updates, new_optimizer = self._optimizer.update(gradient, optimizer)
-            norm = optax.global_norm(gradient)
+            norm = optax.tree.norm(gradient)
             sound = jnp.isfinite(norm)
             params, optimizer = jax.tree.map(
                 lambda new, old: jnp.where(sound, new, old),
@@ -316,7 +316,7 @@ class PPO:
             vf_coefficient=config.value_coefficient,
         )
 
-    def _minibatches(self, data: Transition, key: Array) -> Transition:
+    def _minibatches(self, data: Any, key: Array) -> Any:
         """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
         config = self.config
         blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks

@@ -1,0 +1,229 @@
+"""BP2Env: the Brax interface, resets on the reference, randomisation, and what happens to a robot gone wrong."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from brax import envs
+from brax.envs.wrappers.training import wrap
+
+import bp2_rl.env
+from bp2_rl.env import observations, randomization
+from bp2_rl.env.bp2_env import REWARD_TERMS, SPEED_BINS, BP2Env
+from bp2_rl.env.config import EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS
+
+ROBOTS = 64
+KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
+ZERO = jnp.zeros((ROBOTS, 12))
+
+
+@pytest.fixture(scope="module")
+def env() -> BP2Env:
+    return BP2Env()
+
+
+@pytest.fixture(scope="module")
+def reset(env):
+    return jax.jit(jax.vmap(env.reset))
+
+
+@pytest.fixture(scope="module")
+def step(env):
+    return jax.jit(jax.vmap(env.step))
+
+
+@pytest.fixture(scope="module")
+def start(reset):
+    return reset(KEYS)
+
+
+def physics(state):
+    return state.pipeline_state.physics
+
+
+def with_physics(state, **changes):
+    return state.replace(pipeline_state=state.pipeline_state.replace(physics=physics(state).replace(**changes)))
+
+
+def test_it_is_a_registered_brax_environment(env):
+    assert isinstance(env, envs.Env)
+    assert isinstance(envs.get_environment("bp2", config=env.config), bp2_rl.env.BP2Env)
+
+
+def test_sizes_are_what_reset_and_step_return(env, start, step):
+    after = step(start, ZERO)
+    for state in (start, after):
+        assert {name: obs.shape[1] for name, obs in state.obs.items()} == env.observation_size
+        assert state.reward.shape == state.done.shape == (ROBOTS,)
+    assert env.observation_size["state"] == sum(size for _, size in observations.LAYOUT) == 47
+    assert env.action_size == 12
+    assert jax.tree.structure(start) == jax.tree.structure(after)
+
+
+def test_brax_wrappers_run_it(env):
+    wrapped = wrap(env, episode_length=5)
+    state = jax.jit(wrapped.reset)(KEYS[:2])
+    step = jax.jit(wrapped.step)
+    for _ in range(6):
+        state = step(state, ZERO[:2])
+    assert float(state.info["steps"][0]) == 1.0  # the fifth step ended the episode
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state.obs))
+
+
+def test_running_starts_are_on_the_reference_with_its_velocities(env):
+    config = EnvConfig(
+        reset=ResetConfig(standing_fraction=0.0, joint_noise=0.0, velocity_noise=0.0),
+        randomization=RandomizationConfig(enabled=False),
+    )
+    state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
+    controller = state.pipeline_state.controller
+    reference = jax.vmap(config.gait)(controller.command, controller.phase)
+    np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=1e-6)
+    np.testing.assert_allclose(physics(state).qvel[:, MOTOR_QVEL], reference.joint_velocity, atol=1e-5)
+    np.testing.assert_allclose(physics(state).qvel[:, 0], controller.command[:, 0], atol=1e-6)
+    np.testing.assert_allclose(physics(state).qpos[:, 2], reference.height, atol=1e-6)
+    np.testing.assert_allclose(physics(state).qpos[:, SPRING_QPOS], reference.spring_compression, atol=1e-6)
+    assert np.ptp(controller.phase) > 0.8
+
+
+def test_standing_starts_are_at_rest_with_the_command_at_zero():
+    config = EnvConfig(reset=ResetConfig(standing_fraction=1.0))
+    state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
+    assert np.all(np.asarray(physics(state).qvel) == 0.0)
+    assert np.all(np.asarray(state.pipeline_state.command.current) == 0.0)
+    assert np.any(np.asarray(state.pipeline_state.command.target[:, 0]) > 1.0)
+
+
+def test_a_standing_robot_without_commands_stays_up(env, step):
+    config = dataclasses.replace(
+        env.config,
+        reset=ResetConfig(standing_fraction=1.0),
+        commands=dataclasses.replace(env.config.commands, stand_fraction=1.0),
+    )
+    state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
+    # A fifth of a second: long before the first new command, and pushes of 0.5 m/s included.
+    for _ in range(40):
+        state = step(state, ZERO)
+        assert not np.any(np.asarray(state.done))
+    heights = np.asarray(physics(state).qpos[:, 2])
+    assert np.all(np.abs(heights - specs.STANDING_HEIGHT) < 0.05)
+
+
+def test_randomisation_is_drawn_anew_for_each_robot_and_each_reset(start, reset):
+    again = reset(jax.random.split(jax.random.PRNGKey(1), ROBOTS))
+    draws = np.concatenate([np.asarray(s.pipeline_state.randomization.friction) for s in (start, again)])
+    assert len(np.unique(draws)) == 2 * ROBOTS
+    low, high = RandomizationConfig().friction
+    assert np.all((draws >= low) & (draws <= high))
+
+
+def test_randomisation_reaches_model_and_motors(env):
+    robot = randomization.nominal(env.mj_model.nbody, 0.9)
+    heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
+    model = randomization.randomize_model(env._model, heavy, env._trunk)
+    assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(env._model.body_mass.sum()), rel=1e-6)
+    assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
+    motors = randomization.randomize_actuator(env._actuator, heavy)
+    assert np.allclose(motors.strength, 0.8)
+
+
+def test_the_critic_sees_the_truth_and_the_policy_sees_noise(start):
+    clean, noisy = start.obs["privileged_state"][:, :47], start.obs["state"]
+    noise = np.asarray(noisy - clean)
+    joint_velocity = slice(3 + 2 + 12, 3 + 2 + 24)
+    # 64 x 12 samples: the standard deviation is known to 3 %.
+    assert noise[:, joint_velocity].std() == pytest.approx(RandomizationConfig().joint_velocity_noise, rel=0.15)
+    assert np.all(noise[:, :5] == 0.0)
+
+
+def test_latency_delays_the_targets(start, step):
+    """With 10 ms of latency, two control steps pass before an action shows in the torque."""
+    first_seen = {}
+    for latency in (0.0, 0.003, 0.010):
+        robot = start.pipeline_state.randomization.replace(latency=jnp.full(ROBOTS, latency))
+        same_robot = start.replace(pipeline_state=start.pipeline_state.replace(randomization=robot))
+        torques = []
+        for action in (ZERO, ZERO + 0.1):
+            state, trace = same_robot, []
+            for _ in range(4):
+                state = step(state, action)
+                trace.append(np.asarray(state.pipeline_state.mean_torque))
+            torques.append(trace)
+        difference = np.abs(np.subtract(*torques)).max(axis=(1, 2))
+        first_seen[latency] = difference
+    assert first_seen[0.0][0] > first_seen[0.003][0] > 1.0
+    assert np.all(first_seen[0.010][:2] == 0.0)
+    assert first_seen[0.010][2] > 1.0
+
+
+@pytest.mark.parametrize("coordinate", ["position", "joint velocity"])
+def test_a_robot_that_is_not_finite_ends_its_episode_and_harms_nobody(start, step, coordinate):
+    qpos, qvel = physics(start).qpos, physics(start).qvel
+    if coordinate == "position":
+        bad = with_physics(start, qpos=qpos.at[3, 9].set(jnp.nan))
+    else:
+        bad = with_physics(start, qvel=qvel.at[3, 9].set(jnp.inf))
+    after, healthy = step(bad, ZERO), step(start, ZERO)
+    assert float(after.done[3]) == 1.0
+    assert float(after.metrics["fall/exploded"][3]) == 1.0
+    others = np.arange(ROBOTS) != 3
+    np.testing.assert_array_equal(after.obs["state"][others], healthy.obs["state"][others])
+    assert np.isfinite(after.reward).all()
+
+
+def test_an_action_that_is_not_finite_ends_the_episode(start, step):
+    after = step(start, ZERO.at[5].set(jnp.nan))
+    assert float(after.done[5]) == 1.0
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves((after.obs, after.reward, after.metrics)))
+
+
+@pytest.mark.parametrize(("change", "cause"), [("low", "fall/too_low"), ("tilted", "fall/tilted")])
+def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
+    qpos = physics(start).qpos
+    if change == "low":
+        qpos = qpos.at[:, 2].set(0.2)
+    else:
+        qpos = qpos.at[:, 2].set(1.5).at[:, 3:7].set(jnp.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0]))
+    after = step(with_physics(start, qpos=qpos), ZERO)
+    assert np.all(np.asarray(after.done) == 1.0)
+    assert np.all(np.asarray(after.metrics[cause]) == 1.0)
+    assert np.all(np.asarray(after.metrics["reward/terminal"]) == -1.0)
+
+
+def test_the_reward_is_the_sum_of_the_tables_rows(start, step):
+    after = step(start, ZERO)
+    rows = [after.metrics[f"reward/{name}"] for name in REWARD_TERMS]
+    np.testing.assert_allclose(after.reward, np.sum(rows, axis=0), rtol=1e-5, atol=1e-6)
+
+
+def test_every_command_falls_into_one_speed_bin(start, step):
+    after = step(start, ZERO)
+    shares = np.sum([after.metrics[f"share/{lower:g}"] for lower in SPEED_BINS], axis=0)
+    np.testing.assert_array_equal(shares, np.ones(ROBOTS))
+
+
+def test_restart_keeps_the_curriculum_level(env, start):
+    learned = start.replace(info={**start.info, "curriculum": jnp.full(ROBOTS, 0.7)})
+    fresh = jax.jit(jax.vmap(env.restart))(learned, KEYS)
+    assert np.all(np.asarray(fresh.info["curriculum"]) == np.float32(0.7))
+    assert float(fresh.pipeline_state.command.target[:, 0].max()) > env.config.curriculum.start_speed
+
+
+def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env):
+    from bp2_rl.robot.actuator import torque_limits
+
+    state, key = start, jax.random.PRNGKey(7)
+    strongest = 0.0
+    for _ in range(20):
+        key, sub = jax.random.split(key)
+        state = step(state, jax.random.normal(sub, (ROBOTS, 12)))
+        torque = np.abs(np.asarray(physics(state).torque))
+        assert np.all(torque <= specs.PEAK_TORQUE * (1 + 1e-6))
+        strongest = max(strongest, torque.max())
+    lo, hi = torque_limits(env._actuator, jnp.zeros(12))
+    assert strongest > 0.9 * float(hi[0])
+    assert np.all(np.asarray(lo) == -np.asarray(hi))

@@ -1,0 +1,189 @@
+"""Every row of Table S4 against numbers worked by hand from the printed formulas."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bp2_rl.env import rewards
+from bp2_rl.env.config import RewardConfig
+from bp2_rl.learning.stages import IMITATION, RELAXED
+
+ZERO = jnp.zeros(12)
+# float32 exponentials are good to a few units in the last place.
+close = pytest.approx
+
+
+def joint(value: float, index: int = 0) -> jax.Array:
+    return ZERO.at[index].set(value)
+
+
+def test_body_height():
+    # exp(-80 x 0.1^2) = exp(-0.8)
+    assert float(rewards.body_height(jnp.array(0.45), jnp.array(0.55))) == close(0.449329, rel=1e-5)
+
+
+def test_body_attitude():
+    # A body pitched by 90 deg against level: |(1,0,0) - (0,0,1)|^2 = 2; 0.1 rad: 2 - 2 cos 0.1 = 0.00999167
+    level = jnp.array([0.0, 0.0, 1.0])
+    tilted = jnp.array([math.sin(0.1), 0.0, math.cos(0.1)])
+    assert float(rewards.body_attitude(jnp.array([1.0, 0.0, 0.0]), level)) == close(math.exp(-160), rel=1e-3)
+    assert float(rewards.body_attitude(tilted, level)) == close(0.449628, rel=1e-4)
+
+
+def test_joint_position_imitation():
+    # 0.2 exp(-2 (0.3^2 + 0.4^2)) = 0.2 exp(-0.5)
+    q = joint(0.3).at[5].set(-0.4)
+    assert float(rewards.joint_position_imitation(q, ZERO)) == close(0.121306, rel=1e-5)
+
+
+def test_joint_velocity_imitation():
+    # 0.7 exp(-0.02 x (3^2 + 4^2)) = 0.7 exp(-0.5)
+    qd = joint(3.0).at[11].set(4.0)
+    assert float(rewards.joint_velocity_imitation(qd, ZERO)) == close(0.424571, rel=1e-5)
+
+
+def test_velocity_tracking():
+    # w = 0.6; |v - v_cmd|^2 = 0.25, |omega - omega_cmd|^2 = 0.5: 0.6 exp(-0.5) + 0.4 exp(-1)
+    v, v_cmd = jnp.array([9.5, 0.0]), jnp.array([10.0, 0.0])
+    omega, omega_cmd = jnp.array([math.sqrt(0.5)]), jnp.array([0.0])
+    assert float(rewards.velocity_tracking(v, v_cmd, omega, omega_cmd, 0.6)) == close(0.511070, rel=1e-5)
+
+
+def test_a_finite_tracking_width_widens_the_linear_kernel_alone():
+    # width 5, command 10: exp(-2 x 4 / (1 + 4)) = exp(-1.6)
+    v, v_cmd, still = jnp.array([8.0, 0.0]), jnp.array([10.0, 0.0]), jnp.zeros(1)
+    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, 5.0)) == close(0.6 * 0.201897 + 0.4, rel=1e-5)
+
+
+def test_torque_regularization():
+    # |tau_n|^2 = 0.5, |change|^2 = 0.01, dt = 0.005: 0.9 exp(-0.25) + 0.1 exp(-0.1 x 0.01 / 0.005) = 0.700921 + 0.081873
+    tau = joint(0.5).at[1].set(0.5)
+    last = joint(0.4).at[1].set(0.5)
+    assert float(rewards.torque_regularization(tau, last, 0.005)) == close(0.782794, rel=1e-5)
+
+
+def test_power_regularization():
+    # 11 idle motors: phi(0) = exp(0) = 1. One driving with 100 W: exp(-1); one braking with 20 W: exp(-1).
+    assert float(rewards.power_regularization(joint(100.0))) == close((11 + 0.367879) / 12, rel=1e-5)
+    assert float(rewards.power_regularization(joint(-20.0))) == close((11 + 0.367879) / 12, rel=1e-5)
+
+
+def test_power_regularization_is_finite_with_finite_gradient_at_any_power():
+    for power in (-1e6, -1.0, 0.0, 1.0, 1e6):
+        value, slope = jax.value_and_grad(rewards.power_regularization)(jnp.full(12, power))
+        assert 0.0 <= float(value) <= 1.0
+        assert np.isfinite(slope).all()
+
+
+def test_action_smoothness():
+    # largest change 0.2: exp(-0.6)
+    assert float(rewards.action_smoothness(joint(0.2).at[3].set(-0.1), ZERO)) == close(0.548812, rel=1e-5)
+
+
+def test_straight_symmetry():
+    # (0.1 - 0.05)^2 + (0.02 + 0.02)^2 = 0.0025 + 0.0016 -> exp(-0.41); eta = 0.1 -> exp(-1)
+    abad = jnp.array([0.1, -0.05, 0.02, 0.02])
+    assert float(rewards.straight_symmetry(abad, jnp.array(0.0))) == close(0.663650, rel=1e-5)
+    assert float(rewards.straight_symmetry(abad, jnp.array(0.1))) == close(0.663650 * 0.367879, rel=1e-5)
+
+
+def test_symmetric_abduction_costs_nothing_and_common_mode_does():
+    splayed, sideways = jnp.array([-0.2, 0.2, -0.1, 0.1]), jnp.array([0.2, 0.2, 0.2, 0.2])
+    zero = jnp.array(0.0)
+    assert float(rewards.straight_symmetry(splayed, zero)) == 1.0
+    assert float(rewards.straight_symmetry(sideways, zero)) < 1e-10
+
+
+def test_turn_activation_is_the_larger_share():
+    assert float(rewards.turn_activation(jnp.array([9.0, 0.25, -0.2]), 0.5, 1.0)) == close(0.5, rel=1e-5)
+    assert float(rewards.turn_activation(jnp.array([9.0, 0.1, -0.9]), 0.5, 1.0)) == close(0.9, rel=1e-5)
+
+
+def test_tracking_balance():
+    assert rewards.tracking_balance(10.0, 0.5, 1.0) == 0.6  # 10.5 / 11.5 = 0.91, capped
+    assert rewards.tracking_balance(1.0, 0.0, 3.0) == 0.25
+
+
+@pytest.mark.parametrize(
+    ("schedule", "c_J", "c_V", "v", "c_m", "c_v"),
+    [
+        # imitation stage, Table S4 to the letter: tracking loses weight with speed
+        ("literal", 0.6, 0.1, 0.0, 0.1, 0.6),
+        ("literal", 0.6, 0.1, 10.0, 0.6, 0.1),
+        # as the text describes it: tracking gains weight with speed
+        ("text", 0.6, 0.1, 0.0, 0.6, 0.1),
+        ("text", 0.6, 0.1, 10.0, 0.1, 0.6),
+        # half speed: beta = 0.5^0.3 = 0.812252; c_v = 0.812252 x 0.6 + 0.187748 x 0.1 = 0.506126
+        ("text", 0.6, 0.1, 5.0, 0.193874, 0.506126),
+        # relaxed stage: both readings agree
+        ("literal", 0.1, 0.4, 0.0, 0.4, 0.1),
+        ("literal", 0.1, 0.4, 10.0, 0.1, 0.4),
+        ("text", 0.1, 0.4, 0.0, 0.4, 0.1),
+        ("text", 0.1, 0.4, 10.0, 0.1, 0.4),
+        # backwards counts by its size
+        ("text", 0.1, 0.4, -5.0, 0.5 - 0.343676, 0.343676),
+    ],
+)
+def test_speed_schedule(schedule, c_J, c_V, v, c_m, c_v):
+    got = rewards.speed_schedule(jnp.array(v), 10.0, c_J, c_V, schedule)
+    assert [float(x) for x in got] == [close(c_m, abs=1e-5), close(c_v, abs=1e-5)]
+
+
+@given(v=st.floats(-20, 20), c_J=st.floats(0, 1), c_V=st.floats(0, 1), schedule=st.sampled_from(["text", "literal"]))
+def test_the_schedule_only_moves_weight_between_imitation_and_tracking(v, c_J, c_V, schedule):
+    c_m, c_v = (float(x) for x in rewards.speed_schedule(jnp.array(v), 10.0, c_J, c_V, schedule))
+    low, high = min(c_J, c_V), max(c_J, c_V)
+    assert c_m + c_v == close(c_J + c_V, abs=1e-6)
+    assert low - 1e-6 <= c_v <= high + 1e-6
+
+
+def inputs(**changes) -> rewards.RewardInputs:
+    up = jnp.array([0.0, 0.0, 1.0])
+    perfect = {
+        "command": jnp.array([10.0, 0.0, 0.0]), "z": jnp.array(0.5), "z_ref": jnp.array(0.5), "e_z": up, "e_z_ref": up,
+        "q": ZERO, "q_ref": ZERO, "qd": ZERO, "qd_ref": ZERO, "v": jnp.array([10.0, 0.0]), "yaw_rate": jnp.array(0.0),
+        "tau_n": ZERO, "tau_n_last": ZERO, "power": ZERO, "action": ZERO, "last_action": ZERO,
+        "terminal": jnp.array(0.0),
+    }  # fmt: skip
+    return rewards.RewardInputs(**(perfect | changes))
+
+
+def total(config: RewardConfig, **changes) -> dict[str, float]:
+    terms = rewards.table_s4(
+        inputs(**changes), config, max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0, dt=0.005
+    )
+    return {name: float(value) for name, value in terms.items()}
+
+
+def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_column():
+    terms = total(IMITATION)
+    assert terms == {
+        "height": close(0.05), "attitude": close(0.05), "joint_position": close(0.02), "joint_velocity": close(0.07),
+        "tracking": close(0.6), "torque": close(0.1), "power": 0.0, "smoothness": close(0.1), "symmetry": 0.0,
+        "terminal": 0.0,
+    }  # fmt: skip
+
+
+def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_column():
+    terms = total(RELAXED)
+    assert terms == {
+        "height": 0.0, "attitude": 0.0, "joint_position": close(0.02), "joint_velocity": close(0.07),
+        "tracking": close(0.4), "torque": close(0.2), "power": close(0.1), "smoothness": close(0.2),
+        "symmetry": close(0.1), "terminal": 0.0,
+    }  # fmt: skip
+
+
+def test_a_fall_costs_one():
+    assert total(RELAXED, terminal=jnp.array(1.0))["terminal"] == -1.0
+
+
+def test_symmetry_reads_the_abduction_joints():
+    # FR abad is joint 0, FL 3, RR 6, RL 9; equal angles on both sides lean the legs to one side.
+    leaning = ZERO.at[jnp.array([0, 3])].set(0.05)  # (0.1)^2 x 100 = 1
+    assert total(RELAXED, q=leaning)["symmetry"] == close(0.1 * 0.367879, rel=1e-5)
+    assert total(RELAXED, q=joint(0.5, 1))["symmetry"] == close(0.1)

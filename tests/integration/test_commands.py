@@ -1,0 +1,84 @@
+"""Whole commands as a user types them: two stages and an evaluation, and every mistake."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bp2_rl.cli import eval as eval_command
+from bp2_rl.cli import train as train_command
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "4", "--ppo.num-minibatches", "2",
+    "--ppo.policy-layers", "16", "--ppo.value-layers", "16", "--run.steps", "128", "--run.checkpoints", "1",
+]  # fmt: skip
+
+
+def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert train_command.main(["--stage", "imitation", *SMALL]) == 0
+    assert train_command.main(["--stage", "relaxed", *SMALL]) == 0
+    imitation, relaxed = sorted(Path("runs").iterdir())
+    printed = capsys.readouterr().out
+    assert f"continues from {imitation}" in printed
+    assert f"see it run: python eval.py {relaxed}" in printed
+    assert eval_command.main(["--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
+    assert "Top speed" in capsys.readouterr().out
+    assert json.loads(Path("report/metrics.json").read_text())["metrics"]["outside_envelope"] == 0
+
+
+def fails(capsys, argv, *words):
+    """The command ends with status 2 and one line that has the words."""
+    before = sorted(Path.cwd().rglob("*"))
+    assert train_command.main(argv) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+    assert sorted(Path.cwd().rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["--velocity", "3"], ["--velocity"]),
+        (["--preset", "huge"], ["preset"]),
+        (["--stage", "flying"], ["stage"]),
+        (["--env.commands.max-forward", "-3"], ["max_forward", "positive"]),
+        (["--ppo.num-envs", "0"], ["num_envs"]),
+        (["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"], ["num_envs", "num_minibatches"]),
+        (["--env.hardware.spring-stiffness", "-1"], ["spring_stiffness"]),
+        (["--run.steps", "0"], ["steps"]),
+        (["--stage", "relaxed"], ["imitation", "--from"]),
+        (["--stage", "relaxed", "--from", "nowhere"], ["nowhere", "not a training run"]),
+        (["--resume", "nowhere"], ["nowhere", "not a training run"]),
+        (["--resume", "nowhere", "--run.steps", "5"], ["--run.steps"]),
+        (["--env.impl", "warp"], ["warp"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_mistake_ends_with_one_line_and_status_2(tmp_path, monkeypatch, capsys, argv, words):
+    monkeypatch.chdir(tmp_path)
+    fails(capsys, argv, *words)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("a file, not a folder")
+    fails(capsys, [*SMALL, "--out", "taken/run"], "taken/run", "cannot write")
+
+
+@pytest.mark.parametrize("script", ["train.py", "eval.py"])
+def test_the_scripts_answer_help_from_anywhere(tmp_path, script):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(ROOT / script), "--help"], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert script in done.stdout
+    assert "warp" not in done.stderr

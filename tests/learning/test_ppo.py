@@ -1,0 +1,249 @@
+"""The learner: against Brax's own loss and training, on an environment with a known optimum, and against itself."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from brax import envs
+from brax.training.agents.ppo import losses
+from brax.training.agents.ppo import train as brax_ppo
+
+from bp2_rl.env import BP2Env
+from bp2_rl.errors import UserError
+from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.ppo import PPO, PPOConfig, make_networks
+
+TINY = PPOConfig(
+    num_envs=16,
+    unroll_length=5,
+    num_minibatches=2,
+    num_epochs=2,
+    episode_length=20,
+    policy_layers=(16,),
+    value_layers=(16,),
+)
+
+
+class Aim(envs.Env):
+    """Show a target, take an action, earn -(action - target)^2: the best return is 0, of every state."""
+
+    def __init__(self, ends_after: int | None = None, reward: float = 0.0):
+        self.ends_after, self.bonus = ends_after, reward
+
+    def reset(self, rng):
+        rng, key = jax.random.split(rng)
+        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
+        zero = jnp.zeros(())
+        return envs.State(zero, target, zero, zero, {"miss": zero}, {"rng": rng})
+
+    def step(self, state, action):
+        miss = jnp.abs(action - state.obs)[0]
+        time = state.pipeline_state + 1.0
+        rng, key = jax.random.split(state.info["rng"])
+        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
+        done = jnp.zeros(()) if self.ends_after is None else (time >= self.ends_after).astype(jnp.float32)
+        return state.replace(
+            pipeline_state=time,
+            obs=target,
+            reward=self.bonus - jnp.square(miss),
+            done=done,
+            metrics={"miss": miss},
+            info={**state.info, "rng": rng},
+        )
+
+    @property
+    def observation_size(self):
+        return 1
+
+    @property
+    def action_size(self):
+        return 1
+
+    @property
+    def backend(self):
+        return "none"
+
+
+def train(learner: PPO, steps: int, seed: int = 0):
+    state, history = learner.init(seed), []
+    for _ in range(steps):
+        state, metrics = learner.train_step(state)
+        history.append(jax.device_get(metrics))
+    return state, history
+
+
+def assert_equal(a, b):
+    jax.tree.map(np.testing.assert_array_equal, jax.device_get(a), jax.device_get(b))
+
+
+def test_it_reaches_the_known_return_of_an_analytic_environment():
+    config = dataclasses.replace(
+        TINY, num_envs=64, unroll_length=10, discounting=0.5, learning_rate=3e-3, max_learning_rate=3e-3,
+        entropy_cost=0.0, initial_std=0.5, policy_layers=(32,), value_layers=(32,),
+    )  # fmt: skip
+    _, history = train(PPO(Aim(), config), 300)
+    # An untrained policy misses by a uniform target and its own noise: E r = -(1/3 + 0.5^2).
+    assert history[0]["reward"] == pytest.approx(-(1 / 3 + 0.25), rel=0.2)
+    assert np.mean([step["reward"] for step in history[-10:]]) > -0.01
+
+
+@pytest.mark.parametrize(("ends_after", "value"), [(None, 1 / (1 - 0.8)), (1, 1.0)], ids=["time limit", "termination"])
+def test_the_critic_bootstraps_at_time_limits_and_not_at_terminations(ends_after, value):
+    """Reward 1 a step for ever is worth 1 / (1 - 0.8) = 5, also where time limits cut it; ending at once, 1."""
+    config = dataclasses.replace(
+        TINY, num_envs=64, episode_length=3, discounting=0.8, gae_lambda=0.9, learning_rate=1e-2, desired_kl=None,
+        initial_std=1e-3, entropy_cost=0.0,
+    )  # fmt: skip
+
+    class Steady(Aim):
+        def step(self, state, action):
+            return super().step(state, action).replace(reward=jnp.ones(()))
+
+    learner = PPO(Steady(ends_after), config)
+    state, _ = train(learner, 200)
+    values = learner.network.value_network.apply(state.normalizer, state.params.value, state.fleet.obs)
+    # Adam at a fixed rate of 1e-2 leaves the last few per cent unsettled.
+    np.testing.assert_allclose(values, value, rtol=0.06)
+
+
+def test_loss_and_gradient_are_braxs_on_the_same_batch():
+    config = dataclasses.replace(TINY, entropy_cost=0.013, value_coefficient=0.7, reward_scaling=2.0, clipping=0.15)
+    learner = PPO(Aim(ends_after=3), config)
+    state = learner.init(1)
+    keys = jax.random.split(jax.random.PRNGKey(2), config.num_envs)
+    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    # Networks that have moved since the batch was collected: ratios differ from 1 and some are clipped.
+    params = jax.tree.map(lambda x: x + 0.1 * jnp.cos(jnp.arange(x.size)).reshape(x.shape), state.params)
+    brax_loss = functools.partial(
+        losses.compute_ppo_loss, ppo_network=make_networks(Aim(), config), entropy_cost=0.013, vf_coefficient=0.7,
+        reward_scaling=2.0, clipping_epsilon=0.15, discounting=config.discounting, gae_lambda=config.gae_lambda,
+    )  # fmt: skip
+    # Brax's own transitions carry next_observation at every step; ours only the last, the one its loss reads.
+    full = data._replace(next_observation=jnp.concatenate([data.observation[:, 1:], data.next_observation], axis=1))
+    key = jax.random.PRNGKey(3)
+    (ours, _), our_gradient = jax.value_and_grad(learner.loss, has_aux=True)(params, state.normalizer, data, key)
+    (theirs, _), their_gradient = jax.value_and_grad(brax_loss, has_aux=True)(params, state.normalizer, full, key)
+    assert float(ours) == float(theirs)
+    assert_equal(our_gradient, their_gradient)
+    assert float(jnp.abs(jax.flatten_util.ravel_pytree(our_gradient)[0]).max()) > 0.1
+
+
+def test_one_train_step_is_its_parts_done_by_hand():
+    """train_step = unroll, then Brax's loss on each shuffled minibatch with Adam, then the normaliser."""
+    config = dataclasses.replace(TINY, num_minibatches=1, num_epochs=1, desired_kl=None)
+    learner = PPO(Aim(), config)
+    state = learner.init(4)
+    key, key_unroll, key_sgd = jax.random.split(state.key, 3)
+    keys = jax.random.split(key_unroll, config.num_envs)
+    _, data, _ = learner._unroll(state.params, state.normalizer, state.fleet, keys)
+    gradient = jax.grad(lambda p: learner.loss(p, state.normalizer, data, key_sgd)[0])(state.params)
+    norm = np.sqrt(sum(np.sum(np.square(g)) for g in jax.tree.leaves(gradient)))
+    scale = min(1.0, config.max_grad_norm / norm)
+    # Adam's first step: learning rate x g / (|g| + eps).
+    expected = jax.tree.map(
+        lambda p, g: p - config.learning_rate * (g * scale) / (np.abs(g * scale) + 1e-8), state.params, gradient
+    )
+    after, _ = learner.train_step(state)
+    # Where g is near Adam's 1e-8 its sign decides: float32 sums in another order move such entries by one step.
+    for ours, by_hand in zip(jax.tree.leaves(after.params), jax.tree.leaves(expected), strict=True):
+        assert np.mean(np.abs(ours - by_hand) < 1e-6) > 0.99
+    assert int(after.normalizer.count) == config.num_envs * (1 + config.unroll_length)
+    del key
+
+
+def test_the_same_seed_gives_the_same_training_and_another_seed_another():
+    learner = PPO(Aim(), TINY)
+    (a, _), (b, _), (c, _) = train(learner, 3), train(learner, 3), train(learner, 3, seed=1)
+    assert_equal(a, b)
+    assert not np.array_equal(*(jax.tree.leaves(x.params)[0] for x in (a, c)))
+
+
+def test_nothing_is_compiled_after_the_first_train_step():
+    learner = PPO(Aim(), TINY)
+    train(learner, 3)
+    assert learner.train_step._cache_size() == 1
+
+
+def test_minibatches_hold_every_robot_once_with_equal_shares_of_each_block():
+    config = dataclasses.replace(TINY, num_envs=64, num_minibatches=4)
+    learner = PPO(Aim(), config)
+    robots = jnp.arange(64)[:, None]
+    batches = np.asarray(jax.jit(learner._minibatches)(robots, jax.random.PRNGKey(0)))[..., 0]
+    assert batches.shape == (4, 16)
+    assert sorted(batches.ravel()) == list(range(64))
+    assert not np.array_equal(batches.ravel(), np.arange(64))
+    for batch in batches:
+        np.testing.assert_array_equal(np.bincount(batch // 8), np.full(8, 2))
+
+
+def test_an_update_that_is_not_finite_is_skipped():
+    class Broken(Aim):
+        def step(self, state, action):
+            state = super().step(state, action)
+            return state.replace(reward=state.reward * jnp.nan)
+
+    learner = PPO(Broken(), TINY)
+    start = learner.init(0)
+    before = jax.device_get(start.params)
+    after, metrics = learner.train_step(start)
+    assert_equal(after.params, before)
+    assert float(metrics["loss/skipped_updates"]) == 1.0
+
+
+def test_a_fleet_selects_the_bank_where_an_episode_ends():
+    fleet = Fleet(Aim(ends_after=2), episode_length=100)
+    state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
+    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), 4))
+    action = jnp.zeros((4, 1))
+    first = fleet.step(state, action, bank)
+    second = fleet.step(first, action, bank)
+    assert np.all(np.asarray(first.done) == 0.0)
+    assert np.all(np.asarray(second.done) == 1.0)
+    np.testing.assert_array_equal(second.obs, bank.obs)
+    assert np.all(np.asarray(second.info["steps"]) == 0)
+    # The reward of the step that ended it is still there.
+    np.testing.assert_allclose(second.reward, -np.square(np.asarray(first.obs)[:, 0]), rtol=1e-6)
+
+
+def test_time_limits_truncate_and_do_not_terminate():
+    fleet = Fleet(Aim(), episode_length=3)
+    state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
+    state = state.replace(info={**state.info, "steps": jnp.array([0, 1, 2, 2])})
+    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), 4))
+    after = fleet.step(state, jnp.zeros((4, 1)), bank)
+    np.testing.assert_array_equal(after.info["truncation"], [0.0, 0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(after.done, [0.0, 0.0, 1.0, 1.0])
+
+
+def test_stock_brax_trains_bp2(monkeypatch):
+    """`brax.training.agents.ppo.train` on BP2Env, unchanged but for two calls that JAX has removed since."""
+
+    def device_put_replicated(tree, devices):
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (len(devices), *jnp.shape(x))), tree)
+
+    monkeypatch.setattr(jax, "device_put_replicated", device_put_replicated, raising=False)
+    progress = []
+    _, params, _ = brax_ppo.train(
+        BP2Env(), num_timesteps=64, episode_length=20, num_envs=8, unroll_length=4, batch_size=8, num_minibatches=1,
+        num_updates_per_batch=1, normalize_observations=True, run_evals=False, max_devices_per_host=1,
+        log_training_metrics=True, training_metrics_steps=32, progress_fn=lambda step, _: progress.append(step),
+    )  # fmt: skip
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(params[1]))
+    assert progress
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"num_envs": 0}, "num_envs"),
+        ({"num_minibatches": 3}, "multiple of ppo.num_minibatches"),
+        ({"learning_rate": -1.0}, "learning_rate"),
+        ({"discounting": 1.5}, "discounting"),
+    ],
+)
+def test_impossible_hyperparameters_are_refused_by_name(changes, named):
+    with pytest.raises(UserError, match=named):
+        dataclasses.replace(TINY, **changes)
