@@ -139,7 +139,7 @@ def print_reference_speeds() -> None:
     rigid = dataclasses.replace(specs.BP2, spring_stiffness=1e7)
     print("| m/s | period s | duty | hip | knee | abad (turning 2 rad/s) | hip, gentle landing | hip, rigid leg |")
     print("| ---: " * 8 + "|")
-    for speed in (3.0, 6.0, 8.0, 10.0, 13.0):
+    for speed in (3.0, 6.0, 8.0, 10.0, 11.0, 13.0):
         gait = KinematicGait()
         stride, period = sample_stride(gait, speed, 1e-4), 1.0 / float(gait.phase_rate(jnp.array([speed, 0.0, 0.0])))
         _, hip, knee = _peaks(stride.joint_velocity)
@@ -171,6 +171,7 @@ if __name__ == "__main__":
     print_reference_speeds()
     for title, gait in {
         "the gait as it is": KinematicGait(),
+        "whole bounce": KinematicGait(landing=1.0),
         "gentle landing": KinematicGait(landing=0.0),
         "shorter swing": KinematicGait(swing_time=0.24),
         "longer swing": KinematicGait(swing_time=0.32),
