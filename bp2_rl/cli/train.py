@@ -8,12 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import jax
 import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.env.bp2_env import Impl
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.errors import UserError
+from bp2_rl.learning import train
 from bp2_rl.learning.ppo import PPOConfig
 from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, make_config
 
@@ -34,6 +37,8 @@ class Arguments:
     """a run whose networks to start from; for --stage relaxed default the newest finished imitation run"""
     resume: Path | None = None
     """go on with this stopped run exactly where it stands, with its own settings"""
+    impl: Impl = "jax"
+    """physics: jax runs anywhere; warp is faster on NVIDIA, but not exactly repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -47,12 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _train(argv: list[str]) -> None:
     prepare_jax()
     arguments = _parse(argv)
-    from bp2_rl.learning import train  # after the flags are known to be good: this import takes seconds
-
     if arguments.resume is not None:
         train.resume(arguments.resume)
         return
-    config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run)
+    config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
     parent = arguments.parent
     if parent is None and arguments.stage == "relaxed":
         parent = _newest_imitation_run()
@@ -88,18 +91,14 @@ def _parse(argv: list[str]) -> Arguments:
 
 
 def _preset_for_this_machine() -> Preset:
-    import jax
-
     return "cpu" if jax.default_backend() == "cpu" else "gpu"
 
 
 def _newest_imitation_run() -> Path:
-    from bp2_rl.learning.train import is_finished, load_run_config
-
     runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for run in (path.parent for path in runs):
         try:
-            if load_run_config(run).stage == "imitation" and is_finished(run):
+            if train.load_run_config(run).stage == "imitation" and train.is_finished(run):
                 return run
         except UserError:
             continue  # a damaged run is no reason not to use an older one

@@ -1,9 +1,12 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
+import importlib.util
 from functools import cached_property
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from brax import envs, math
 from flax import struct
@@ -15,10 +18,13 @@ from bp2_rl.env.commands import CommandState
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.randomization import Randomization
+from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, foot_geom_ids, load_model
+
+Impl = Literal["jax", "warp"]
 
 SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 """Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
@@ -62,15 +68,17 @@ class BP2Env(envs.Env):
     (`observations.LAYOUT`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
+    `impl` chooses MJX's implementation: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs, neither
+    exactly repeatable nor able to hold more contacts than those of `num_robots` robots (at most that many at once).
+
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
 
-    def __init__(self, config: EnvConfig | None = None):
+    def __init__(self, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1):
         self.config = config = config or EnvConfig()
         self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
         self.controller = Controller(config)
-        self._model = mjx.put_model(self.mj_model)
-        self._template = mjx.make_data(self.mj_model)
+        self._model, self._template = _put_on_device(self.mj_model, impl, num_robots)
         self._actuator = Actuator.from_hardware(
             config.hardware,
             stiffness=config.control.stiffness,
@@ -347,6 +355,20 @@ class BP2Env(envs.Env):
             ]
         )
         return {"state": noisy, "privileged_state": privileged}
+
+
+def _put_on_device(model: mujoco.MjModel, impl: Impl, num_robots: int) -> tuple[mjx.Model, mjx.Data]:
+    """MJX's model and an empty state; raises `UserError` where `impl` cannot run here."""
+    if impl == "jax":
+        return mjx.put_model(model), mjx.make_data(model)
+    if importlib.util.find_spec("warp") is None:
+        raise UserError("--impl warp needs the package warp-lang: pip install 'bp2_rl[warp]', or use --impl jax")
+    if jax.default_backend() != "gpu":
+        raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
+    feet, limits = len(specs.LEGS), specs.NUM_MOTORS
+    rows = 4 * feet + limits  # a pyramidal contact has four
+    data = mjx.make_data(model, impl="warp", naconmax=num_robots * feet, njmax=rows)
+    return mjx.put_model(model, impl="warp"), data
 
 
 REWARD_TERMS = (

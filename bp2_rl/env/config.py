@@ -117,7 +117,8 @@ class EnvConfig:
     reward: RewardConfig = RewardConfig()
 
     def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
+        """Refuse impossible values with a line that names the field; the gait is that of this hardware's legs."""
+        object.__setattr__(self, "gait", dataclasses.replace(self.gait, hardware=self.hardware))
         _require(self.commands.max_forward > 0, "commands.max_forward must be a positive speed in m/s")
         for name in ("max_lateral", "max_yaw_rate", "max_backward", "turn_acceleration"):
             _require(getattr(self.commands, name) >= 0, f"commands.{name} must not be negative")

@@ -13,10 +13,12 @@ grows smoothly out of standing still. How the defaults were found is in docs/not
 
 import dataclasses
 import math
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import tyro
 from jaxtyping import Array, Float
 
 from bp2_rl.errors import UserError
@@ -50,7 +52,7 @@ class KinematicGait:
     follow_through: int = 7  # n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing
     landing: float = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
     start_speed: float = 0.2  # m/s, the scale on which stepping grows out of standing
-    hardware: specs.HardwareSpec = specs.BP2
+    hardware: Annotated[specs.HardwareSpec, tyro.conf.Suppress] = specs.BP2  # EnvConfig puts its own here
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

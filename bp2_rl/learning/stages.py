@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Literal
 
+from bp2_rl.env.bp2_env import Impl
 from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RewardConfig
 from bp2_rl.errors import UserError
 from bp2_rl.learning.ppo import PPOConfig
@@ -44,6 +45,7 @@ class TrainConfig:
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
+    impl: Impl = "jax"
 
 
 def make_config(stage: Stage, preset: Preset) -> TrainConfig:

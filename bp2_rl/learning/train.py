@@ -34,9 +34,9 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
         UserError: the folder is not empty or not writable, or the parent's networks differ.
     """
     run_dir = Path(run_dir)
-    _claim(run_dir)
-    learner = PPO(BP2Env(config.env), config.ppo)
+    learner = make_learner(config)
     inherited = _inherit(parent, config) if parent is not None else None
+    _claim(run_dir)
     save_config(run_dir / CONFIG, config)
     state = learner.init(config.run.seed)
     if inherited is not None:
@@ -54,7 +54,7 @@ def resume(run_dir: Path) -> Path:
     config = load_run_config(run_dir)
     if latest_step(run_dir) is None:
         raise UserError(f"run {run_dir} has no checkpoint to resume from: start it anew in another folder")
-    learner = PPO(BP2Env(config.env), config.ppo)
+    learner = make_learner(config)
     _, state = restore_checkpoint(run_dir, learner.shape())
     return _run(learner, state, config, run_dir)
 
@@ -70,6 +70,12 @@ def is_finished(run_dir: Path) -> bool:
     """Whether a run has trained all its steps."""
     step = latest_step(run_dir)
     return step is not None and step >= _train_steps(load_run_config(run_dir))
+
+
+def make_learner(config: TrainConfig) -> PPO:
+    """The learner of a run, on all of JAX's devices."""
+    robots = -(-config.ppo.num_envs // len(jax.devices()))
+    return PPO(BP2Env(config.env, impl=config.impl, num_robots=robots), config.ppo)
 
 
 # --- The loop ------------------------------------------------------------------------------------------------

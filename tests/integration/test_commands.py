@@ -58,7 +58,7 @@ def fails(capsys, argv, *words):
         (["--stage", "relaxed", "--from", "nowhere"], ["nowhere", "not a training run"]),
         (["--resume", "nowhere"], ["nowhere", "not a training run"]),
         (["--resume", "nowhere", "--run.steps", "5"], ["--run.steps"]),
-        (["--env.impl", "warp"], ["warp"]),
+        (["--impl", "warp"], ["warp"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )

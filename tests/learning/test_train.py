@@ -13,7 +13,6 @@ from bp2_rl.errors import UserError
 from bp2_rl.learning import train
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.learning.ppo import PPO
 from bp2_rl.learning.stages import TrainConfig, make_config
 
 
@@ -33,7 +32,7 @@ def run(tmp_path_factory):
 
 def leaves(run_dir, step):
     config = train.load_run_config(run_dir)
-    template = PPO(train.BP2Env(config.env), config.ppo).shape()
+    template = train.make_learner(config).shape()
     return jax.tree.leaves(restore_checkpoint(run_dir, template, step)[1])
 
 
@@ -55,7 +54,7 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
 
 def test_the_exported_policy_acts_as_the_trained_network_does(run):
     config = train.load_run_config(run)
-    learner = PPO(train.BP2Env(config.env), config.ppo)
+    learner = train.make_learner(config)
     _, state = restore_checkpoint(run, learner.shape())
     observation = {"state": np.random.default_rng(0).normal(size=(8, 47)).astype(np.float32)}
     mean, _ = learner.network.policy_network.apply(state.normalizer, state.params.policy, observation)
@@ -81,7 +80,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     parent = parent.replace(
         fleet=parent.fleet.replace(info={**parent.fleet.info, "curriculum": levels}),
     )
-    fresh = PPO(train.BP2Env(config.env), config.ppo).init(3)
+    fresh = train.make_learner(config).init(3)
     key = np.asarray(fresh.key)
     adopted = train._adopt(fresh, parent)
     for name in ("params", "normalizer"):
