@@ -39,7 +39,7 @@ import numpy as np  # noqa: E402
 jaxtyping.Array = jax.Array | np.ndarray
 
 # JAX rebuilds its pytrees with whatever it maps over them: batches, shapes, shardings. So these are not checked when
-# made; the functions that make and take their parts are.
+# made; the functions that make and take their parts are. `flax.struct.PyTreeNode` makes its subclasses by it, too.
 _struct_dataclass = flax.struct.dataclass
 
 

@@ -1,5 +1,6 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
+import dataclasses
 import importlib.util
 from functools import cached_property
 from typing import Literal
@@ -8,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from brax import envs, math
+from brax import envs
 from flax import struct
 from jaxtyping import Array, Float
 from mujoco import mjx
@@ -30,8 +31,7 @@ SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 """Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
 
 
-@struct.dataclass
-class Physics:
+class Physics(struct.PyTreeNode):
     """The simulated robot between two control steps: all that MJX has to remember, and the motors."""
 
     qpos: Float[Array, "... 23"]
@@ -41,8 +41,7 @@ class Physics:
     targets: Float[Array, "... 2 2 12"]  # the last two joint targets, newest first: (position, velocity)
 
 
-@struct.dataclass
-class PipelineState:
+class PipelineState(struct.PyTreeNode):
     """Everything that starts anew with an episode."""
 
     physics: Physics
@@ -52,8 +51,7 @@ class PipelineState:
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
 
 
-@struct.dataclass
-class Effort:
+class Effort(struct.PyTreeNode):
     """What the motors did during one control step."""
 
     torque: Float[Array, "... 12"]  # Nm, mean
@@ -102,7 +100,7 @@ class BP2Env(envs.Env):
     def step(self, state: envs.State, action: Float[Array, "12"]) -> envs.State:
         """One control step (5 ms)."""
         config = self.config
-        before: PipelineState = state.pipeline_state
+        before: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
         sound_action = jnp.all(jnp.isfinite(action))
@@ -135,7 +133,8 @@ class BP2Env(envs.Env):
             randomization=before.randomization,
             mean_torque=effort.torque,
         )
-        return state.replace(
+        return dataclasses.replace(
+            state,
             pipeline_state=after,
             obs=self._observe(after, feet, key_noise),
             reward=reward,
@@ -194,12 +193,12 @@ class BP2Env(envs.Env):
             mean_torque=jnp.zeros(specs.NUM_MOTORS),
         )
         zero = jnp.zeros(())
-        terms = {name: zero for name in REWARD_TERMS}
+        terms = dict.fromkeys(REWARD_TERMS, zero)
         still = observations.heading(qpos, qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
         false = jnp.zeros((), bool)
         return envs.State(
-            pipeline_state=pipeline_state,
+            pipeline_state=pipeline_state,  # pyright: ignore[reportArgumentType]  # Brax names only its own
             obs=self._observe(pipeline_state, reference.contact, key_noise),
             reward=zero,
             done=zero,
@@ -263,9 +262,7 @@ class BP2Env(envs.Env):
         history = jnp.concatenate([jnp.stack([targets.position, targets.velocity])[None], physics.targets])
         # Target k was issued k control steps ago; the newest whose age is at least the latency is in force.
         issued = -specs.CONTROL_STEP * jnp.arange(history.shape[0])
-        data = self._template.replace(
-            qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart
-        )
+        data = self._template.replace(qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart)
 
         def substep(carry: tuple[mjx.Data, Array], time: Array) -> tuple[tuple[mjx.Data, Array], tuple[Array, Array]]:
             data, torque = carry
@@ -371,7 +368,7 @@ def _put_on_device(model: mujoco.MjModel, impl: Impl, num_robots: int) -> tuple[
     return mjx.put_model(model, impl="warp"), data
 
 
-REWARD_TERMS = (
+REWARD_TERMS: tuple[str, ...] = (
     "height",
     "attitude",
     "joint_position",

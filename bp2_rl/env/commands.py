@@ -9,8 +9,7 @@ from bp2_rl.env.config import CommandConfig, CurriculumConfig
 from bp2_rl.robot import specs
 
 
-@struct.dataclass
-class CommandState:
+class CommandState(struct.PyTreeNode):
     """The present command on its way to a target."""
 
     current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
@@ -46,9 +45,7 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     return CommandState(
         current=target if start is None else start,
         target=target,
-        acceleration=jax.random.uniform(
-            key_acceleration, minval=config.acceleration[0], maxval=config.acceleration[1]
-        ),
+        acceleration=jax.random.uniform(key_acceleration, minval=config.acceleration[0], maxval=config.acceleration[1]),
         time_left=jax.random.uniform(key_time, minval=config.hold_time[0], maxval=config.hold_time[1]),
         error=zero,
         time=zero,

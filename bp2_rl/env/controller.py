@@ -2,7 +2,9 @@
 
     observation = controller.observe(state, measurement)
     action = policy(observation)
-    state, targets = controller.act(state, action, next_command)      # targets go to the 1 kHz PD loop
+    state, targets = controller.act(state, action, next_command)
+
+The targets go to the 1 kHz PD loop.
 """
 
 import jax.numpy as jnp
@@ -15,8 +17,7 @@ from bp2_rl.gait.reference import Reference, ReferenceMotion
 from bp2_rl.robot import specs
 
 
-@struct.dataclass
-class ControllerState:
+class ControllerState(struct.PyTreeNode):
     """What the controller remembers from one control step to the next."""
 
     command: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
@@ -24,8 +25,7 @@ class ControllerState:
     last_action: Float[Array, "... 12"]
 
 
-@struct.dataclass
-class Targets:
+class Targets(struct.PyTreeNode):
     """What the joint PD loop follows until the next control step, and the reference at that time."""
 
     position: Float[Array, "... 12"]  # rad

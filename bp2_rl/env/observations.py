@@ -39,8 +39,7 @@ LAYOUT = (
 OBSERVATION_SIZE = sum(entry.size for entry in LAYOUT)
 
 
-@struct.dataclass
-class Measurement:
+class Measurement(struct.PyTreeNode):
     """What encoders and IMU report."""
 
     joint_position: Float[Array, "... 12"]  # rad
@@ -54,7 +53,7 @@ def measure(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
     return Measurement(
         joint_position=qpos[MOTOR_QPOS],
         joint_velocity=qvel[MOTOR_QVEL],
-        up=math.rotate(UP, math.quat_inv(qpos[3:7])),
+        up=math.rotate(jnp.asarray(UP), math.quat_inv(qpos[3:7])),
         angular_velocity=qvel[3:6],
     )
 
@@ -89,8 +88,7 @@ def actor_observation(
     )
 
 
-@struct.dataclass
-class Heading:
+class Heading(struct.PyTreeNode):
     """The trunk's motion seen from a frame that turns with its yaw."""
 
     velocity: Float[Array, "... 3"]  # m/s
@@ -107,6 +105,6 @@ def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
     to_heading = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return Heading(
         velocity=to_heading @ qvel[:3],
-        e_z=to_heading @ math.rotate(UP, quat),
+        e_z=to_heading @ math.rotate(jnp.asarray(UP), quat),
         yaw_rate=math.rotate(qvel[3:6], quat)[2],
     )

@@ -10,8 +10,7 @@ from bp2_rl.env.config import RandomizationConfig, Range
 from bp2_rl.robot.actuator import Actuator
 
 
-@struct.dataclass
-class Randomization:
+class Randomization(struct.PyTreeNode):
     """One robot's draw; the critic sees it."""
 
     friction: Float[Array, "..."]

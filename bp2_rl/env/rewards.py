@@ -15,7 +15,7 @@ from bp2_rl.env.config import RewardConfig
 Scalar = Float[Array, ""]
 
 
-def squared_norm(x: Float[Array, "n"]) -> Scalar:
+def squared_norm(x: Float[Array, " n"]) -> Scalar:
     """|x|^2."""
     return jnp.sum(jnp.square(x))
 
@@ -41,10 +41,10 @@ def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"])
 
 
 def velocity_tracking(
-    v: Float[Array, "n"],
-    v_cmd: Float[Array, "n"],
-    omega: Float[Array, "m"],
-    omega_cmd: Float[Array, "m"],
+    v: Float[Array, " n"],
+    v_cmd: Float[Array, " n"],
+    omega: Float[Array, " m"],
+    omega_cmd: Float[Array, " m"],
     w: float,
     width: float = float("inf"),
 ) -> Scalar:
@@ -111,8 +111,7 @@ def speed_schedule(
     return c_J + c_V - c_v, c_v
 
 
-@struct.dataclass
-class RewardInputs:
+class RewardInputs(struct.PyTreeNode):
     """What Table S4 looks at, for one robot at one control step."""
 
     command: Float[Array, "... 3"]  # v_x, v_y, omega_z

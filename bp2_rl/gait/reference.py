@@ -6,8 +6,7 @@ from flax import struct
 from jaxtyping import Array, Float
 
 
-@struct.dataclass
-class Reference:
+class Reference(struct.PyTreeNode):
     """The reference at one command and phase. All leaves share the leading batch axes.
 
     Legs are in the order FR, FL, RR, RL, joints of a leg in the order abad, hip, knee. The heading frame has

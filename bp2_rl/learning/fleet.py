@@ -4,6 +4,8 @@ A reset inside the step would be computed for every robot at every step and thro
 learner prepares one fresh episode a robot before each unroll (the bank), and `step` merely selects it.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from brax import envs
@@ -59,9 +61,9 @@ class Fleet:
             select, (bank.pipeline_state, bank.obs, bank.info), (after.pipeline_state, after.obs, info)
         )
         info = {**info, **kept, "truncation": truncation}
-        return after.replace(pipeline_state=pipeline_state, obs=obs, done=done, info=info)
+        return dataclasses.replace(after, pipeline_state=pipeline_state, obs=obs, done=done, info=info)
 
 
 def _with_clock(state: envs.State, age: Array) -> envs.State:
     clock = {"steps": age, "truncation": jnp.zeros(age.shape)}
-    return state.replace(info={**state.info, **clock})
+    return dataclasses.replace(state, info={**state.info, **clock})

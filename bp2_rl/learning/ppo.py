@@ -89,8 +89,7 @@ class PPOConfig:
         return math.gcd(self.num_envs // self.num_minibatches, MAX_BLOCKS)
 
 
-@struct.dataclass
-class TrainState:
+class TrainState(struct.PyTreeNode):
     """Everything that training depends on."""
 
     params: losses.PPONetworkParams
@@ -150,23 +149,18 @@ class PPO:
 
     def shardings(self) -> TrainState:
         """Where each part of the state lives: robots are spread, all else is on every device."""
-        whole = self._replicated
-        return TrainState(
-            params=whole,  # pyright: ignore[reportArgumentType]
-            normalizer=whole,  # pyright: ignore[reportArgumentType]
-            optimizer=whole,
-            fleet=self._sharded,  # pyright: ignore[reportArgumentType]
-            key=whole,  # pyright: ignore[reportArgumentType]
-            step=whole,  # pyright: ignore[reportArgumentType]
-        )
+        whole: Any = self._replicated  # one sharding stands for all the leaves below it
+        robots: Any = self._sharded
+        return TrainState(params=whole, normalizer=whole, optimizer=whole, fleet=robots, key=whole, step=whole)
 
     # --- One train step, top down --------------------------------------------------------------------------------
 
     def _init(self, key: Array) -> TrainState:
         key, key_policy, key_value, key_fleet = jax.random.split(key, 4)
+        # A dataclass, though pyright does not follow Brax's way to `flax.struct`.
         params = losses.PPONetworkParams(
-            policy=self.network.policy_network.init(key_policy),
-            value=self.network.value_network.init(key_value),
+            policy=self.network.policy_network.init(key_policy),  # pyright: ignore[reportCallIssue]
+            value=self.network.value_network.init(key_value),  # pyright: ignore[reportCallIssue]
         )
         # Brax's initial standard deviation is weakly typed, which would compile the train step twice.
         params = jax.tree.map(lambda x: x.astype(x.dtype), params)
@@ -229,13 +223,14 @@ class PPO:
             noise = jax.vmap(partial(jax.random.fold_in, data=time))(split[:, 1])
             action, policy_extras = act(fleet.obs, noise)
             after = self.fleet.step(fleet, action, bank)
+            # Brax annotates these trees as if they were arrays.
             transition = Transition(
-                observation=fleet.obs,
+                observation=fleet.obs,  # pyright: ignore[reportArgumentType]
                 action=action,
                 reward=after.reward,
                 discount=1.0 - after.done,
-                next_observation=(),
-                extras={
+                next_observation=(),  # pyright: ignore[reportArgumentType]
+                extras={  # pyright: ignore[reportArgumentType]
                     "policy_extras": policy_extras,
                     "state_extras": {"truncation": after.info["truncation"]},
                 },
@@ -278,7 +273,7 @@ class PPO:
             )
             metrics |= {
                 "grad_norm": norm,
-                "learning_rate": optimizer[-1].hyperparams["learning_rate"],  # pyright: ignore
+                "learning_rate": optimizer[-1].hyperparams["learning_rate"],
                 "skipped_updates": 1.0 - sound,
             }
             return (params, optimizer), metrics
@@ -325,10 +320,10 @@ class PPO:
         spread = NamedSharding(self.mesh, PartitionSpec(None, "robots"))
 
         def shuffle(x: Array) -> Array:
-            x = x.reshape((blocks, size) + x.shape[1:])
+            x = x.reshape(blocks, size, *x.shape[1:])
             x = jax.vmap(lambda rows, order: rows[order])(x, order)
-            x = x.reshape((blocks, config.num_minibatches, -1) + x.shape[2:])
-            x = jnp.swapaxes(x, 0, 1).reshape((config.num_minibatches, -1) + x.shape[3:])
+            x = x.reshape(blocks, config.num_minibatches, -1, *x.shape[2:])
+            x = jnp.swapaxes(x, 0, 1).reshape(config.num_minibatches, -1, *x.shape[3:])
             return jax.lax.with_sharding_constraint(x, spread)
 
         return jax.tree.map(shuffle, data)
@@ -354,8 +349,8 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
     )
 
 
-def _normalize(observation: Any, mean_std: Any) -> Any:
-    return running_statistics.normalize(observation, mean_std)
+def _normalize(observation: Any, preprocessor_params: Any) -> Any:
+    return running_statistics.normalize(observation, preprocessor_params)
 
 
 def _step_metrics(state: envs.State) -> dict[str, Array]:

@@ -198,9 +198,8 @@ def _adopt(state: TrainState, parent: TrainState) -> TrainState:
 
     levels = np.resize(parent.fleet.info["curriculum"], state.fleet.info["curriculum"].shape)
     info = {**state.fleet.info, "curriculum": place(levels, state.fleet.info["curriculum"])}
-    return dataclasses.replace(
-        state,
+    return state.replace(
         params=place(parent.params, state.params),
         normalizer=place(parent.normalizer, state.normalizer),
-        fleet=state.fleet.replace(info=info),
+        fleet=dataclasses.replace(state.fleet, info=info),
     )

@@ -49,7 +49,7 @@ def with_physics(state, **changes):
     return state.replace(pipeline_state=state.pipeline_state.replace(physics=physics(state).replace(**changes)))
 
 
-def test_it_is_a_registered_brax_environment(env):
+def test_it_is_a_registered_brax_environment(env: BP2Env):
     assert isinstance(env, envs.Env)
     assert isinstance(envs.get_environment("bp2", config=env.config), bp2_rl.env.BP2Env)
 

@@ -61,7 +61,8 @@ def test_a_finite_tracking_width_widens_the_linear_kernel_alone():
 
 
 def test_torque_regularization():
-    # |tau_n|^2 = 0.5, |change|^2 = 0.01, dt = 0.005: 0.9 exp(-0.25) + 0.1 exp(-0.1 x 0.01 / 0.005) = 0.700921 + 0.081873
+    # |tau_n|^2 = 0.5, |change|^2 = 0.01, dt = 0.005:
+    # 0.9 exp(-0.25) + 0.1 exp(-0.1 x 0.01 / 0.005) = 0.700921 + 0.081873
     tau = joint(0.5).at[1].set(0.5)
     last = joint(0.4).at[1].set(0.5)
     assert float(rewards.torque_regularization(tau, last, 0.005)) == close(0.782794, rel=1e-5)
@@ -154,9 +155,7 @@ def inputs(**changes) -> rewards.RewardInputs:
 
 
 def total(config: RewardConfig, **changes) -> dict[str, float]:
-    terms = rewards.table_s4(
-        inputs(**changes), config, max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0, dt=0.005
-    )
+    terms = rewards.table_s4(inputs(**changes), config, max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0, dt=0.005)
     return {name: float(value) for name, value in terms.items()}
 
 

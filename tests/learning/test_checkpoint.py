@@ -19,8 +19,7 @@ from bp2_rl.learning import checkpoint
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, read_metadata, restore_checkpoint, save_checkpoint
 
 
-@struct.dataclass
-class State:
+class State(struct.PyTreeNode):
     """One of everything that a training state holds."""
 
     params: dict
@@ -106,10 +105,10 @@ def test_every_bit_comes_back(saved: tuple[Path, State]):
 def test_shapes_alone_are_template_enough(saved: tuple[Path, State]):
     run, state = saved
     # 64-bit leaves have no abstract form while x64 is off.
-    abstract = jax.eval_shape(lambda s: s, state.replace(host=None, rounds=None))  # pyright: ignore
+    abstract = jax.eval_shape(lambda s: s, state.replace(host=None, rounds=None))
     step, restored = restore_checkpoint(run, abstract.replace(host=state.host, rounds=1), step=200)
     assert step == 200
-    arrays_of_scalars = state.replace(  # pyright: ignore
+    arrays_of_scalars = state.replace(
         scale=jnp.float32(state.scale),
         done=jnp.bool_(state.done),
         normalizer=state.normalizer.replace(std_eps=jnp.float32(0)),
@@ -339,7 +338,7 @@ def test_a_checkpoint_renamed_to_another_step(run: Path):
     ],
 )
 def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(run: Path, change: dict, words: str):
-    message = refusal(run, make_state().replace(**change))  # pyright: ignore
+    message = refusal(run, make_state().replace(**change))
     assert words in message
     assert "is of another training" in message
 

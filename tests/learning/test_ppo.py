@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import pytest
 from brax import envs
 from brax.training.agents.ppo import losses
 from brax.training.agents.ppo import train as brax_ppo
+from jax.flatten_util import ravel_pytree
 
 from bp2_rl.env import BP2Env
 from bp2_rl.errors import UserError
@@ -36,10 +38,10 @@ class Aim(envs.Env):
     def reset(self, rng):
         rng, key = jax.random.split(rng)
         target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
-        zero = jnp.zeros(())
+        zero: Any = jnp.zeros(())  # also the clock in the place of a Brax physics state
         return envs.State(zero, target, zero, zero, {"miss": zero}, {"rng": rng})
 
-    def step(self, state, action):
+    def step(self, state: Any, action):
         miss = jnp.abs(action - state.obs)[0]
         time = state.pipeline_state + 1.0
         rng, key = jax.random.split(state.info["rng"])
@@ -128,7 +130,7 @@ def test_loss_and_gradient_are_braxs_on_the_same_batch():
     (theirs, _), their_gradient = jax.value_and_grad(brax_loss, has_aux=True)(params, state.normalizer, full, key)
     assert float(ours) == float(theirs)
     assert_equal(our_gradient, their_gradient)
-    assert float(jnp.abs(jax.flatten_util.ravel_pytree(our_gradient)[0]).max()) > 0.1
+    assert float(jnp.abs(ravel_pytree(our_gradient)[0]).max()) > 0.1
 
 
 def test_one_train_step_is_its_parts_done_by_hand():
@@ -164,7 +166,7 @@ def test_the_same_seed_gives_the_same_training_and_another_seed_another():
 def test_nothing_is_compiled_after_the_first_train_step():
     learner = PPO(Aim(), TINY)
     train(learner, 3)
-    assert learner.train_step._cache_size() == 1
+    assert learner.train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]  # private to JAX
 
 
 def test_minibatches_hold_every_robot_once_with_equal_shares_of_each_block():
@@ -211,7 +213,7 @@ def test_a_fleet_selects_the_bank_where_an_episode_ends():
 def test_time_limits_truncate_and_do_not_terminate():
     fleet = Fleet(Aim(), episode_length=3)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
-    state = state.replace(info={**state.info, "steps": jnp.array([0, 1, 2, 2])})
+    state = dataclasses.replace(state, info={**state.info, "steps": jnp.array([0, 1, 2, 2])})
     bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), 4))
     after = fleet.step(state, jnp.zeros((4, 1)), bank)
     np.testing.assert_array_equal(after.info["truncation"], [0.0, 0.0, 1.0, 1.0])
