@@ -33,7 +33,7 @@ class EvalConfig:
     backend: str = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
-    """Speed to command; by default the top speed on the policy's card."""
+    """Speed to command; by default the one at which the top speed on the policy's card was measured."""
     hold: Annotated[float, tyro.conf.arg(metavar="S")] = 20.0
     """How long to hold it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

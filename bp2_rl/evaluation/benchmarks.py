@@ -24,7 +24,7 @@ class Setup:
     """What may be chosen about a benchmark."""
 
     backend: str = "mujoco"
-    speed: float | None = None  # m/s; None: what the policy's card calls its top speed
+    speed: float | None = None  # m/s; None: what `speed_to_command` reads from the policy's card
     hold: float = HOLD  # s
     operator: HeadingHold = HEADING_HOLD
 
@@ -50,7 +50,7 @@ class Evaluation(NamedTuple):
 def topspeed(policy: Policy, setup: Setup) -> Evaluation:
     """From a stand to the commanded speed at 2.4 m/s2, and hold it."""
     env = policy.card.env
-    speed = setup.speed if setup.speed is not None else top_speed(policy)
+    speed = setup.speed if setup.speed is not None else speed_to_command(policy)
     schedule = Ramp((speed, 0.0, 0.0), acceleration=ACCELERATION, hold=setup.hold)
     run = BACKENDS[setup.backend](
         policy, schedule, env, operator=setup.operator, name=f"{policy.card.stage} policy, {speed:g} m/s commanded"
@@ -58,6 +58,7 @@ def topspeed(policy: Policy, setup: Setup) -> Evaluation:
     conditions = {
         "schedule": f"from a stand to {speed:g} m/s at {ACCELERATION:g} m/s², then hold for {setup.hold:g} s",
         "policy": describe(policy),
+        "weights_sha256": policy.card.weights_sha256,
         "simulator": _SIMULATORS[setup.backend].format(mujoco=mujoco.__version__, jax=jax.__version__),
         "operator": describe_operator(setup.operator),
     }
@@ -67,10 +68,16 @@ def topspeed(policy: Policy, setup: Setup) -> Evaluation:
 BENCHMARKS: dict[str, Callable[[Policy, Setup], Evaluation]] = {"topspeed": topspeed}
 
 
-def top_speed(policy: Policy) -> float:
-    """The result `top_speed` of the policy's card (m/s), or the fastest command it was to be trained for."""
-    measured = policy.card.results.get("top_speed")
-    return float(measured) if isinstance(measured, int | float) else policy.card.env.commands.max_forward
+def speed_to_command(policy: Policy) -> float:
+    """The command (m/s) under which the card's top speed was measured: a robot may run slower than it is told.
+
+    A card without `commanded_speed` gives its `top_speed`, one without either the fastest command of the training.
+    """
+    for result in ("commanded_speed", "top_speed"):
+        speed = policy.card.results.get(result)
+        if isinstance(speed, int | float) and speed > 0:
+            return float(speed)
+    return policy.card.env.commands.max_forward
 
 
 def describe(policy: Policy) -> str:
@@ -78,7 +85,7 @@ def describe(policy: Policy) -> str:
     card = policy.card
     return (
         f"{card.stage} stage, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed}, {card.created}, "
-        f"weights {card.weights_sha256[:12]}, config {card.config_hash[:12]}"
+        f"config {card.config_hash}"
     )
 
 

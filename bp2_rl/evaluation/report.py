@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from bp2_rl.config import save_config, write_text
+from bp2_rl.config import load_config, save_config, write_text
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks import Evaluation
 from bp2_rl.evaluation.figures import FIGURES
@@ -48,9 +48,7 @@ def verdict(metrics: RunMetrics) -> str:
 def summary(metrics: RunMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     m = metrics
-    frequencies = [leg.stride_frequency for leg in m.legs if leg.stride_frequency is not None]
-    frequency = sum(frequencies) / len(frequencies) if frequencies else None
-    duty = sum(leg.duty_factor for leg in m.legs) / len(m.legs)
+    frequency, duty = _mean_gait(m)
     strongest = max(m.motors, key=lambda motor: motor.peak_torque)
     fastest = max(m.motors, key=lambda motor: motor.peak_speed)
     hardest = max(m.motors, key=lambda motor: motor.peak_power)
@@ -88,6 +86,13 @@ def summary(metrics: RunMetrics) -> tuple[Row, ...]:
     )
 
 
+def _mean_gait(metrics: RunMetrics) -> tuple[float | None, float]:
+    """Stride frequency (Hz; None where no leg made a stride) and duty factor, means of the legs."""
+    frequencies = [leg.stride_frequency for leg in metrics.legs if leg.stride_frequency is not None]
+    frequency = sum(frequencies) / len(frequencies) if frequencies else None
+    return frequency, sum(leg.duty_factor for leg in metrics.legs) / len(metrics.legs)
+
+
 def print_table(evaluation: Evaluation, console: Console) -> None:
     """The summary on the terminal."""
     metrics = evaluation.metrics
@@ -115,7 +120,7 @@ def _show(value: float | None, form: str, unit: str = "") -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class _MetricsFile:
+class Report:
     """What metrics.json holds."""
 
     benchmark: str
@@ -146,7 +151,7 @@ def write_report(
     run = evaluation.trajectory
     for old in (PAGE, VIDEO):
         (folder / old).unlink(missing_ok=True)
-    save_config(folder / METRICS, _MetricsFile(evaluation.benchmark, evaluation.conditions, evaluation.metrics))
+    save_config(folder / METRICS, Report(evaluation.benchmark, evaluation.conditions, evaluation.metrics))
     run.save(folder / TRAJECTORY)
     pictures = {name: _png(draw(run)) for name, draw in FIGURES.items()}
     for name, picture in pictures.items():
@@ -159,6 +164,52 @@ def write_report(
             no_video = str(reason)
     write_text(folder / PAGE, page(evaluation, pictures, has_video=(folder / VIDEO).is_file()))
     return no_video
+
+
+def read_report(folder: Path) -> Report:
+    """What was measured, of a folder that `write_report` wrote; raises UserError for any other."""
+    if not (folder / METRICS).is_file():
+        raise UserError(f"no report in {folder}: expected {METRICS} there, as python eval.py --out {folder} leaves it")
+    return load_config(Report, folder / METRICS)
+
+
+def results(report: Report) -> dict[str, Any]:
+    """What a policy's card says of a report: SI units, four digits, shares of 1; None where it was not measured."""
+    m = report.metrics
+    frequency, duty = _mean_gait(m)
+    measured = {
+        "commanded_speed": m.commanded_speed,
+        "top_speed": m.best_speed,
+        "mean_speed": m.mean_speed,
+        "slowest_held_speed": m.slowest_held_speed,
+        "hold_time": m.hold_time,
+        "fell_at": m.fell_at,
+        "tracking_error": m.tracking_error,
+        "lateral_drift": m.lateral_drift,
+        "heading_drift": m.heading_drift,
+        "trunk_height": m.mean_height,
+        "stride_frequency": frequency,
+        "duty_factor": duty,
+        "peak_torque": max(motor.peak_torque for motor in m.motors),
+        "peak_joint_speed": max(motor.peak_speed for motor in m.motors),
+        "peak_motor_power": max(motor.peak_power for motor in m.motors),
+        "on_envelope": m.on_envelope,
+        "outside_envelope": m.outside_envelope,
+        "peak_foot_force": m.peak_force,
+        "peak_spring_travel": m.peak_compression,
+        "on_stop": m.on_stop,
+        "mechanical_cost_of_transport": m.mechanical_cost_of_transport,
+        "electrical_cost_of_transport": m.electrical_cost_of_transport,
+        "electrical_power": m.electrical_power,
+        "froude_number": m.froude_number,
+    }
+    conditions = {name: report.conditions[name] for name in _CARD_CONDITIONS if name in report.conditions}
+    figures = {name: float(f"{x:.4g}") if isinstance(x, float) else x for name, x in measured.items()}
+    return {"benchmark": report.benchmark} | conditions | figures
+
+
+# The others a card says itself.
+_CARD_CONDITIONS = ("schedule", "simulator", "operator")
 
 
 def _png(figure: Any) -> bytes:
@@ -278,6 +329,7 @@ th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
 .n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }}
 th:last-child, td:last-child {{ padding-right: 0; }}
 .conditions th {{ width: 8rem; font-weight: 600; }}
+.conditions td {{ overflow-wrap: anywhere; }}
 </style>
 </head>
 <body>

@@ -57,7 +57,7 @@ class PolicyCard:
     config_hash: str  # of the whole training config
     results: dict[str, Any]  # what was measured of it, by name
     created: str  # UTC, ISO 8601
-    weights_sha256: str = ""  # of weights.npz; filled in by export_policy
+    weights_sha256: str = ""  # of weights.npz; filled in by save_policy
     format_version: int = FORMAT_VERSION
 
     @property
@@ -130,21 +130,26 @@ def make_policy(params: Mapping[str, Any], normalizer: Any, card: PolicyCard) ->
 
 
 def export_policy(directory: Path, *, params: Mapping[str, Any], normalizer: Any, card: PolicyCard) -> Policy:
-    """Write the policy that `make_policy` makes of Brax's parameters to `directory`, whole or not at all.
+    """Save the policy that `make_policy` makes of Brax's parameters; raises what `make_policy` and `save_policy` do."""
+    return save_policy(directory, make_policy(params, normalizer, card))
+
+
+def save_policy(directory: Path, policy: Policy) -> Policy:
+    """Write `policy` to `directory`, whole or not at all, and return it with its card as written.
 
     A policy that is already there is replaced only when the new one is complete on disk.
 
     Raises:
-        PolicyError: parameters and card disagree, a parameter is not finite, or the place cannot be written.
+        PolicyError: weights and card disagree, a weight is not finite, or the place cannot be written.
     """
-    policy = make_policy(params, normalizer, card)
+    _check_shapes(policy)
     arrays = _to_arrays(policy)
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise PolicyError(f"policy not exported to {directory}: {name} is not finite")
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    card = dataclasses.replace(card, weights_sha256=hashlib.sha256(buffer.getvalue()).hexdigest())
+    card = dataclasses.replace(policy.card, weights_sha256=hashlib.sha256(buffer.getvalue()).hexdigest())
     text = json.dumps(to_json(card), indent=2, allow_nan=False) + "\n"
     try:
         _replace_directory(Path(directory), {WEIGHTS: buffer.getvalue(), CARD: text.encode()})
@@ -282,6 +287,9 @@ def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
 
 def _replace_directory(directory: Path, files: Mapping[str, bytes]) -> None:
     """Put a folder of `files` where `directory` is, in two renames: a kill leaves the old one, aside at worst."""
+    directory = directory.resolve()
+    if directory.exists() and any(entry.name not in files for entry in directory.iterdir()):
+        raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
     directory.parent.mkdir(parents=True, exist_ok=True)
     fresh, old = (directory.with_name(f".{directory.name}.{suffix}") for suffix in ("new", "old"))
     if old.exists() and not directory.exists():
@@ -295,8 +303,6 @@ def _replace_directory(directory: Path, files: Mapping[str, bytes]) -> None:
             file.flush()
             os.fsync(file.fileno())
     if directory.exists():
-        if any(entry.name not in files for entry in directory.iterdir()):
-            raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
         directory.rename(old)
     fresh.rename(directory)
     shutil.rmtree(old, ignore_errors=True)

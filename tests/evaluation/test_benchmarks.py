@@ -51,12 +51,21 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     assert "6 m/s" in evaluation.conditions["schedule"]
     assert "1/s x heading" in evaluation.conditions["operator"]
     assert "seed 3" in evaluation.conditions["policy"]
+    assert evaluation.conditions["weights_sha256"] == policy.card.weights_sha256
 
 
-def test_top_speed_is_the_measured_one_or_else_the_fastest_in_training(make_policy, asked):
-    topspeed(make_policy(), Setup())
-    topspeed(make_policy(top_speed=8.25), Setup())
-    assert [schedule.target[0] for _, schedule, *_ in asked] == [7.5, 8.25]
+@pytest.mark.parametrize(
+    ("results", "speed"),
+    [
+        ({"commanded_speed": 9.0, "top_speed": 8.25}, 9.0),  # told 8.25 m/s it would run slower still
+        ({"top_speed": 8.25}, 8.25),
+        ({"commanded_speed": None, "top_speed": "fast"}, 7.5),  # the fastest command of the training
+        ({}, 7.5),
+    ],
+)
+def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_policy, asked, results, speed):
+    topspeed(make_policy(**results), Setup())
+    assert [schedule.target[0] for _, schedule, *_ in asked] == [speed]
 
 
 def test_no_operator_is_said_to_be_none():

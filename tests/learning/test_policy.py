@@ -16,7 +16,7 @@ from flax import linen
 
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.observations import Entry
-from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy
+from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy, save_policy
 
 LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
 SIZE = sum(size for _, size in LAYOUT)
@@ -172,6 +172,27 @@ def test_exporting_again_replaces_the_policy(brax_params: Any, normalizer: Any, 
     assert [path.name for path in policy_dir.parent.iterdir()] == ["policy"]
 
 
+def test_saving_a_loaded_policy_changes_its_card_and_not_its_weights(exported: Path, tmp_path: Path):
+    policy = load_policy(exported)
+    measured = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results={"top_speed": 9.0}))
+    saved = save_policy(tmp_path / "p", measured)
+    assert load_policy(tmp_path / "p").card == saved.card == measured.card
+    assert (tmp_path / "p/weights.npz").read_bytes() == (exported / "weights.npz").read_bytes()
+
+
+def test_a_policy_may_be_saved_where_it_lies(policy_dir: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(policy_dir)
+    saved = save_policy(Path(), load_policy("."))
+    assert load_policy(policy_dir).card == saved.card
+
+
+def test_weights_that_are_not_the_cards_are_not_saved(exported: Path, tmp_path: Path):
+    policy = load_policy(exported)
+    with pytest.raises(PolicyError, match="the network has 2 layers, its card says 3"):
+        save_policy(tmp_path / "p", dataclasses.replace(policy, layers=policy.layers[1:]))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_policy_set_aside_by_a_killed_export_comes_back(
     brax_params: Any, normalizer: Any, policy_dir: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -194,7 +215,7 @@ def test_an_export_never_replaces_a_folder_that_is_no_policy(brax_params: Any, n
     with pytest.raises(PolicyError, match="holds files that are no policy's"):
         export_policy(tmp_path / "thesis", params=brax_params, normalizer=normalizer, card=make_card())
     assert (tmp_path / "thesis/chapter1.tex").read_text() == "mine"
-    assert not (tmp_path / "thesis/card.json").exists()
+    assert [path.name for path in tmp_path.rglob("*")] == ["thesis", "chapter1.tex"]
 
 
 def test_a_network_that_is_not_the_cards_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):

@@ -1,0 +1,188 @@
+"""`bp2 export` as a user meets it: what it writes, and how it refuses."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bp2_rl.cli import eval as eval_command
+from bp2_rl.cli import export as command
+from bp2_rl.env.config import ControlConfig, EnvConfig
+from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation.benchmarks import speed_to_command
+from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
+
+SIZE = sum(entry.size for entry in LAYOUT)
+
+
+def standing_policy(seed: int = 0) -> Policy:
+    """A policy that keeps to the standing pose, with weights of its own that have no say."""
+    kernel = np.random.default_rng(seed).normal(size=(SIZE, 4)).astype(np.float32)
+    card = PolicyCard(
+        stage="imitation",
+        observation_layout=tuple((entry.name, entry.size) for entry in LAYOUT),
+        action_size=12,
+        activation="swish",
+        hidden_layer_sizes=(4,),
+        env=EnvConfig(control=ControlConfig(mode="absolute")),
+        reference="none",
+        physics_steps=1_000_000,
+        seed=seed,
+        versions={"bp2_rl": "0.1.0"},
+        config_hash="0" * 12,
+        results={"curriculum_level": 0.5, "top_speed": 99.0},
+        created="2026-11-20T12:00:00+00:00",
+    )
+    zeros = np.zeros((4, 12), np.float32), np.zeros(12, np.float32)
+    mean, std = np.zeros(SIZE, np.float32), np.ones(SIZE, np.float32)
+    return Policy(card=card, mean=mean, std=std, layers=((kernel, np.zeros(4, np.float32)), zeros))
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A folder with a run that has exported a policy, and eval.py's report of it."""
+    folder = tmp_path_factory.mktemp("measured")
+    save_policy(folder / "run" / "policy", standing_policy())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
+        patch.setenv("MUJOCO_GL", "")
+        flags = ["--speed", "0.3", "--hold", "1.2", "--no-video", "--out", str(folder / "report")]
+        assert eval_command.main([str(folder / "run"), *flags]) == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(measured, tmp_path, monkeypatch):
+    """A working directory with a run and a report of it, to be spoilt."""
+    shutil.copytree(measured, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
+    return tmp_path
+
+
+def refused(capsys, *arguments):
+    """The one line that refuses the arguments with exit status 2; nothing is left behind."""
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    assert command.main([str(argument) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    return err
+
+
+# --- Done ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("source", ["run", "run/policy"])
+def test_the_copy_is_the_runs_policy(capsys, source):
+    assert command.main([source, "--to", "kept/policy"]) == 0
+    assert capsys.readouterr().out == f"exported {source} to kept/policy\n"
+    for name in ("card.json", "weights.npz"):
+        assert Path("kept/policy", name).read_bytes() == Path("run/policy", name).read_bytes()
+
+
+def test_the_card_says_what_the_report_says():
+    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
+    said = load_policy("kept").card.results
+    report = json.loads(Path("report/metrics.json").read_text())
+    found = report["metrics"]
+    assert said["curriculum_level"] == 0.5  # what the training wrote stays
+    assert said["benchmark"] == "topspeed"
+    assert said["schedule"] == report["conditions"]["schedule"]
+    assert said["commanded_speed"] == 0.3
+    assert said["fell_at"] is None
+    assert said["outside_envelope"] == 0
+    for name, same in {
+        "top_speed": "best_speed",
+        "mean_speed": "mean_speed",
+        "hold_time": "hold_time",
+        "tracking_error": "tracking_error",
+        "on_envelope": "on_envelope",
+        "peak_spring_travel": "peak_compression",
+        "electrical_cost_of_transport": "electrical_cost_of_transport",
+    }.items():
+        # The card rounds to four digits. A robot that stands has no cost of transport: None is None.
+        assert said[name] == (None if found[same] is None else pytest.approx(found[same], rel=1e-3)), name
+    assert said["peak_motor_power"] == pytest.approx(max(m["peak_power"] for m in found["motors"]), rel=1e-3)
+    flat = (str, int, float, type(None))
+    assert all(isinstance(value, flat) for value in said.values())
+
+
+def test_a_policy_may_get_its_results_where_it_lies():
+    before = Path("run/policy/weights.npz").read_bytes()
+    assert command.main(["run", "--to", "run/policy", "--report", "report"]) == 0
+    assert load_policy("run").card.results["commanded_speed"] == 0.3
+    assert Path("run/policy/weights.npz").read_bytes() == before
+
+
+def test_an_exported_policy_can_be_measured_as_it_was():
+    """By default eval.py commands what was commanded when the card's figures were measured."""
+    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
+    assert speed_to_command(load_policy("kept")) == 0.3
+
+
+# --- Wrong input -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "RUN_OR_POLICY"),
+        (["run"], "--to"),
+        (["run", "--to", "kept", "--speed", "3"], "--speed"),
+        (["gone", "--to", "kept"], "no policy at gone"),
+        (["report", "--to", "kept"], "no policy in report"),
+        (["run/policy/card.json", "--to", "kept"], "is a file"),
+        (["run", "--to", "kept", "--report", "gone"], "no report in gone: expected metrics.json"),
+        (["run", "--to", "kept", "--report", "run"], "no report in run"),
+        (["run", "--to", "report"], "holds files that are no policy's"),
+        (["run", "--to", "run"], "holds files that are no policy's"),
+        (["run", "--to", "report/speed.png"], "cannot write policy report/speed.png"),
+        (["run", "--to", "report/speed.png/kept"], "cannot write policy report/speed.png/kept"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_mistake_is_one_line(capsys, arguments, words):
+    assert words in refused(capsys, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "not a JSON file"),
+        ("[1, 2]", "expected an object"),
+        ('{"loss": 3}', "loss: unknown key"),
+        ('{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}', "metrics.name: missing"),
+    ],
+)
+def test_a_report_of_another_shape_is_refused(capsys, content, words):
+    Path("report/metrics.json").write_text(content)
+    message = refused(capsys, "run", "--to", "kept", "--report", "report")
+    assert words in message
+    assert "report/metrics.json" in message
+
+
+def test_a_report_of_another_policy_is_refused(capsys):
+    save_policy(Path("other"), standing_policy(seed=1))
+    message = refused(capsys, "other", "--to", "kept", "--report", "report")
+    assert "report report is of another policy" in message
+    assert load_policy("run").card.weights_sha256[:12] in message
+    assert load_policy("other").card.weights_sha256[:12] in message
+
+
+def test_a_report_that_does_not_say_of_which_policy_is_refused(capsys):
+    path = Path("report/metrics.json")
+    report = json.loads(path.read_text())
+    del report["conditions"]["weights_sha256"]
+    path.write_text(json.dumps(report))
+    assert "weights unknown" in refused(capsys, "run", "--to", "kept", "--report", "report")
+
+
+def test_a_damaged_policy_is_not_passed_on(capsys):
+    weights = Path("run/policy/weights.npz")
+    weights.write_bytes(weights.read_bytes()[:-50])
+    assert "weights.npz is truncated" in refused(capsys, "run", "--to", "kept")
