@@ -56,7 +56,7 @@ def make_config(stage: Stage, preset: Preset) -> TrainConfig:
     if relaxed:
         ppo = dataclasses.replace(ppo, learning_rate=1e-4, entropy_cost=2e-3)
     if preset == "gpu":
-        return TrainConfig(stage, env, ppo, RunConfig(steps=120_000_000))
+        return TrainConfig(stage, env, ppo, RunConfig(steps=60_000_000 if relaxed else 100_000_000))
     small = dataclasses.replace(
         env,
         commands=CommandConfig(max_forward=3.0),
