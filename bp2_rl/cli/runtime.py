@@ -10,9 +10,13 @@ from pathlib import Path
 
 import jax
 
-# MJX prints on import that the optional package warp is missing.
+# MuJoCo binds the GL library that MUJOCO_GL names when it is imported, and fails if it is not there; only films need
+# one, in a process of their own. MJX prints on import that the optional package warp is missing.
+_gl_library = os.environ.pop("MUJOCO_GL", None)
 with contextlib.redirect_stdout(io.StringIO()):
     import mujoco.mjx  # noqa: F401
+if _gl_library is not None:
+    os.environ["MUJOCO_GL"] = _gl_library
 
 
 def prepare_jax() -> None:

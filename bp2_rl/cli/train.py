@@ -56,38 +56,51 @@ def _train(argv: list[str]) -> None:
         train.resume(arguments.resume)
         return
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
-    parent = arguments.parent
-    if parent is None and arguments.stage == "relaxed":
-        parent = _newest_imitation_run()
     now = datetime.datetime.now()
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     print(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
-    if parent is not None:
-        print(f"continues from {parent}")
-    train.start(config, out, parent=parent)
+    if arguments.parent is not None:
+        print(f"continues from {arguments.parent}")
+    train.start(config, out, parent=arguments.parent)
     print(f"see it run: python eval.py {out}")
 
 
 def _parse(argv: list[str]) -> Arguments:
-    """The arguments, with the defaults of the stage and preset that they name."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--stage", default="imitation")
-    first.add_argument("--preset", default="auto")
-    known, _ = first.parse_known_args(argv)
+    """The arguments, with the defaults of the stage, preset and parent that they name."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    for flag in ("--stage", "--preset", "--from", "--resume"):
+        first.add_argument(flag, nargs="?")
+    known, _ = first.parse_known_args([word for word in argv if word not in ("-h", "--help")])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
     preset = known.preset if known.preset in ("smoke", "cpu", "gpu") else _preset_for_this_machine()
     defaults = make_config(stage, preset)
+    parent = Path(vars(known)["from"]) if vars(known)["from"] else None
+    complete = not {"-h", "--help"} & set(argv) and known.resume is None
+    if complete and parent is None and known.stage == "relaxed":
+        parent = _newest_imitation_run()
+    if complete and parent is not None:
+        defaults = _continue(defaults, parent)
     arguments = app.parse(
         Arguments,
         argv,
         "train.py",
-        default=Arguments(env=defaults.env, ppo=defaults.ppo, run=defaults.run),
+        default=Arguments(parent=parent, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
     )
     if arguments.resume is not None:
         others = [flag for flag in argv if flag.startswith("--") and not flag.startswith("--resume")]
         if others:
             raise UserError(f"--resume takes the run's own settings: leave out {others[0].split('=')[0]}")
     return dataclasses.replace(arguments, preset=preset)
+
+
+def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
+    """The stage's settings on the parent's robot, commands and networks."""
+    old = train.load_run_config(parent)
+    return dataclasses.replace(
+        defaults,
+        env=dataclasses.replace(old.env, reward=defaults.env.reward),
+        ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in train.NETWORK}),
+    )
 
 
 def _preset_for_this_machine() -> Preset:

@@ -10,14 +10,14 @@ from bp2_rl.robot import specs
 
 
 class CommandState(struct.PyTreeNode):
-    """The present command on its way to a target."""
+    """The present command on its way to a target, and how well commands near the robot's limit were tracked."""
 
     current: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
     target: Float[Array, "... 3"]
     acceleration: Float[Array, "..."]  # m/s2, of the forward command
-    time_left: Float[Array, "..."]  # s, until a new target is drawn
-    error: Float[Array, "..."]  # m, time integral of the forward speed error since the target was drawn
-    time: Float[Array, "..."]  # s, since the target was drawn
+    time_left: Float[Array, "..."]  # s, from reaching the target to the next draw
+    error: Float[Array, "..."]  # m, integral of the forward speed error near the limit, since the last draw
+    time: Float[Array, "..."]  # s, spent near the limit since the last draw
 
 
 def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:
@@ -26,15 +26,17 @@ def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: Curricul
 
 
 def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
-    """A command (v_x, v_y, omega_z): forward uniform up to `top`, lateral and yaw smaller at speed, often straight."""
-    keys = jax.random.split(key, 5)
-    forward = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
-    turn = jax.random.uniform(keys[1], (2,), minval=-1.0, maxval=1.0)
-    turn *= jnp.array([config.max_lateral, config.max_yaw_rate])
-    turn *= 1.0 - 0.5 * jnp.abs(forward) / config.max_forward
-    turn *= jax.random.bernoulli(keys[2], 1.0 - config.straight_fraction)
-    stand = jax.random.bernoulli(keys[3], config.stand_fraction)
-    return jnp.where(stand, 0.0, jnp.concatenate([forward[None], turn]))
+    """A command (v_x, v_y, omega_z): forward up to `top`, often near it; lateral and yaw smaller at speed."""
+    keys = jax.random.split(key, 6)
+    anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
+    near_top = jax.random.uniform(keys[1], minval=0.9, maxval=1.0) * top
+    forward = jnp.where(jax.random.bernoulli(keys[2], config.limit_fraction), near_top, anywhere)
+    lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
+    lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
+    yaw_rate *= jnp.minimum(config.max_yaw_rate, config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6))
+    turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
+    stand = jax.random.bernoulli(keys[5], config.stand_fraction)
+    return jnp.where(stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate]))
 
 
 def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], config: CommandConfig) -> CommandState:
@@ -62,21 +64,22 @@ def advance(
 ) -> tuple[CommandState, Float[Array, ""]]:
     """One control step: (command state, curriculum level).
 
-    When a target's time is over and the mean speed error was within tolerance, the level rises.
+    Before a new target is drawn, the level rises if the robot was commanded near its limit for long enough and
+    followed within tolerance. What it follows far from the limit says nothing about the limit.
     """
     dt = specs.CONTROL_STEP
+    top = fastest(level, config, curriculum)
     rate = jnp.stack([state.acceleration, *(jnp.asarray(config.turn_acceleration),) * 2])
+    near = state.current[0] >= curriculum.near * top
+    reached = state.current[0] == state.target[0]
     moved = state.replace(
         current=state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt),
-        time_left=state.time_left - dt,
-        error=state.error + dt * jnp.abs(forward_velocity - state.current[0]),
-        time=state.time + dt,
+        time_left=state.time_left - dt * reached,
+        error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
+        time=state.time + dt * near,
     )
     expired = moved.time_left <= 0.0
-    # Only a segment near the robot's present limit says something about that limit.
-    top = fastest(level, config, curriculum)
-    near_limit = moved.target[0] > 0.6 * top
-    tracked = moved.error < curriculum.tolerance * (1.0 + jnp.abs(moved.target[0])) * moved.time
-    level = jnp.where(expired & near_limit & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
+    tracked = (moved.time >= curriculum.evidence) & (moved.error < curriculum.tolerance * (1.0 + top) * moved.time)
+    level = jnp.where(expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
     fresh = draw(key, moved.current, fastest(level, config, curriculum), config)
     return jax.tree.map(lambda new, old: jnp.where(expired, new, old), fresh, moved), level

@@ -37,7 +37,7 @@ def nominal(num_bodies: int, friction: float) -> Randomization:
 
 
 def draw(key: Array, config: RandomizationConfig, num_bodies: int, friction: float) -> Randomization:
-    """A random robot, or the nominal one where randomisation is off."""
+    """A random robot around the nominal one with this foot friction, or that itself where randomisation is off."""
     if not config.enabled:
         return nominal(num_bodies, friction)
     keys = jax.random.split(key, 7)
@@ -46,7 +46,7 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, friction: flo
         return jax.random.uniform(key, shape, minval=bounds[0], maxval=bounds[1])
 
     return Randomization(
-        friction=uniform(keys[0], (), config.friction),
+        friction=friction * uniform(keys[0], (), config.friction),
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
         strength=uniform(keys[3], (12,), config.strength),

@@ -38,6 +38,15 @@ class RunConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class Parent:
+    """The run whose networks a training started from."""
+
+    run: str  # name of its folder
+    config_hash: str
+    control_steps: int  # behind those networks, its own parents' included
+
+
+@dataclasses.dataclass(frozen=True)
 class TrainConfig:
     """Everything that a training run depends on; written to the run's config.json."""
 
@@ -46,6 +55,7 @@ class TrainConfig:
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
     impl: Impl = "jax"
+    parent: Parent | None = None
 
 
 def make_config(stage: Stage, preset: Preset) -> TrainConfig:

@@ -18,10 +18,12 @@ from bp2_rl.learning.checkpoint import latest_step, restore_checkpoint, save_che
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.policy import PolicyCard, export_policy
 from bp2_rl.learning.ppo import PPO, TrainState
-from bp2_rl.learning.stages import TrainConfig
+from bp2_rl.learning.stages import Parent, TrainConfig
 from bp2_rl.robot import specs
 
 CONFIG = "config.json"
+NETWORK = ("policy_layers", "value_layers", "activation")
+"""Fields of `PPOConfig` that a run shares with its parent."""
 
 
 def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> Path:
@@ -31,16 +33,20 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
     random numbers start anew.
 
     Raises:
-        UserError: the folder is not empty or not writable, or the parent's networks differ.
+        UserError: the folder is not empty or not writable, or the parent's networks or actions differ.
     """
     run_dir = Path(run_dir)
     learner = make_learner(config)
-    inherited = _inherit(parent, config) if parent is not None else None
+    inherited = None
+    if parent is not None:
+        inherited, origin = _inherit(Path(parent), config)
+        config = dataclasses.replace(config, parent=origin)
     _claim(run_dir)
     save_config(run_dir / CONFIG, config)
     state = learner.init(config.run.seed)
     if inherited is not None:
         state = _adopt(state, inherited)
+    save_checkpoint(run_dir, 0, state)
     return _run(learner, state, config, run_dir)
 
 
@@ -89,29 +95,67 @@ def _run(learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path) ->
     done = int(state.step)
     title = f"{config.stage} on {learner.mesh.size} x {learner.mesh.devices.flat[0].device_kind}"
     with Monitor(run_dir, total * per_step, start_step=done * per_step, title=title) as monitor:
-        began = time.monotonic()
-        pending: tuple[int, Any] | None = None
-        while done < total:
-            state, metrics = learner.train_step(state)
-            done += 1
-            # Metrics are read one logging interval late, so that the device never waits for the console.
-            if done % log_every == 0 or done == total:
-                if pending is not None:
-                    _log(monitor, *pending, per_step)
-                pending = (done, metrics)
-            if done % save_every == 0 or done == total:
-                if pending is not None:
-                    _log(monitor, *pending, per_step)
-                    pending = None
-                save_checkpoint(run_dir, done, state)
-                _export(state, config, run_dir)
+        began, first = time.monotonic(), done
+        log = _Log(monitor, per_step)
+        try:
+            while done < total:
+                state, metrics = learner.train_step(state)
+                done += 1
+                log.add(metrics)
+                if done % log_every == 0 or done == total:
+                    log.close(done)
+                if done % save_every == 0 or done == total:
+                    log.flush()
+                    save_checkpoint(run_dir, done, state)
+                    _export(state, config, run_dir)
+        except KeyboardInterrupt:
+            save_checkpoint(run_dir, int(state.step), state)
+            monitor.note(f"interrupted at step {int(state.step)} of {total}: python train.py --resume {run_dir}")
+            raise
         minutes = (time.monotonic() - began) / 60
-        monitor.note(f"done: {total * per_step:,} control steps in {minutes:.1f} min, policy in {run_dir / 'policy'}")
+        steps = (total - first) * per_step
+        monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / 'policy'}")
     return run_dir
 
 
-def _log(monitor: Monitor, done: int, metrics: dict[str, Any], per_step: int) -> None:
-    monitor.log(done * per_step, summarize({name: float(value) for name, value in jax.device_get(metrics).items()}))
+class _Log:
+    """Averages metrics on the device over a logging interval, and writes them one interval late.
+
+    So the device never waits for the console, and a line stands for all of its interval's steps.
+    """
+
+    def __init__(self, monitor: Monitor, per_step: int):
+        self._monitor, self._per_step = monitor, per_step
+        self._sums: Any = None
+        self._count = 0
+        self._pending: tuple[int, Any, int, float] | None = None
+        self._since = time.monotonic()
+
+    def add(self, metrics: dict[str, jax.Array]) -> None:
+        """Take in one train step's metrics, which may still be under computation."""
+        self._sums = metrics if self._sums is None else _add(self._sums, metrics)
+        self._count += 1
+
+    def close(self, done: int) -> None:
+        """The interval ends with train step `done`; write the one before it."""
+        self.flush()
+        self._pending = done, self._sums, self._count, self._since
+        self._sums, self._count, self._since = None, 0, time.monotonic()
+
+    def flush(self) -> None:
+        """Write what has been closed."""
+        if self._pending is None:
+            return
+        done, sums, count, since = self._pending
+        self._pending = None
+        means = {name: float(value) / count for name, value in jax.device_get(sums).items()}
+        rate = count * self._per_step / (time.monotonic() - since)
+        self._monitor.log(done * self._per_step, summarize(means) | {"steps_per_second": rate})
+
+
+@jax.jit
+def _add(a: dict[str, jax.Array], b: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    return jax.tree.map(jnp.add, a, b)
 
 
 def summarize(metrics: dict[str, float]) -> dict[str, float]:
@@ -120,7 +164,7 @@ def summarize(metrics: dict[str, float]) -> dict[str, float]:
     Falls become falls a robot a second, falls of all ended episodes become `falls`; errors by bin are divided by
     the bin's share of commands (and left out where nobody was commanded so).
     """
-    out = {name: value for name, value in metrics.items() if not name.startswith(("error/", "share/"))}
+    out = {name: value for name, value in metrics.items() if not name.startswith("error/")}
     ended = metrics["falls"] + metrics["time_outs"]
     out["falls"] = metrics["falls"] / ended if ended > 0 else 0.0
     out["falls_per_second"] = metrics["falls"] / specs.CONTROL_STEP
@@ -138,6 +182,7 @@ def _train_steps(config: TrainConfig) -> int:
 def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
     params, normalizer = jax.device_get((state.params.policy, state.normalizer))
     steps = int(state.step) * config.ppo.steps_per_train_step
+    steps += config.parent.control_steps if config.parent else 0
     card = PolicyCard(
         stage=config.stage,
         observation_layout=tuple((entry.name, entry.size) for entry in LAYOUT),
@@ -150,7 +195,10 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         seed=config.run.seed,
         versions=package_versions(),
         config_hash=config_hash(config),
-        results={"curriculum_level": float(np.mean(jax.device_get(state.fleet.info["curriculum"])))},
+        results={
+            "curriculum_level": float(np.mean(jax.device_get(state.fleet.info["curriculum"]))),
+            "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+        },
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
     export_policy(run_dir / "policy", params=params, normalizer=normalizer, card=card)
@@ -160,10 +208,11 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
 
 
 def _claim(run_dir: Path) -> None:
-    """Make the run's folder; it must be new, so that nothing is lost."""
-    if (run_dir / CONFIG).exists():
-        raise UserError(f"{run_dir} holds a run already: name another --out, or continue it with --resume {run_dir}")
+    """Make the run's folder; it must be new or empty, so that nothing is lost."""
     try:
+        if run_dir.is_dir() and any(run_dir.iterdir()):
+            what = "a run already" if (run_dir / CONFIG).exists() else "other files"
+            raise UserError(f"{run_dir} holds {what}: name another --out, or continue a run with --resume")
         run_dir.mkdir(parents=True, exist_ok=True)
         probe = run_dir / ".writable"
         probe.touch()
@@ -172,18 +221,20 @@ def _claim(run_dir: Path) -> None:
         raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
 
 
-def _inherit(parent: Path, config: TrainConfig) -> TrainState:
-    """The newest state of the run `parent`, on the host."""
+def _inherit(parent: Path, config: TrainConfig) -> tuple[TrainState, Parent]:
+    """The newest state of the run `parent`, on the host, and what it is."""
     old = load_run_config(parent)
-    for name in ("policy_layers", "value_layers", "activation"):
-        if getattr(old.ppo, name) != getattr(config.ppo, name):
-            raise UserError(
-                f"run {parent} was trained with ppo.{name} = {getattr(old.ppo, name)}, this one has "
-                f"{getattr(config.ppo, name)}: use the same preset, or pass --ppo.{name.replace('_', '-')}"
-            )
+    for name, theirs, ours in (
+        *((f"ppo.{name}", getattr(old.ppo, name), getattr(config.ppo, name)) for name in NETWORK),
+        ("env.control", old.env.control, config.env.control),
+    ):
+        if theirs != ours:
+            raise UserError(f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree")
     learner = PPO(BP2Env(old.env), old.ppo, devices=jax.devices()[:1])
-    _, state = restore_checkpoint(parent, jax.tree.map(_on_host, learner.shape()))
-    return state
+    step, state = restore_checkpoint(parent, jax.tree.map(_on_host, learner.shape()))
+    before = old.parent.control_steps if old.parent else 0
+    steps = before + step * old.ppo.steps_per_train_step
+    return state, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
 
 
 def _on_host(leaf: jax.ShapeDtypeStruct) -> np.ndarray:
