@@ -25,6 +25,11 @@ def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: Curricul
     return curriculum.start_speed + level * (config.max_forward - curriculum.start_speed)
 
 
+def fastest_turn(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
+    """The largest yaw rate at a forward speed, rad/s: their product is the lateral acceleration of the turn."""
+    return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
+
+
 def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
     """A command (v_x, v_y, omega_z): forward up to `top`, often near it; lateral and yaw smaller at speed."""
     keys = jax.random.split(key, 6)
@@ -33,7 +38,7 @@ def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Flo
     forward = jnp.where(jax.random.bernoulli(keys[2], config.limit_fraction), near_top, anywhere)
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
     lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
-    yaw_rate *= jnp.minimum(config.max_yaw_rate, config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6))
+    yaw_rate *= jnp.minimum(config.max_yaw_rate, fastest_turn(forward, config))
     turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
     stand = jax.random.bernoulli(keys[5], config.stand_fraction)
     return jnp.where(stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate]))
@@ -72,8 +77,10 @@ def advance(
     rate = jnp.stack([state.acceleration, *(jnp.asarray(config.turn_acceleration),) * 2])
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
+    current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
+    turn = fastest_turn(current[0], config)  # the target's yaw rate may be too much for the speed on the way to it
     moved = state.replace(
-        current=state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt),
+        current=current.at[2].set(jnp.clip(current[2], -turn, turn)),
         time_left=state.time_left - dt * reached,
         error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
         time=state.time + dt * near,

@@ -13,7 +13,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
-CURRICULUM = CurriculumConfig(start_speed=3.0)
+CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
 KEY = jax.random.PRNGKey(0)
 
 
@@ -30,6 +30,9 @@ def test_targets_cover_their_ranges_and_respect_them():
     # Binomial shares of 20 000 draws: a standard deviation is below 0.004.
     assert standing.mean() == pytest.approx(CONFIG.stand_fraction, abs=0.015)
     assert straight.mean() == pytest.approx(CONFIG.straight_fraction * (1 - CONFIG.stand_fraction), abs=0.015)
+    # Of the targets drawn from anywhere in [-1, 8] m/s, 0.8 / 9 are in the fastest tenth, too.
+    fast = (1 - CONFIG.stand_fraction) * (CONFIG.limit_fraction + (1 - CONFIG.limit_fraction) * 0.8 / 9.0)
+    assert (forward >= 0.9 * 8.0).mean() == pytest.approx(fast, abs=0.015)
 
 
 def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
@@ -37,15 +40,67 @@ def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
     assert speeds == [3.0, 6.5, 10.0]
 
 
-def run(state, level, tracking, steps, seed=1):
+def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICULUM):
     """`tracking(command)` is the speed the robot runs at."""
 
     def step(carry, key):
         state, level = carry
-        state, level = commands.advance(state, level, tracking(state.current[0]), key, CONFIG, CURRICULUM)
+        state, level = commands.advance(state, level, tracking(state.current[0]), key, config, curriculum)
         return (state, level), (level, state.current)
 
     return jax.lax.scan(step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps))[1]
+
+
+def run_fleet(tracking, seconds, robots=128, config=EnvConfig()):  # noqa: B008  # frozen
+    """Levels (robot, time) and commands (robot, time, 3) of robots that start at level 0 and never fall."""
+
+    def one(seed):
+        key = jax.random.PRNGKey(seed)
+        start = commands.draw(key, None, jnp.array(config.curriculum.start_speed), config.commands)
+        steps = round(seconds / specs.CONTROL_STEP)
+        return run(start, jnp.array(0.0), tracking, steps, seed, config.commands, config.curriculum)
+
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(robots)))
+
+
+def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
+    """It runs at min(command, 5 m/s) without ever falling; slow commands, which it follows, must not count."""
+    levels, _ = run_fleet(lambda command: jnp.minimum(command, 5.0), 120.0)
+    config = EnvConfig()
+
+    def limit(level):
+        return float(commands.fastest(jnp.array(level), config.commands, config.curriculum))
+
+    assert limit(levels.max()) <= 7.0
+    assert limit(levels[:, -1].min()) > 5.0  # what it can run it is commanded
+
+
+def test_a_robot_that_follows_every_command_reaches_the_top():
+    levels, currents = run_fleet(lambda command: command, 300.0)
+    assert np.all(levels[:, -1] == 1.0)
+    assert currents[..., 0].max() > 0.98 * EnvConfig().commands.max_forward
+
+
+def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
+    """Neither a target nor any command on the way from a fast straight one to a slow tight one."""
+    config = EnvConfig()
+    keys = jax.random.split(KEY, 20_000)
+    targets = jax.vmap(lambda key: commands.draw_target(key, jnp.array(13.0), config.commands))(keys)
+    _, currents = run_fleet(lambda command: command, 200.0, robots=32)
+    for forward, _, yaw_rate in (np.asarray(targets).T, np.moveaxis(currents, -1, 0)):
+        turn = np.abs(forward * yaw_rate)
+        assert 0.9 * config.commands.max_turn < turn.max() <= config.commands.max_turn * (1 + 1e-6)  # float32
+
+
+def test_the_hold_time_counts_from_reaching_the_target():
+    """Of 1 m/s2 to a target 2.7 m/s away and a hold of 0.1 s, the next draw is 2.8 s off."""
+    state = segment(2.7).replace(current=jnp.zeros(3), acceleration=jnp.array(1.0))
+    _, currents = run(state, jnp.array(0.0), lambda v: v, 600)
+    forward = np.asarray(currents)[:, 0]
+    there = np.flatnonzero(forward == np.float32(2.7))
+    # Each side of the interval may be off by the step in which the float32 sum of increments gets there.
+    assert there[0] == pytest.approx(2.7 / specs.CONTROL_STEP, abs=2)
+    assert there[-1] - there[0] == pytest.approx(0.1 / specs.CONTROL_STEP, abs=2)
 
 
 def test_commands_move_no_faster_than_their_rates():
@@ -58,35 +113,69 @@ def test_commands_move_no_faster_than_their_rates():
     assert np.ptp(currents[:, 0]) > 1.0  # it did move
 
 
-def segment(target: float) -> commands.CommandState:
+def segment(target: float, hold: float = 0.1) -> commands.CommandState:
     start = commands.draw(KEY, None, jnp.array(3.0), CONFIG)
     there = jnp.array([target, 0.0, 0.0])
-    return start.replace(current=there, target=there, time_left=jnp.array(0.1))
+    return start.replace(current=there, target=there, time_left=jnp.array(hold))
 
 
 @pytest.mark.parametrize(
-    ("target", "lag", "raised"),
-    [(2.9, 0.0, True), (2.9, 0.4, True), (2.9, 0.6, False), (0.5, 0.0, False)],
-    ids=["tracked", "within tolerance 0.12 x 3.9 = 0.47", "beyond tolerance", "far below the limit"],
-)
-def test_a_level_rises_only_when_a_command_near_its_limit_was_tracked(target, lag, raised):
-    levels, _ = run(segment(target), jnp.array(0.0), lambda v: v - lag, 30)
+    ("target", "hold", "lag", "raised"),
+    [(2.8, 0.6, 0.0, True), (2.8, 0.6, 0.39, True), (2.8, 0.6, 0.41, False), (2.8, 0.4, 0.0, False),
+     (2.6, 0.6, 0.0, False)],
+    ids=["tracked", "within tolerance 0.1 x (1 + 3) = 0.4", "beyond tolerance", "too short", "far below the limit"],
+)  # fmt: skip
+def test_a_level_rises_only_when_commands_near_its_limit_were_tracked_for_long_enough(target, hold, lag, raised):
+    # Until shortly after the hold, so that what was drawn next does not count.
+    levels, _ = run(segment(target, hold), jnp.array(0.0), lambda v: v - lag, round(hold / specs.CONTROL_STEP) + 5)
     assert levels[-1] == pytest.approx(CURRICULUM.raise_by if raised else 0.0)
 
 
+NAN, INF = float("nan"), float("inf")
+
+
 @pytest.mark.parametrize(
-    ("group", "changes", "named"),
+    ("named", "value"),
     [
-        ("commands", {"max_forward": -1.0}, "max_forward"),
-        ("commands", {"acceleration": (3.0, 1.0)}, "acceleration"),
-        ("commands", {"straight_fraction": 1.5}, "straight_fraction"),
-        ("curriculum", {"start_speed": 0.0}, "start_speed"),
-        ("randomization", {"latency": (0.0, 0.05)}, "latency"),
-        ("randomization", {"friction": (1.0, 0.5)}, "friction"),
-        ("control", {"action_scale": 0.0}, "action_scale"),
-        ("reset", {"standing_fraction": -0.1}, "standing_fraction"),
+        ("commands.max_forward", -1.0),
+        ("commands.max_forward", INF),
+        ("commands.max_turn", -1.0),
+        ("commands.acceleration", (3.0, 1.0)),
+        ("commands.acceleration", (1.0, INF)),
+        ("commands.hold_time", (0.0, 0.0)),
+        ("commands.straight_fraction", 1.5),
+        ("commands.limit_fraction", -0.5),
+        ("control.action_scale", 0.0),
+        ("control.action_limit", -1.0),
+        ("control.current_lag", -1.0),
+        ("control.torque_rate", -1.0),
+        ("control.torque_rate", -INF),
+        ("curriculum.start_speed", 0.0),
+        ("curriculum.start_speed", 14.0),
+        ("curriculum.tolerance", -1.0),
+        ("curriculum.raise_by", NAN),
+        ("curriculum.near", 1.0),
+        ("randomization.friction", (0.0, 0.0)),
+        ("randomization.friction", (1.0, 0.5)),
+        ("randomization.joint_velocity_noise", NAN),
+        ("randomization.latency", (0.0, 0.05)),
+        ("randomization.push_interval", 0.0),
+        ("reset.standing_fraction", -0.1),
+        ("reward.imitation", NAN),
+        ("reward.tracking_width", 0.0),
+        ("termination.min_height", 0.7),
+        ("termination.min_up", 5.0),
+        ("termination.max_speed", INF),
     ],
 )
-def test_impossible_settings_are_refused_by_name(group, changes, named):
-    with pytest.raises(UserError, match=named):
-        EnvConfig(**{group: dataclasses.replace(getattr(EnvConfig(), group), **changes)})
+def test_impossible_settings_are_refused_by_name(named, value):
+    group, field = named.split(".")
+    with pytest.raises(UserError, match=rf"^{named}\b.*") as error:
+        EnvConfig(**{group: dataclasses.replace(getattr(EnvConfig(), group), **{field: value})})
+    assert "\n" not in str(error.value)
+
+
+def test_what_has_a_meaning_when_infinite_may_be():
+    control = dataclasses.replace(EnvConfig().control, torque_rate=INF)
+    reward = dataclasses.replace(EnvConfig().reward, tracking_width=INF)
+    assert EnvConfig(control=control, reward=reward).control.torque_rate == INF
