@@ -64,19 +64,33 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that says how to mend them."""
+
+        def require(condition: bool, name: str, what: str) -> None:
+            if not condition:
+                raise UserError(f"ppo.{name} must {what}, got {getattr(self, name)}")
+
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            require(not isinstance(value, float) or math.isfinite(value), field.name, "be a finite number")
         for name in ("num_envs", "unroll_length", "num_minibatches", "num_epochs", "episode_length"):
-            if getattr(self, name) < 1:
-                raise UserError(f"ppo.{name} must be at least 1, got {getattr(self, name)}")
+            require(getattr(self, name) >= 1, name, "be at least 1")
+        for name in ("policy_layers", "value_layers"):
+            layers = getattr(self, name)
+            require(len(layers) > 0 and min(layers) >= 1, name, "name one layer or more of at least 1 unit")
+        for name in ("learning_rate", "clipping", "max_grad_norm", "reward_scaling", "initial_std"):
+            require(getattr(self, name) > 0, name, "be positive")
+        for name in ("entropy_cost", "value_coefficient"):
+            require(getattr(self, name) >= 0, name, "not be negative")
+        for name in ("discounting", "gae_lambda"):
+            require(0 <= getattr(self, name) <= 1, name, "lie between 0 and 1")
+        require(self.desired_kl is None or self.desired_kl > 0, "desired_kl", "be positive, or None")
+        if self.desired_kl is not None:
+            lowest = f"be at least ppo.learning_rate ({self.learning_rate})"
+            require(self.max_learning_rate >= self.learning_rate, "max_learning_rate", lowest)
         if self.num_envs % self.num_minibatches:
             raise UserError(
                 f"ppo.num_envs ({self.num_envs}) must be a multiple of ppo.num_minibatches ({self.num_minibatches})"
             )
-        for name in ("learning_rate", "clipping", "max_grad_norm", "reward_scaling", "initial_std"):
-            if not getattr(self, name) > 0:
-                raise UserError(f"ppo.{name} must be positive, got {getattr(self, name)}")
-        for name in ("discounting", "gae_lambda"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise UserError(f"ppo.{name} must lie between 0 and 1, got {getattr(self, name)}")
 
     @property
     def steps_per_train_step(self) -> int:

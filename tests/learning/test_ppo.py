@@ -2,13 +2,17 @@
 
 import dataclasses
 import functools
-from typing import Any
+import os
+import subprocess
+import sys
+from pathlib import Path
 
+import aim
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brax import envs
+from aim import TINY, Aim, train
 from brax.training.agents.ppo import losses
 from brax.training.agents.ppo import train as brax_ppo
 from jax.flatten_util import ravel_pytree
@@ -16,65 +20,7 @@ from jax.flatten_util import ravel_pytree
 from bp2_rl.env import BP2Env
 from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
-from bp2_rl.learning.ppo import PPO, PPOConfig, make_networks
-
-TINY = PPOConfig(
-    num_envs=16,
-    unroll_length=5,
-    num_minibatches=2,
-    num_epochs=2,
-    episode_length=20,
-    policy_layers=(16,),
-    value_layers=(16,),
-)
-
-
-class Aim(envs.Env):
-    """Show a target, take an action, earn -(action - target)^2: the best return is 0, of every state."""
-
-    def __init__(self, ends_after: int | None = None, reward: float = 0.0):
-        self.ends_after, self.bonus = ends_after, reward
-
-    def reset(self, rng):
-        rng, key = jax.random.split(rng)
-        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
-        zero: Any = jnp.zeros(())  # also the clock in the place of a Brax physics state
-        return envs.State(zero, target, zero, zero, {"miss": zero}, {"rng": rng})
-
-    def step(self, state: Any, action):
-        miss = jnp.abs(action - state.obs)[0]
-        time = state.pipeline_state + 1.0
-        rng, key = jax.random.split(state.info["rng"])
-        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
-        done = jnp.zeros(()) if self.ends_after is None else (time >= self.ends_after).astype(jnp.float32)
-        return state.replace(
-            pipeline_state=time,
-            obs=target,
-            reward=self.bonus - jnp.square(miss),
-            done=done,
-            metrics={"miss": miss},
-            info={**state.info, "rng": rng},
-        )
-
-    @property
-    def observation_size(self):
-        return 1
-
-    @property
-    def action_size(self):
-        return 1
-
-    @property
-    def backend(self):
-        return "none"
-
-
-def train(learner: PPO, steps: int, seed: int = 0):
-    state, history = learner.init(seed), []
-    for _ in range(steps):
-        state, metrics = learner.train_step(state)
-        history.append(jax.device_get(metrics))
-    return state, history
+from bp2_rl.learning.ppo import PPO, make_networks
 
 
 def assert_equal(a, b):
@@ -220,6 +166,29 @@ def test_time_limits_truncate_and_do_not_terminate():
     np.testing.assert_array_equal(after.done, [0.0, 0.0, 1.0, 1.0])
 
 
+def test_four_devices_train_as_one_does(tmp_path):
+    """The same networks, from the same random numbers: one for each robot, whichever device holds it."""
+    results = []
+    for devices in (1, 4):
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(Path(__file__).parents[2]),
+            "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
+        }
+        out = tmp_path / f"{devices}.npz"
+        subprocess.run([sys.executable, aim.__file__, str(out)], env=environment, check=True)
+        results.append(dict(np.load(out)))
+    one, four = results
+    assert (int(one["devices"]), int(four["devices"])) == (1, 4)
+    # float32 sums in another order; a step of Adam is 3e-4, so a different gradient would show at once.
+    np.testing.assert_allclose(four["params"], one["params"], rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(four["env_keys"], one["env_keys"])
+    np.testing.assert_allclose(four["log_prob"], one["log_prob"], rtol=0, atol=1e-4)
+    assert len(np.unique(four["env_keys"], axis=0)) == TINY.num_envs
+    # The likelihood of an action is that of its noise: equal noise of two robots would show in the fourth decimal.
+    assert len(np.unique(np.round(four["log_prob"], 4))) == TINY.num_envs
+
+
 def test_stock_brax_trains_bp2(monkeypatch):
     """`brax.training.agents.ppo.train` on BP2Env, unchanged but for two calls that JAX has removed since."""
 
@@ -237,13 +206,30 @@ def test_stock_brax_trains_bp2(monkeypatch):
     assert progress
 
 
+NAN, INF = float("nan"), float("inf")
+
+
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
         ({"num_envs": 0}, "num_envs"),
         ({"num_minibatches": 3}, "multiple of ppo.num_minibatches"),
         ({"learning_rate": -1.0}, "learning_rate"),
+        ({"learning_rate": INF}, "learning_rate"),
         ({"discounting": 1.5}, "discounting"),
+        ({"gae_lambda": NAN}, "gae_lambda"),
+        ({"entropy_cost": NAN}, "entropy_cost"),
+        ({"entropy_cost": -0.01}, "entropy_cost"),
+        ({"value_coefficient": -1.0}, "value_coefficient"),
+        ({"policy_layers": ()}, "policy_layers"),
+        ({"policy_layers": (32, 0)}, "policy_layers"),
+        ({"value_layers": (-8,)}, "value_layers"),
+        ({"desired_kl": 0.0}, "desired_kl"),
+        ({"desired_kl": NAN}, "desired_kl"),
+        ({"max_learning_rate": 1e-4}, "max_learning_rate"),
+        ({"max_learning_rate": INF}, "max_learning_rate"),
+        ({"max_grad_norm": NAN}, "max_grad_norm"),
+        ({"initial_std": 0.0}, "initial_std"),
     ],
 )
 def test_impossible_hyperparameters_are_refused_by_name(changes, named):

@@ -1,0 +1,89 @@
+"""An environment whose optimum is known, and a small training on it; run as a program, on all of JAX's devices."""
+
+import sys
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax import envs
+from jax.flatten_util import ravel_pytree
+
+from bp2_rl.learning.ppo import PPO, PPOConfig
+
+TINY = PPOConfig(
+    num_envs=16,
+    unroll_length=5,
+    num_minibatches=2,
+    num_epochs=2,
+    episode_length=20,
+    policy_layers=(16,),
+    value_layers=(16,),
+)
+
+
+class Aim(envs.Env):
+    """Show a target, take an action, earn -(action - target)^2: the best return is 0, of every state."""
+
+    def __init__(self, ends_after: int | None = None, reward: float = 0.0):
+        self.ends_after, self.bonus = ends_after, reward
+
+    def reset(self, rng):
+        rng, key = jax.random.split(rng)
+        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
+        zero: Any = jnp.zeros(())  # also the clock in the place of a Brax physics state
+        return envs.State(zero, target, zero, zero, {"miss": zero}, {"rng": rng})
+
+    def step(self, state: Any, action):
+        miss = jnp.abs(action - state.obs)[0]
+        time = state.pipeline_state + 1.0
+        rng, key = jax.random.split(state.info["rng"])
+        target = jax.random.uniform(key, (1,), minval=-1.0, maxval=1.0)
+        done = jnp.zeros(()) if self.ends_after is None else (time >= self.ends_after).astype(jnp.float32)
+        return state.replace(
+            pipeline_state=time,
+            obs=target,
+            reward=self.bonus - jnp.square(miss),
+            done=done,
+            metrics={"miss": miss},
+            info={**state.info, "rng": rng},
+        )
+
+    @property
+    def observation_size(self):
+        return 1
+
+    @property
+    def action_size(self):
+        return 1
+
+    @property
+    def backend(self):
+        return "none"
+
+
+def train(learner: PPO, steps: int, seed: int = 0):
+    state, history = learner.init(seed), []
+    for _ in range(steps):
+        state, metrics = learner.train_step(state)
+        history.append(jax.device_get(metrics))
+    return state, history
+
+
+def main(out: str) -> None:
+    """Train 20 steps; save the parameters, each robot's key and the likelihoods of its next actions."""
+    learner = PPO(Aim(), TINY)
+    state, _ = train(learner, 20)
+    keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)
+    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    np.savez(
+        out,
+        devices=learner.mesh.size,
+        params=ravel_pytree(jax.device_get(state.params))[0],
+        env_keys=jax.device_get(state.fleet.info["rng"]),
+        log_prob=jax.device_get(data.extras["policy_extras"]["log_prob"])[:, 0],
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
