@@ -13,7 +13,6 @@ from bp2_rl.assets import asset_path
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
 
-RUNS = Path("runs")
 DEFAULT_POLICY = "policies/default"
 
 
@@ -21,7 +20,7 @@ DEFAULT_POLICY = "policies/default"
 class EvalConfig:
     """Run a policy from a standing start, measure it, and leave a report with table, plots and film.
 
-    Without a policy: the newest run under runs/ that has exported one, or else the policy that ships with bp2_rl.
+    Without a policy: the one that ships with bp2_rl.
     """
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
@@ -85,16 +84,7 @@ def evaluate(config: EvalConfig) -> None:
 
 
 def choose_policy(config: EvalConfig) -> Path:
-    """The policy asked for, the newest run's, or the one that ships."""
+    """The policy asked for, or the one that ships."""
     if config.run is not None and config.policy is not None:
         raise UserError(f"two policies given: {config.run} and --policy {config.policy}; name one")
-    asked = config.run or config.policy
-    if asked is not None:
-        return asked
-    exported = sorted(RUNS.glob("*/policy/card.json"), key=lambda card: card.stat().st_mtime)
-    if exported:
-        return exported[-1].parent
-    shipped = asset_path(DEFAULT_POLICY)
-    if shipped.is_dir():
-        return shipped
-    raise UserError("no policy to run: name one (eval.py POLICY_OR_RUN), or train one first: python train.py")
+    return config.run or config.policy or asset_path(DEFAULT_POLICY)

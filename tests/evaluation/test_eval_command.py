@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bp2_rl.assets import asset_path
 from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
@@ -90,18 +91,9 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert "heading" in data["conditions"]["operator"]
 
 
-def test_the_newest_run_is_evaluated_if_none_is_named(here, export):
-    for age, name in enumerate(("newest", "older", "oldest")):
-        export(here / "runs" / name / "policy")
-        os.utime(here / "runs" / name / "policy" / "card.json", (1e9 - age, 1e9 - age))
-    (here / "runs" / "unfinished").mkdir()
-    assert command.choose_policy(command.EvalConfig()) == Path("runs/newest/policy")
-
-
-def test_the_policy_that_ships_is_evaluated_if_there_is_no_run(here, monkeypatch):
-    monkeypatch.setattr(command, "asset_path", lambda name: here / "assets" / name)
-    (here / "assets" / command.DEFAULT_POLICY).mkdir(parents=True)
-    assert command.choose_policy(command.EvalConfig()) == here / "assets" / command.DEFAULT_POLICY
+def test_the_policy_that_ships_is_evaluated_if_none_is_named(here, export):
+    export(here / "runs" / "mine" / "policy")
+    assert command.choose_policy(command.EvalConfig()) == asset_path(command.DEFAULT_POLICY)
 
 
 def test_eval_script_runs_by_itself_from_anywhere(policy, here):
@@ -150,11 +142,6 @@ def test_help_explains_every_flag(capsys):
 )
 def test_wrong_flags_are_named_in_one_line(policy, capsys, arguments, words):
     assert_refused(capsys, [policy, *arguments], *words)
-
-
-def test_no_policy_at_all(here, capsys, monkeypatch):
-    monkeypatch.setattr(command, "asset_path", lambda name: here / "assets" / name)
-    assert_refused(capsys, [], "no policy to run", "train.py")
 
 
 @pytest.mark.parametrize("name", ["gone", "gone/deeper"])
