@@ -20,13 +20,20 @@ SMALL = [
 
 def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert train_command.main(["--stage", "imitation", *SMALL]) == 0
+    hardware = ["--env.hardware.gear-ratio", "7", "--env.hardware.friction", "0.9"]
+    assert train_command.main(["--stage", "imitation", *SMALL, *hardware]) == 0
     assert train_command.main(["--stage", "relaxed", *SMALL]) == 0
     imitation, relaxed = sorted(Path("runs").iterdir())
+    parent, child = (json.loads((run / "config.json").read_text()) for run in (imitation, relaxed))
+    # The robot goes on; the stage's rewards are its own.
+    assert child["env"]["hardware"] == parent["env"]["hardware"]
+    assert (child["env"]["hardware"]["gear_ratio"], child["env"]["hardware"]["friction"]) == (7.0, 0.9)
+    assert child["env"]["reward"] != parent["env"]["reward"]
+    assert (child["parent"]["run"], child["parent"]["control_steps"]) == (imitation.name, 128)
     printed = capsys.readouterr().out
     assert f"continues from {imitation}" in printed
     assert f"see it run: python eval.py {relaxed}" in printed
-    assert eval_command.main(["--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
+    assert eval_command.main([str(relaxed), "--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
     assert "Top speed" in capsys.readouterr().out
     assert json.loads(Path("report/metrics.json").read_text())["metrics"]["outside_envelope"] == 0
 
@@ -49,7 +56,7 @@ def fails(capsys, argv, *words):
         (["--velocity", "3"], ["--velocity"]),
         (["--preset", "huge"], ["preset"]),
         (["--stage", "flying"], ["stage"]),
-        (["--env.commands.max-forward", "-3"], ["max_forward", "positive"]),
+        (["--env.commands.max-forward", "-3"], ["max_forward", "negative"]),
         (["--ppo.num-envs", "0"], ["num_envs"]),
         (["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"], ["num_envs", "num_minibatches"]),
         (["--env.hardware.spring-stiffness", "-1"], ["spring_stiffness"]),
