@@ -109,8 +109,11 @@ def _run(learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path) ->
                     save_checkpoint(run_dir, done, state)
                     _export(state, config, run_dir)
         except KeyboardInterrupt:
-            save_checkpoint(run_dir, int(state.step), state)
-            monitor.note(f"interrupted at step {int(state.step)} of {total}: python train.py --resume {run_dir}")
+            log.flush()
+            # A train step consumes its state: stopped in the middle of one, the run has its last checkpoint.
+            if not any(leaf.is_deleted() for leaf in jax.tree.leaves(state)):
+                save_checkpoint(run_dir, int(state.step), state)
+            monitor.note(f"interrupted, kept step {latest_step(run_dir)} of {total}: train.py --resume {run_dir}")
             raise
         minutes = (time.monotonic() - began) / 60
         steps = (total - first) * per_step

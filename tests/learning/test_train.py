@@ -1,6 +1,8 @@
 """Runs on disk: exact resume, the relaxed stage's inheritance, and what a run leaves behind."""
 
 import dataclasses
+import functools
+import itertools
 import json
 import shutil
 
@@ -8,12 +10,16 @@ import jax
 import numpy as np
 import pytest
 
+from bp2_rl.config import config_hash
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
 from bp2_rl.learning import train
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.learning.stages import Stage, TrainConfig, make_config
+from bp2_rl.learning.stages import Parent, Stage, TrainConfig, make_config
+
+CLOCKS = ("wall_time", "steps_per_second")
+"""What two equal runs differ in."""
 
 
 def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
@@ -23,6 +29,18 @@ def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
     )
     settings = {"steps": 4 * ppo.steps_per_train_step, "checkpoints": 2, "logs": 4} | run
     return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def shared_learners():
+    """Runs of the same environment and sizes share their compiled train step: it takes a minute to compile."""
+    make = functools.cache(lambda env, ppo: train_make_learner(TrainConfig(env=env, ppo=ppo)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train, "make_learner", lambda config: make(config.env, config.ppo))
+        yield
+
+
+train_make_learner = train.make_learner
 
 
 @pytest.fixture(scope="module")
@@ -38,15 +56,18 @@ def leaves(run_dir, step):
 
 def metrics(run_dir):
     lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
-    return [{name: value for name, value in line.items() if name != "wall_time"} for line in lines]
+    return [{name: value for name, value in line.items() if name not in CLOCKS} for line in lines]
 
 
 def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert train.load_run_config(run) == tiny()
+    assert latest_step(run) == 4
     assert train.is_finished(run)
     lines = metrics(run)
     assert [line["step"] for line in lines] == [64, 128, 192, 256]
     assert {"reward", "falls", "speed_error", "curriculum_level", "reward/tracking", "loss/kl_mean"} <= lines[0].keys()
+    assert {"share/0", "falls_per_second"} <= lines[0].keys()
+    assert all("steps_per_second" in json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines())
     policy = load_policy(run / "policy", expected_layout=LAYOUT)
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
@@ -76,7 +97,7 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
     config = tiny("relaxed")
-    parent = train._inherit(run, config)
+    parent, _ = train._inherit(run, config)
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
     parent = parent.replace(
         fleet=dataclasses.replace(parent.fleet, info={**parent.fleet.info, "curriculum": levels}),
@@ -92,11 +113,74 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     assert int(adopted.step) == 0
 
 
-def test_a_run_is_never_written_over(run):
-    before = sorted(path.name for path in run.iterdir())
-    with pytest.raises(UserError, match="holds a run already"):
-        train.start(tiny(), run)
-    assert sorted(path.name for path in run.iterdir()) == before
+def test_a_child_counts_its_parents_steps(run, tmp_path):
+    config = dataclasses.replace(tiny(), stage="relaxed")
+    child = train.start(config, tmp_path / "child", parent=run)
+    parent = train.load_run_config(child).parent
+    assert parent == Parent(run="uninterrupted", config_hash=config_hash(tiny()), control_steps=4 * 64)
+    config = dataclasses.replace(tiny(steps=64), stage="relaxed")
+    grandchild = train.start(config, tmp_path / "grandchild", parent=child)
+    steps = [load_policy(folder).card.physics_steps for folder in (run, child, grandchild)]
+    assert steps == [4 * 64 * 5, 8 * 64 * 5, 9 * 64 * 5]  # 5 physics steps a control step
+    # What is written before the first step is what was inherited.
+    at_birth, at_death = leaves(child, 0), leaves(run, 4)
+    assert any(np.array_equal(a, b) and np.ndim(a) == 2 for a, b in zip(at_birth, at_death, strict=True))
+
+
+def test_an_interrupted_run_is_saved_and_resumes_to_the_uninterrupted_one(run, tmp_path, monkeypatch):
+    """Ctrl-C between two checkpoints loses nothing, not even the line of metrics that was not yet written."""
+    interrupted = tmp_path / "interrupted"
+    learner, calls = train.make_learner(tiny()), itertools.count()
+    step = learner.train_step
+
+    def impatient(state):
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+        return step(state)
+
+    config = tiny(checkpoints=1)
+    with monkeypatch.context() as patch:
+        patch.setattr(learner, "train_step", impatient)
+        with pytest.raises(KeyboardInterrupt):
+            train.start(config, interrupted)
+    assert latest_step(interrupted) == 2
+    assert not train.is_finished(interrupted)
+    train.resume(interrupted)
+    for a, b in zip(leaves(run, 4), leaves(interrupted, 4), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert metrics(interrupted) == metrics(run)
+
+
+def test_a_run_interrupted_within_a_train_step_keeps_its_last_checkpoint(tmp_path, monkeypatch):
+    """The step has consumed the state already and its result is lost."""
+    learner = train.make_learner(tiny())
+    step = learner.train_step
+
+    def cut_short(state):
+        step(state)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(learner, "train_step", cut_short)
+    with pytest.raises(KeyboardInterrupt):
+        train.start(tiny(), tmp_path / "run")
+    assert latest_step(tmp_path / "run") == 0
+    assert "--resume" in (tmp_path / "run" / "log.txt").read_text()
+
+
+@pytest.mark.parametrize(("holds", "said"), [("config.json", "a run already"), ("thesis.tex", "other files")])
+def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / holds).write_text("years of work")
+    with pytest.raises(UserError, match=f"holds {said}"):
+        train.start(tiny(), folder)
+    assert [path.name for path in folder.iterdir()] == [holds]
+    assert (folder / holds).read_text() == "years of work"
+
+
+def test_an_empty_folder_will_do(tmp_path):
+    train._claim(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_parent_with_other_networks_is_refused_by_name(run, tmp_path):
@@ -116,7 +200,7 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp
         shutil.copytree(run, broken)
         shutil.rmtree(broken / "checkpoints" / "4")
     if what == "no checkpoint":
-        shutil.rmtree(broken / "checkpoints" / "2")
+        shutil.rmtree(broken / "checkpoints")
     elif what == "truncated":
         largest = max((broken / "checkpoints" / "2").rglob("*"), key=lambda path: path.stat().st_size)
         largest.write_bytes(largest.read_bytes()[:-10])
