@@ -176,13 +176,11 @@ class PPO:
             policy=self.network.policy_network.init(key_policy),  # pyright: ignore[reportCallIssue]
             value=self.network.value_network.init(key_value),  # pyright: ignore[reportCallIssue]
         )
-        # Brax's initial standard deviation is weakly typed, which would compile the train step twice.
-        params = jax.tree.map(lambda x: x.astype(x.dtype), params)
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
         # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
         template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
         normalizer = running_statistics.update(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
-        return TrainState(
+        state = TrainState(
             params=params,
             normalizer=normalizer,
             optimizer=self._optimizer.init(params),  # pyright: ignore[reportArgumentType]
@@ -190,6 +188,8 @@ class PPO:
             key=key,
             step=jnp.zeros((), jnp.int32),
         )
+        # Some of Brax's scalars are weakly typed; after a step or a restore they are not, which would compile anew.
+        return jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), state)
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, key_unroll, key_sgd = jax.random.split(state.key, 3)

@@ -93,6 +93,8 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
     for a, b in zip(leaves(run, 4), leaves(stopped, 4), strict=True):
         np.testing.assert_array_equal(a, b)
     assert metrics(stopped) == metrics(run)
+    # What has been restored runs the program that the first run compiled.
+    assert train.make_learner(tiny()).train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
