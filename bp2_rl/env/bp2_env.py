@@ -17,12 +17,12 @@ from mujoco import mjx
 from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.config import EnvConfig
-from bp2_rl.env.controller import Controller, ControllerState, Targets
+from bp2_rl.env.controller import Controller, ControllerState, Targets, motors_of
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, foot_geom_ids, load_model
 
 Impl = Literal["jax", "warp"]
@@ -77,13 +77,7 @@ class BP2Env(envs.Env):
         self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
         self.controller = Controller(config)
         self._model, self._template = _put_on_device(self.mj_model, impl, num_robots)
-        self._actuator = Actuator.from_hardware(
-            config.hardware,
-            stiffness=config.control.stiffness,
-            damping=config.control.damping,
-            current_lag=config.control.current_lag,
-            torque_rate=config.control.torque_rate,
-        )
+        self._actuator = motors_of(config)
         self._trunk = int(self.mj_model.body("trunk").id)
         self._feet = foot_geom_ids(self.mj_model)
 

@@ -15,6 +15,7 @@ from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.observations import STAND, Measurement, actor_observation
 from bp2_rl.gait.reference import Reference, ReferenceMotion
 from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator
 
 
 class ControllerState(struct.PyTreeNode):
@@ -70,3 +71,15 @@ class Controller:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity, reference=reference)
         return ControllerState(command=next_command, phase=phase, last_action=action), targets
+
+
+def motors_of(config: EnvConfig) -> Actuator:
+    """The motors under the controller, with its gains and at full strength."""
+    control = config.control
+    return Actuator.from_hardware(
+        config.hardware,
+        stiffness=control.stiffness,
+        damping=control.damping,
+        current_lag=control.current_lag,
+        torque_rate=control.torque_rate,
+    )

@@ -19,13 +19,13 @@ from jaxtyping import Float
 from mujoco import mjx
 
 from bp2_rl.env.config import EnvConfig, TerminationConfig
-from bp2_rl.env.controller import Controller
+from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.trajectory import Trajectory, heading
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model, put_model
+from bp2_rl.robot.actuator import joint_torque
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
@@ -194,7 +194,7 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
     (controller state, qpos, qvel, torque, commands "K 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
-    model = put_model(load_model(config.hardware, visual=False, trunk_contact=False))
+    model = mjx.put_model(load_model(config.hardware, visual=False, trunk_contact=False))
     motors = motors_of(config)
     control = _control_step(policy, config, operator)
 
@@ -230,18 +230,6 @@ def converged_model(config: EnvConfig) -> mujoco.MjModel:
     model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 100, 50, 1e-10
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
-
-
-def motors_of(config: EnvConfig) -> Actuator:
-    """The motors with the gains of this policy's training, at full strength."""
-    control = config.control
-    return Actuator.from_hardware(
-        config.hardware,
-        stiffness=control.stiffness,
-        damping=control.damping,
-        current_lag=control.current_lag,
-        torque_rate=control.torque_rate,
-    )
 
 
 def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:

@@ -10,7 +10,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import mjx
 
 from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
@@ -89,11 +88,6 @@ def load_spec(hardware: HardwareSpec = BP2, *, xml: Path | None = None) -> mujoc
 def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
     """Ids of the four foot spheres, in the order of the legs."""
     return np.array([model.geom(name).id for name in FOOT_GEOMS])
-
-
-def put_model(model: mujoco.MjModel) -> mjx.Model:
-    """The model on JAX's default device."""
-    return mjx.put_model(model)
 
 
 def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.config import ControlConfig, EnvConfig, TerminationConfig
+from bp2_rl.env.controller import motors_of
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.metrics import envelope_use
 from bp2_rl.evaluation.rollout import (
@@ -15,7 +16,6 @@ from bp2_rl.evaluation.rollout import (
     converged_model,
     fallen,
     foot_forces,
-    motors_of,
     rollout_mjx,
     rollout_mujoco,
     standing_start,

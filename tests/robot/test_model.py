@@ -29,7 +29,6 @@ from bp2_rl.robot.model import (
     ModelError,
     foot_geom_ids,
     load_model,
-    put_model,
 )
 from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
 
@@ -227,7 +226,7 @@ def random_states(rng: np.random.Generator, number: int) -> tuple[np.ndarray, np
 @pytest.fixture(scope="module")
 def one_step_on_mjx() -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """200 random states (qpos, qvel, torque), their accelerations and their passive forces, by MJX in float32."""
-    model = put_model(converged(load_model(visual=False)))
+    model = mjx.put_model(converged(load_model(visual=False)))
     blank = mjx.make_data(model)
 
     @jax.jit
@@ -333,7 +332,7 @@ def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
 
 def land_on_mjx(model: mujoco.MjModel, start: Landing) -> np.ndarray:
     """Places of trunk and four feet, as `land_on_mujoco`, in float32."""
-    device_model, feet = put_model(model), foot_geom_ids(model)
+    device_model, feet = mjx.put_model(model), foot_geom_ids(model)
     blank = mjx.make_data(device_model)
 
     def step(carry, targets):
