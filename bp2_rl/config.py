@@ -94,7 +94,7 @@ def write_text(path: Path, text: str) -> None:
 
 def package_versions() -> dict[str, str]:
     """The versions that a result depends on, to be written beside it."""
-    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "orbax-checkpoint", "numpy")
+    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "numpy")
     return {"bp2_rl": bp2_rl.__version__} | {name: importlib.metadata.version(name) for name in others}
 
 

@@ -16,7 +16,15 @@ from brax.training.acme import running_statistics
 from flax import struct
 
 from bp2_rl.learning import checkpoint
-from bp2_rl.learning.checkpoint import CheckpointError, latest_step, read_metadata, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.checkpoint import (
+    CheckpointError,
+    Saver,
+    host_copy,
+    latest_step,
+    read_metadata,
+    restore_checkpoint,
+    save_checkpoint,
+)
 
 
 class State(struct.PyTreeNode):
@@ -25,15 +33,9 @@ class State(struct.PyTreeNode):
     params: dict
     optimizer: Any
     normalizer: Any
-    raw_key: jax.Array
-    typed_keys: jax.Array
+    key: jax.Array
     step: jax.Array
     strange: jax.Array  # NaN with a payload, infinities, minus zero, a denormal
-    half: jax.Array
-    host: np.ndarray
-    scale: float
-    rounds: int
-    done: bool
     empty: None = None
 
 
@@ -43,16 +45,10 @@ def make_state(seed: int = 0) -> State:
     return State(
         params=params,
         optimizer=adam,
-        normalizer=normalizer.replace(std_eps=0.0),  # as Brax starts: a Python float among the arrays
-        raw_key=jax.random.key_data(jax.random.key(seed)),
-        typed_keys=jax.random.split(jax.random.key(seed), 3),
+        normalizer=normalizer,
+        key=jax.random.PRNGKey(seed),
         step=jnp.int32(12),
         strange=jnp.asarray(strange),
-        half=jnp.array([1 / 3, -2.5], jnp.bfloat16),
-        host=np.linspace(0, 1, 5),
-        scale=0.1 + 0.2,
-        rounds=2**60,
-        done=False,
     )
 
 
@@ -68,11 +64,7 @@ def _learned(key: jax.Array) -> tuple:
 
 def as_bits(leaf: Any) -> tuple:
     """Type, shape and bytes: equal only if nothing at all has changed."""
-    if isinstance(leaf, bool | int | float):
-        return (type(leaf), repr(leaf))
-    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-        return (str(leaf.dtype), *as_bits(jax.random.key_data(leaf)))
-    return (isinstance(leaf, np.ndarray), leaf.dtype, leaf.shape, np.asarray(leaf).tobytes())
+    return leaf.dtype, leaf.shape, np.asarray(leaf).tobytes()
 
 
 def assert_same(a: Any, b: Any) -> None:
@@ -85,7 +77,7 @@ def assert_same(a: Any, b: Any) -> None:
 def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, State]:
     run, state = tmp_path_factory.mktemp("run"), make_state()
     save_checkpoint(run, 100, make_state(1))
-    save_checkpoint(run, 200, state, extra={"seed": 7})
+    save_checkpoint(run, 200, state, config={"seed": 7}, log={"count": 2})
     return run, state
 
 
@@ -102,30 +94,37 @@ def test_every_bit_comes_back(saved: tuple[Path, State]):
     assert_same(restored, state)
 
 
-def test_shapes_alone_are_template_enough(saved: tuple[Path, State]):
-    run, state = saved
-    # 64-bit leaves have no abstract form while x64 is off.
-    abstract = jax.eval_shape(lambda s: s, state.replace(host=None, rounds=None))
-    step, restored = restore_checkpoint(run, abstract.replace(host=state.host, rounds=1), step=200)
-    assert step == 200
-    arrays_of_scalars = state.replace(
-        scale=jnp.float32(state.scale),
-        done=jnp.bool_(state.done),
-        normalizer=state.normalizer.replace(std_eps=jnp.float32(0)),
-    )
-    assert_same(restored, arrays_of_scalars)
-
-
-def test_a_leaf_is_restored_on_its_templates_sharding(tmp_path: Path):
+def test_a_leaf_is_restored_on_its_templates_sharding_and_without_one_as_numpy(tmp_path: Path):
     mesh = jax.make_mesh((1,), ("robots",), axis_types=(jax.sharding.AxisType.Auto,))
     spread = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("robots"))
-    save_checkpoint(tmp_path, 1, {"x": jnp.arange(8.0), "key": jax.random.split(jax.random.key(0), 8)})
-    template = jax.device_put({"x": jnp.zeros(8), "key": jax.random.split(jax.random.key(1), 8)}, spread)
-    for form in (template, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=spread), template)):
-        _, restored = restore_checkpoint(tmp_path, form)
+    save_checkpoint(tmp_path, 1, {"x": jnp.arange(8.0)})
+    for template in (jax.device_put(jnp.zeros(8), spread), jax.ShapeDtypeStruct((8,), np.float32, sharding=spread)):
+        _, restored = restore_checkpoint(tmp_path, {"x": template})
         assert restored["x"].sharding == spread
-        assert restored["key"].sharding == spread
-        assert_same(restored, {"x": jnp.arange(8.0), "key": jax.random.split(jax.random.key(0), 8)})
+        assert_same(restored, {"x": jnp.arange(8.0)})
+    for template in (np.zeros(8, np.float32), jax.ShapeDtypeStruct((8,), np.float32)):
+        _, restored = restore_checkpoint(tmp_path, {"x": template})
+        assert type(restored["x"]) is np.ndarray
+        assert_same(restored, {"x": jnp.arange(8.0)})
+
+
+def test_a_part_can_be_read_by_itself(saved: tuple[Path, State]):
+    run, state = saved
+    bias = state.params["policy"]["bias"]
+    _, part = restore_checkpoint(run, {"params": {"policy": {"bias": bias}}}, part=True)
+    assert_same(part, {"params": {"policy": {"bias": bias}}})
+    with pytest.raises(CheckpointError, match=r"params/critic is absent there and float32\[5\] here"):
+        restore_checkpoint(run, {"params": {"critic": bias}}, part=True)
+
+
+def test_a_host_copy_outlives_the_donation_of_its_state():
+    """On a CPU a NumPy view of a JAX array is its very memory, and the next train step writes there."""
+    state = {"x": jnp.arange(1000.0), "y": jnp.int32(3)}
+    copy = host_copy(state)
+    jax.jit(lambda s: jax.tree.map(lambda x: x + 1, s), donate_argnums=0)(state)
+    np.testing.assert_array_equal(copy["x"], np.arange(1000.0))
+    assert copy["y"] == 3
+    assert copy["x"].flags.owndata
 
 
 def test_an_older_checkpoint_can_be_named(saved: tuple[Path, State]):
@@ -137,12 +136,18 @@ def test_an_older_checkpoint_can_be_named(saved: tuple[Path, State]):
 def test_metadata_says_what_a_checkpoint_is(saved: tuple[Path, State]):
     metadata = read_metadata(saved[0], 200)
     assert metadata["step"] == 200
-    assert metadata["extra"] == {"seed": 7}
+    assert metadata["config"] == {"seed": 7}
+    assert metadata["log"] == {"count": 2}
     assert metadata["versions"]["jax"] == jax.__version__
-    assert metadata["tree"][".params['policy']['kernel']"] == "float32[7,5]"
-    assert metadata["tree"][".scale"] == f"python float {0.1 + 0.2!r}"
-    on_disk = {p for p in (saved[0] / "checkpoints/200").rglob("*") if p.is_file()}
-    assert len(metadata["files"]) == len(on_disk) - 1  # all but the metadata itself
+    assert metadata["tree"]["params/policy/kernel"] == "float32[7,5]"
+    on_disk = {path.name for path in (saved[0] / "checkpoints/200").iterdir()}
+    assert {*metadata["files"], "metadata.json"} == on_disk
+
+
+def test_any_reader_of_npz_files_reads_a_checkpoint(saved: tuple[Path, State]):
+    run, state = saved
+    with np.load(run / "checkpoints/200/state.npz") as arrays:
+        np.testing.assert_array_equal(arrays["params/policy/kernel"], state.params["policy"]["kernel"])
 
 
 def test_only_the_newest_are_kept(tmp_path: Path):
@@ -163,12 +168,6 @@ def test_a_checkpoint_of_the_same_step_is_replaced(tmp_path: Path):
     save_checkpoint(tmp_path, 3, {"x": jnp.float32(2)})
     assert restore_checkpoint(tmp_path, {"x": jnp.float32(0)}) == (3, {"x": 2.0})
     assert [entry.name for entry in (tmp_path / "checkpoints").iterdir()] == ["3"]
-
-
-def test_a_state_of_python_scalars_alone_is_a_state(tmp_path: Path):
-    state = {"a": 1, "b": float("-inf"), "c": True}
-    save_checkpoint(tmp_path, 0, state)
-    assert restore_checkpoint(tmp_path, {"a": 0, "b": 0.0, "c": False}) == (0, state)
 
 
 def test_a_save_that_was_killed_is_passed_over_and_swept_away(run: Path):
@@ -200,6 +199,71 @@ def test_a_save_that_fails_keeps_the_last_good_one(run: Path, monkeypatch: pytes
     assert restore_checkpoint(run, make_state())[0] == 200
 
 
+# --- In the background ------------------------------------------------------------------------------------------
+def test_the_last_save_is_on_disk_when_a_saver_is_left(tmp_path: Path):
+    with Saver(tmp_path, {"seed": 7}, keep=2) as saver:
+        for step in range(4):
+            saver.save(step, {"x": jnp.float32(step)}, {"count": step})
+    assert restore_checkpoint(tmp_path, {"x": np.float32(0)}) == (3, {"x": 3.0})
+    metadata = read_metadata(tmp_path, 3)
+    assert (metadata["config"], metadata["log"]) == ({"seed": 7}, {"count": 3})
+    assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["2", "3"]
+
+
+def test_a_save_leaves_the_caller_free_and_two_never_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    release, writing = threading.Semaphore(0), []
+    real = checkpoint._write
+
+    def slow(directory: Path, *args: Any) -> None:
+        writing.append(directory.name)
+        assert release.acquire(timeout=10)
+        real(directory, *args)
+
+    monkeypatch.setattr(checkpoint, "_write", slow)
+    with Saver(tmp_path, {}) as saver:
+        saver.save(1, {"x": jnp.float32(1)})
+        assert latest_step(tmp_path) is None  # back before it is written
+        threading.Timer(0.1, release.release).start()
+        saver.save(2, {"x": jnp.float32(2)})  # waits for the first
+        assert latest_step(tmp_path) == 1
+        release.release()
+    assert latest_step(tmp_path) == 2
+    assert writing == [".new-1", ".new-2"]
+
+
+@pytest.mark.parametrize("then", ["save", "wait", "leave"])
+def test_what_went_wrong_in_the_background_is_raised_by_the_next_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, then: str
+):
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    def run() -> None:
+        with Saver(tmp_path, {}) as saver:
+            saver.save(1, {"x": jnp.zeros(1)})
+            if then == "save":
+                saver.save(2, {"x": jnp.zeros(1)})
+            elif then == "wait":
+                saver.wait()
+
+    monkeypatch.setattr(checkpoint, "_write", full)
+    with pytest.raises(CheckpointError, match=r"cannot save checkpoint 1 .*No space left"):
+        run()
+
+
+def test_an_error_of_the_training_is_not_hidden_by_one_of_its_last_save(tmp_path: Path):
+    (tmp_path / "checkpoints").write_text("in the way")
+
+    def run() -> None:
+        with Saver(tmp_path, {}) as saver:
+            saver.save(1, {"x": jnp.zeros(1)})
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run()
+
+
+# --- Readers and kills ------------------------------------------------------------------------------------------
 def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path):
     """A reader that polls during many saves restores a state that one save wrote, never a mixture."""
     state = {"x": jnp.zeros(1000), "y": jnp.zeros(1000)}
@@ -317,7 +381,24 @@ def edit_metadata(run: Path, **changes: Any) -> None:
 
 def test_a_newer_format(run: Path):
     edit_metadata(run, format_version=99, versions={"bp2_rl": "9.9"})
-    assert "has checkpoint format 99, of bp2_rl 9.9; this one reads up to 1: update bp2_rl" in refusal(run)
+    assert "has checkpoint format 99, of bp2_rl 9.9; this one reads format 2: update bp2_rl" in refusal(run)
+
+
+def test_the_older_format(run: Path):
+    """Format 1 was Orbax's, in a folder `state`."""
+    edit_metadata(run, format_version=1, versions={"bp2_rl": "0.1.0"})
+    assert "has checkpoint format 1, of bp2_rl 0.1.0; this one reads format 2: resume it with the" in refusal(run)
+
+
+@pytest.mark.parametrize("name", ["config", "log", "tree", "files"])
+def test_metadata_that_lacks_a_part(run: Path, name: str):
+    edit_metadata(run, **{name: None})
+    assert "is damaged: it does not describe the checkpoint of step 200" in refusal(run)
+
+
+def test_metadata_that_vouches_for_nothing(run: Path):
+    edit_metadata(run, files={})
+    assert "is damaged" in refusal(run)
 
 
 def test_a_checkpoint_renamed_to_another_step(run: Path):
@@ -328,13 +409,10 @@ def test_a_checkpoint_renamed_to_another_step(run: Path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"step": jnp.zeros(2, jnp.int32)}, ".step is int32[] there and int32[2] here"),
-        ({"step": jnp.float32(0)}, ".step is int32[] there and float32[] here"),
-        ({"step": 1.0}, ".step is int32[] there and python float 1.0 here"),
-        ({"raw_key": jax.random.key(0)}, ".raw_key is uint32[2] there and key<fry>[] here"),
-        ({"params": {}}, ".params['layers'][0] is float32[2] there and absent here"),
-        ({"empty": jnp.zeros(1)}, ".empty is absent there and float32[1] here"),
-        ({"scale": 1}, ".scale is python float 0.30000000000000004 there and python int 1 here"),
+        ({"step": jnp.zeros(2, jnp.int32)}, "step is int32[] there and int32[2] here"),
+        ({"step": jnp.float32(0)}, "step is int32[] there and float32[] here"),
+        ({"params": {}}, "params/layers/0 is float32[2] there and absent here"),
+        ({"empty": jnp.zeros(1)}, "empty is absent there and float32[1] here"),
     ],
 )
 def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(run: Path, change: dict, words: str):
@@ -354,8 +432,3 @@ def test_a_run_folder_that_cannot_be_written(tmp_path: Path):
     (tmp_path / "run").write_text("a file")
     with pytest.raises(CheckpointError, match=r"cannot save checkpoint 1 .*there is none yet"):
         save_checkpoint(tmp_path / "run", 1, {"x": jnp.zeros(1)})
-
-
-def test_what_is_no_array_is_the_programs_mistake(tmp_path: Path):
-    with pytest.raises(TypeError, match="not <class 'str'>"):
-        save_checkpoint(tmp_path, 1, {"x": "text"})
