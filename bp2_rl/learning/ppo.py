@@ -150,7 +150,8 @@ class PPO:
 
     def init(self, seed: int) -> TrainState:
         """The state before the first train step, spread over the mesh."""
-        return jax.jit(self._init, out_shardings=self.shardings())(jax.random.PRNGKey(seed))
+        key = jax.device_put(jax.random.PRNGKey(seed), self._replicated)
+        return jax.jit(self._init, out_shardings=self.shardings())(key)
 
     def shape(self) -> TrainState:
         """The state's shapes and dtypes, for restoring a checkpoint."""

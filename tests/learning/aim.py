@@ -71,17 +71,28 @@ def train(learner: PPO, steps: int, seed: int = 0):
 
 
 def main(out: str) -> None:
-    """Train 20 steps; save the parameters, each robot's key and the likelihoods of its next actions."""
+    """Train 20 steps; save parameters, what tells robots apart, and the policy gradient where they earn unequally."""
     learner = PPO(Aim(), TINY)
     state, _ = train(learner, 20)
     keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)
     _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    unequal = data._replace(reward=data.reward + 10.0 * jnp.arange(TINY.num_envs)[:, None])
+    gradient = jax.jit(jax.grad(lambda params, data: learner.loss(params, state.normalizer, data, keys[0])[0]))
+
+    def policy_gradient(data: Any) -> np.ndarray:
+        return np.asarray(ravel_pytree(gradient(state.params, data).policy)[0])
+
     np.savez(
         out,
         devices=learner.mesh.size,
         params=ravel_pytree(jax.device_get(state.params))[0],
         env_keys=jax.device_get(state.fleet.info["rng"]),
+        targets=jax.device_get(data.observation),
         log_prob=jax.device_get(data.extras["policy_extras"]["log_prob"])[:, 0],
+        gradient=policy_gradient(unequal),
+        gradient_by_quarters=np.mean(
+            [policy_gradient(jax.tree.map(lambda x, i=i: x[i : i + 4], unequal)) for i in range(0, 16, 4)], axis=0
+        ),
     )
 
 
