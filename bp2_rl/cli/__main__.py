@@ -7,6 +7,7 @@ from collections.abc import Sequence
 COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
+    "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
 }
 USAGE = "usage: bp2 COMMAND ...\n\ncommands:\n" + "\n".join(f"  {name:8} {what}" for name, what in COMMANDS.items())

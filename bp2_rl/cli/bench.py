@@ -1,0 +1,290 @@
+"""`bp2 bench`: how fast BP2 trains on the present devices."""
+
+import argparse
+import dataclasses
+import datetime
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import jax
+import tyro
+from rich.console import Console
+
+from bp2_rl.cli import app
+from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.config import from_json, package_versions, save_config
+from bp2_rl.env.bp2_env import BP2Env, Impl
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.throughput import (
+    NUMBERS,
+    PICTURE,
+    Bench,
+    Startup,
+    describe_size,
+    print_table,
+    say,
+    scaling_figure,
+)
+from bp2_rl.learning.bench import OUT_OF_MEMORY, Case, PartName, measure_case
+from bp2_rl.learning.ppo import PPO, PPOConfig
+from bp2_rl.learning.stages import Preset, TrainConfig, make_config
+
+Size = tuple[int, int]
+"""(robots, devices)."""
+
+OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
+STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd", "training")
+FIRST_STEP = "from bp2_rl.cli.bench import first_step; first_step()"
+"""The program whose start `--startup` times."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
+
+    The presets set the sizes, as for train.py.
+    """
+
+    preset: Preset | Literal["auto"] = "auto"
+    """auto: gpu where JAX sees an accelerator, else cpu"""
+    impl: Impl = "jax"
+    """the physics' implementation, as for train.py"""
+    robots: tuple[int, ...] = ()
+    """numbers of robots, all devices together; default the preset's"""
+    devices: tuple[int, ...] = ()
+    """numbers of devices; default all there are"""
+    parts: tuple[OwnPart, ...] = ()
+    """what to measure; default what a train step consists of, with --scaling the train step alone"""
+    scaling: bool = False
+    """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
+    max_robots: int | None = None
+    """with --scaling: the most robots to try; default 8 times the preset's"""
+    peer: Literal["brax"] | None = None
+    """brax: also run stock Brax's acting loop on the same environment and networks, one device"""
+    startup: bool = False
+    """also time fresh processes up to their first train step, with an empty compilation cache and with a full one"""
+    profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """leave jax.profiler's trace of two train steps here"""
+    seconds: float = 2.0
+    """of timed calls, for each part"""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """the report's folder; default reports/bench-DATE-TIME"""
+    env: EnvConfig = EnvConfig()
+    ppo: PPOConfig = PPOConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        for name in ("robots", "devices"):
+            if min(getattr(self, name), default=1) < 1:
+                raise UserError(f"--{name} must be at least 1, got {min(getattr(self, name))}")
+        if self.max_robots is not None and self.max_robots < 1:
+            raise UserError(f"--max-robots must be at least 1, got {self.max_robots}")
+        if not 0 < self.seconds < 3600:
+            raise UserError(f"--seconds must be positive and less than an hour, got {self.seconds}")
+
+    @property
+    def main_robots(self) -> int:
+        """The number of robots of what is measured once only."""
+        return self.robots[0] if self.robots and not self.scaling else self.ppo.num_envs
+
+    @property
+    def config(self) -> TrainConfig:
+        """The training that is measured."""
+        return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, measure, and return the exit status."""
+    return app.run(lambda: bench(list(sys.argv[1:] if argv is None else argv)))
+
+
+def bench(argv: list[str]) -> None:
+    """Measure as the command line says; the report on disk grows with every size measured."""
+    prepare_jax()
+    arguments = _parse(argv)
+    sizes = list(choose_sizes(arguments))
+    folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    console, report = Console(), describe(arguments)
+    _open(folder, report)
+    if arguments.startup:  # before this process takes the devices' memory
+        cold, warm = time_startup(argv, console)
+        report = dataclasses.replace(report, cold_start=cold, warm_start=warm)
+    for case in measure_all(arguments, sizes, console):
+        report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
+        save_config(folder / NUMBERS, report)
+    if arguments.peer is not None:
+        case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
+        report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
+    save_config(folder / NUMBERS, report)
+    print_table(report, console)
+    if arguments.scaling:
+        scaling_figure(report).savefig(folder / PICTURE)
+    if not any(case.measurements for case in report.cases):
+        raise UserError(f"nothing could be measured: {report.cases[0].error}")
+    console.print(f"report: {folder / NUMBERS}", soft_wrap=True)
+
+
+def describe(arguments: Arguments) -> Bench:
+    """A report with nothing measured yet."""
+    device = jax.devices()[0]
+    backend = " ".join(device.client.platform_version.split())
+    return Bench(
+        created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        versions={"python": platform.python_version(), "backend": backend, **package_versions()},
+        platform=device.platform,
+        device_kind=device.device_kind,
+        device_count=jax.device_count(),
+        cpu_cores=os.cpu_count() or 1,
+        config=arguments.config,
+        seconds=arguments.seconds,
+    )
+
+
+def choose_sizes(arguments: Arguments) -> Iterator[Size]:
+    """What to measure, without repetition; raises UserError where there are fewer devices than asked for."""
+    there = jax.device_count()
+    if max(arguments.devices, default=1) > there:
+        raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
+    base = arguments.ppo.num_envs
+    if not arguments.scaling:
+        sizes = [(n, d) for n in arguments.robots or (base,) for d in arguments.devices or (there,)]
+    else:
+        most = arguments.max_robots or 8 * base
+        devices = arguments.devices or tuple(2**k for k in range(there.bit_length()))
+        sizes = [(n, 1) for n in arguments.robots or _doublings(max(arguments.ppo.num_minibatches, base // 16), most)]
+        sizes += [size for d in devices for size in ((base, d), (base * d, d))]
+    yield from dict.fromkeys(sizes)
+
+
+def measure_all(arguments: Arguments, sizes: Sequence[Size], console: Console) -> Iterator[Case]:
+    """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
+    parts = arguments.parts or (("training",) if arguments.scaling else STEP)
+    full: dict[int, int] = {}  # devices -> robots that they could not hold
+    for robots, devices in sizes:
+        if robots >= full.get(devices, robots + 1):
+            yield Case(robots, devices, error=f"not tried: {full[devices]} robots were out of memory")
+            continue
+        case = _measure(arguments, (robots, devices), parts, console)
+        if case.error == OUT_OF_MEMORY:
+            full[devices] = robots
+        yield case
+
+
+def _measure(arguments: Arguments, size: Size, parts: Sequence[PartName], console: Console) -> Case:
+    robots, devices = size
+    case = measure_case(
+        lambda robots: make_env(arguments, robots),
+        arguments.ppo,
+        robots,
+        jax.devices()[:devices],
+        parts=parts,
+        seconds=arguments.seconds,
+        profile=arguments.profile,
+        tell=lambda measurement: _tell(console, say(measurement)),
+    )
+    if case.error:
+        _tell(console, f"{describe_size(case)}: {case.error}")
+    return case
+
+
+def make_env(arguments: Arguments, robots: int) -> BP2Env:
+    """The environment that is measured, for at most so many robots a device."""
+    return BP2Env(arguments.env, impl=arguments.impl, num_robots=robots)
+
+
+# --- From the start of a process -----------------------------------------------------------------------------
+
+
+def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startup]:
+    """Two fresh processes up to their first train step: the first compiles, the second finds that on disk.
+
+    Raises:
+        UserError: one of them failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="bp2-bench-") as cache:
+        starts = []
+        for name in ("cold", "warm"):
+            began = time.time()
+            command = [sys.executable, "-c", FIRST_STEP, *argv]
+            ended = subprocess.run(
+                command, env={**os.environ, "BP2_CACHE": cache}, capture_output=True, text=True, check=False
+            )
+            if ended.returncode:
+                raise UserError(f"--startup: the {name} start failed: {_last_line(ended.stderr)}")
+            moments = json.loads(ended.stdout.splitlines()[-1])
+            starts.append(from_json(Startup, {key: moment - began for key, moment in moments.items()}))
+            _tell(console, f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began")
+    return starts[0], starts[1]
+
+
+def first_step() -> None:
+    """Take the first train step of what the command line describes; print when what was done, seconds since 1970."""
+    moments = {"imported": time.time()}
+    prepare_jax()
+    arguments = _parse(sys.argv[1:])
+    robots = arguments.main_robots
+    env = make_env(arguments, -(-robots // jax.device_count()))
+    learner = PPO(env, dataclasses.replace(arguments.ppo, num_envs=robots))
+    state = jax.block_until_ready(learner.init(0))
+    moments["initialized"] = time.time()
+    jax.block_until_ready(learner.train_step(state))
+    moments["first_step"] = time.time()
+    print(json.dumps(moments))
+
+
+# --- Details -------------------------------------------------------------------------------------------------
+
+
+def _parse(argv: list[str]) -> Arguments:
+    """The arguments, with the defaults of the preset that they name."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    first.add_argument("--preset", nargs="?")
+    known, _ = first.parse_known_args([word for word in argv if word not in ("-h", "--help")])
+    here: Preset = "cpu" if jax.default_backend() == "cpu" else "gpu"
+    preset = known.preset if known.preset in get_args(Preset) else here
+    defaults = make_config("imitation", preset)
+    arguments = app.parse(Arguments, argv, "bp2 bench", default=Arguments(env=defaults.env, ppo=defaults.ppo))
+    return dataclasses.replace(arguments, preset=preset)
+
+
+def _last_line(text: str) -> str:
+    return text.strip().rpartition("\n")[2]
+
+
+def _doublings(fewest: int, most: int) -> Iterator[int]:
+    while fewest <= most:
+        yield fewest
+        fewest *= 2
+
+
+def _open(folder: Path, report: Bench) -> None:
+    """Begin the report; raises UserError where the folder holds anything but one, or cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not (folder / NUMBERS).is_file():
+            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old bench")
+        (folder / PICTURE).unlink(missing_ok=True)
+        save_config(folder / NUMBERS, report)
+    except OSError as error:
+        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+
+
+def _host_peak() -> int:
+    """The most memory that this process has held, bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def _tell(console: Console, line: str) -> None:
+    console.print(line, style="dim", soft_wrap=True, highlight=False, markup=False)
+    console.file.flush()

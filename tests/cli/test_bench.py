@@ -1,0 +1,196 @@
+"""`bp2 bench` as a user meets it, on an environment that compiles at once."""
+
+import json
+import re
+
+import jax
+import pytest
+from aim import Aim  # pyright: ignore[reportMissingImports]  # in tests/learning
+from rich.console import Console
+
+from bp2_rl.cli import bench as command
+from bp2_rl.config import load_config
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.throughput import Bench
+from bp2_rl.learning.bench import OUT_OF_MEMORY, Case
+
+SMALL = [
+    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-minibatches", "2",
+    "--ppo.episode-length", "20", "--ppo.policy-layers", "16", "--ppo.value-layers", "16", "--seconds", "0.02",
+]  # fmt: skip
+"""Those of `aim.TINY`: what other tests compile of it is found in the cache."""
+
+
+@pytest.fixture(autouse=True)
+def aim(monkeypatch):
+    monkeypatch.setattr(command, "make_env", lambda arguments, robots: Aim())
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """One run with nearly everything: (folder, what it printed)."""
+    folder = tmp_path_factory.mktemp("bench")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "make_env", lambda arguments, robots: Aim())
+        patch.setattr(command, "FIRST_STEP", STARTS)
+        argv = [*SMALL, "--peer", "brax", "--startup", "--profile", str(folder / "trace"), "--out", str(folder / "out")]
+        console = Console(record=True, width=80)
+        patch.setattr(command, "Console", lambda: console)
+        assert command.main(argv) == 0
+    return folder, console.export_text()
+
+
+STARTS = """
+import json, os, pathlib, sys, time
+assert sys.argv[1:3] == ["--preset", "smoke"]
+cache = pathlib.Path(os.environ["BP2_CACHE"]) / "compiled"
+known = cache.exists()
+cache.touch()
+now = time.time()
+print("chatter")
+print(json.dumps({"imported": now, "initialized": now + 1, "first_step": now + (2 if known else 60)}))
+"""
+"""A start that takes a minute, but for what is in the cache."""
+
+
+def test_the_report_holds_every_number(whole):
+    report = load_config(Bench, whole[0] / "out" / "bench.json")
+    (case,) = report.cases
+    assert [m.part for m in case.measurements] == ["environment", "resets", "policy", "sgd", "training"]
+    assert case.error is None
+    assert sum(case.shares.values()) == pytest.approx(1.0)
+    for m in case.measurements:
+        assert m.control_steps_per_second == pytest.approx(16 * 5 / m.seconds)
+        assert (m.robots, m.devices, m.compilations) == (16, jax.device_count(), 0)
+    assert report.config.ppo.num_envs == 16
+    assert report.versions["jax"] == jax.__version__
+    assert (report.platform, report.device_count) == ("cpu", jax.device_count())
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", report.created)
+    # Python with JAX in it is never smaller, nor a test machine larger.
+    assert report.host_peak_bytes is not None
+    assert 50e6 < report.host_peak_bytes < 1e12
+
+
+def test_the_peer_runs_beside_the_learner(whole):
+    report = load_config(Bench, whole[0] / "out" / "bench.json")
+    assert report.peer is not None
+    assert [m.part for m in report.peer.measurements] == ["acting", "brax"]
+    assert {(m.robots, m.devices) for m in report.peer.measurements} == {(16, 1)}
+    ours, theirs = (m.control_steps_per_second for m in report.peer.measurements)
+    assert f"acts {ours / theirs:.2f} times as fast as stock Brax" in whole[1]
+
+
+def test_the_second_start_finds_what_the_first_compiled(whole):
+    report = load_config(Bench, whole[0] / "out" / "bench.json")
+    assert report.cold_start is not None
+    assert report.warm_start is not None
+    assert 0 < report.cold_start.imported < 5  # from before the process began: Python takes its time
+    assert report.cold_start.first_step == pytest.approx(report.cold_start.imported + 60)
+    assert report.warm_start.first_step == pytest.approx(report.warm_start.imported + 2)
+
+
+def test_rows_come_as_they_are_measured_and_the_table_last(whole):
+    text = whole[1]
+    for part in ("environment", "resets", "policy", "sgd", "training"):
+        assert re.search(rf"^{part}, 16 robots", text, re.MULTILINE)
+    assert text.index("training, 16 robots") < text.index("control/s")
+
+
+def test_a_profile_is_left_where_asked_for(whole):
+    (trace,) = (whole[0] / "trace").rglob("*.xplane.pb")
+    assert trace.stat().st_size > 0
+
+
+def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
+    argv = [*SMALL, "--robots", "15", "16", "--parts", "resets", "--out", str(tmp_path)]
+    assert command.main(argv) == 0
+    failed, measured = json.loads((tmp_path / "bench.json").read_text())["cases"]
+    assert "num_minibatches" in failed["error"]
+    assert measured["error"] is None
+    assert measured["measurements"][0]["robots"] == 16
+    assert "15 robots on 1 device: ppo.num_envs (15) must be a multiple" in capsys.readouterr().out
+
+
+def test_scaling_leaves_a_picture(tmp_path):
+    argv = [*SMALL, "--scaling", "--max-robots", "4", "--ppo.num-envs", "4", "--parts", "resets"]
+    assert command.main([*argv, "--out", str(tmp_path)]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json", "scaling.png"]
+    # A bench without a picture does not leave another's in its folder.
+    assert command.main([*SMALL, "--robots", "15", "--out", str(tmp_path)]) == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json"]
+
+
+def test_scaling_goes_over_robots_and_then_over_devices(monkeypatch):
+    monkeypatch.setattr(jax, "device_count", lambda: 6)
+    arguments = command._parse(["--preset", "gpu", "--scaling", "--max-robots", "40000"])
+    assert list(command.choose_sizes(arguments)) == [
+        *((2**k, 1) for k in range(9, 16)),  # from a sixteenth of the preset's 8192 to the last power below 40000
+        (8192, 2), (16384, 2), (8192, 4), (32768, 4),
+    ]  # fmt: skip
+    assert arguments.main_robots == 8192
+    plain = command._parse(["--preset", "gpu", "--robots", "64", "128"])
+    assert list(command.choose_sizes(plain)) == [(64, 6), (128, 6)]
+    assert plain.main_robots == 64
+
+
+def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
+    tried = []
+
+    def measure(arguments, size, parts, console):
+        tried.append(size)
+        return Case(*size, error=OUT_OF_MEMORY if size[0] / size[1] > 32 else None)
+
+    monkeypatch.setattr(command, "_measure", measure)
+    sizes = [(16, 1), (32, 1), (64, 1), (128, 1), (64, 2), (48, 1)]
+    cases = list(command.measure_all(command._parse(SMALL), sizes, Console()))
+    assert tried == [(16, 1), (32, 1), (64, 1), (64, 2), (48, 1)]
+    assert cases[3].error == "not tried: 64 robots were out of memory"
+
+
+def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(command, "FIRST_STEP", "raise RuntimeError('no driver')")
+    assert command.main([*SMALL, "--startup", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == "error: --startup: the cold start failed: RuntimeError: no driver\n"
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["--robots", "0"], ["--robots"]),
+        (["--robots", "many"], ["--robots"]),
+        (["--devices", "64"], ["--devices 64", "JAX sees"]),
+        (["--devices", "-1"], ["--devices"]),
+        (["--max-robots", "0"], ["--max-robots"]),
+        (["--seconds", "0"], ["--seconds"]),
+        (["--seconds", "nan"], ["--seconds"]),
+        (["--parts", "brains"], ["--parts", "physics"]),
+        (["--parts", "brax"], ["--parts"]),
+        (["--peer", "isaac"], ["--peer", "brax"]),
+        (["--preset", "huge"], ["--preset", "smoke"]),
+        (["--ppo.num-minibatches", "3"], ["num_minibatches"]),
+        (["--speed"], ["--speed"]),
+    ],
+)
+def test_wrong_flags_are_one_line_and_status_2(argv, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["--preset", "smoke", *argv]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path, capsys):
+    (tmp_path / "thesis.tex").touch()
+    assert command.main([*SMALL, "--out", str(tmp_path)]) == 2
+    assert "other files" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert command.main([*SMALL, "--out", str(tmp_path / "file" / "below")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_nothing_measured_is_a_failure(tmp_path):
+    with pytest.raises(UserError, match="nothing could be measured"):
+        command.bench([*SMALL, "--robots", "15", "--out", str(tmp_path)])
