@@ -140,13 +140,14 @@ def test_gradient_steps_are_timed_on_data_like_the_learners():
 def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
     """With a simulation that only counts its control steps, and keeps the targets that it was given."""
 
-    def simulate(env, physics, targets, robot):
+    def simulate(physics, targets, robot):
         held = jnp.stack([targets.position, targets.velocity])
         return physics.replace(qvel=physics.qvel + 1, targets=physics.targets.at[0].set(held)), None, None
 
-    monkeypatch.setattr(BP2Env, "_simulate", simulate)
+    env = BP2Env()
+    monkeypatch.setattr(env, "_simulate", simulate)
     config = dataclasses.replace(make_config("imitation", "smoke").ppo, num_envs=8)
-    learner = PPO(BP2Env(), config, ONE)
+    learner = PPO(env, config, ONE)
     state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape())
     (part,) = make_parts(learner, state, ["physics"])
     after, _ = part.program(part.carry, *part.fixed)
