@@ -190,7 +190,7 @@ def measure(part: Part, learner: PPO, seconds: float, profile: Path | None = Non
         traced = time.perf_counter()
         size = _program_bytes(lowered.compile())
         compiled = time.perf_counter()
-    # The call below finds this compiled program again.
+    # Calls find the program that was compiled here.
     for _ in range(WARM_UP):
         carry, _ = jax.block_until_ready(program(carry, *fixed))
     times: list[float] = []
@@ -238,20 +238,26 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
         yield Part("environment", _on_each_device(learner, partial(_live, learner)), state.fleet, (zeros, keys))
     if "resets" in names:
         yield Part("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
-    if {"policy", "sgd"} & set(names):
-        observations = _repeat(learner, state.fleet.obs)
-        policy = _policy(learner, networks, observations, keys)
-        if "policy" in names:
-            yield policy
-        if "sgd" in names:
-            _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
-            yield _sgd(learner, state, observations, actions, extras)
+    yield from _networks(learner, state, keys, names)
     if "acting" in names:
         yield Part("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
         yield Part("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
+
+
+def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[Part]:
+    """Policy and gradient steps; their data are gone when the next part begins."""
+    if not {"policy", "sgd"} & set(names):
+        return
+    observations = _repeat(learner, state.fleet.obs)
+    policy = _policy(learner, (state.params, state.normalizer), observations, keys)
+    if "policy" in names:
+        yield policy
+    if "sgd" in names:
+        _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
+        yield _sgd(learner, state, batch(learner, observations, actions, extras))
 
 
 def _on_each_device(
@@ -263,21 +269,21 @@ def _on_each_device(
 
 
 def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
-    """The joints hold the targets of the first control step, on the robots as they were drawn."""
+    """The joints hold the targets of the first control step. Every call begins anew, before a robot could fall."""
     first: Any = state.fleet.pipeline_state
 
     def aim(robot: Any) -> Any:
         return env.controller.act(robot.controller, jnp.zeros(env.action_size), robot.command.current)[1]
 
-    def simulate(physics: Any, targets: Any, robots: Any) -> tuple[Any, tuple[()]]:
+    def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
                 return jax.vmap(env._simulate)(physics, targets, robots)[0], None
 
-        return jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0], ()
+        return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
 
-    program = _on_each_device(learner, simulate)
-    return Part("physics", program, first.physics, (jax.jit(jax.vmap(aim))(first), first.randomization))
+    fixed = (first.physics, jax.jit(jax.vmap(aim))(first), first.randomization)
+    return Part("physics", _on_each_device(learner, simulate), (), fixed)
 
 
 def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -> tuple[envs.State, tuple[()]]:
@@ -319,9 +325,7 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
     return Part("policy", program, (), (*networks, observations, keys))
 
 
-def _sgd(learner: PPO, state: TrainState, observations: Any, actions: jax.Array, extras: Any) -> Part:
-    data = batch(learner, observations, actions, extras)
-
+def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
         params, optimizer, metrics = learner._improve(params, normalizer, optimizer, data, key)

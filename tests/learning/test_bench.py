@@ -13,7 +13,7 @@ from aim import TINY, Aim
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.observations import STAND
 from bp2_rl.learning import bench
-from bp2_rl.learning.bench import OUT_OF_MEMORY, PARTS, Part, make_parts, measure, measure_case, share_out
+from bp2_rl.learning.bench import OUT_OF_MEMORY, PARTS, Compilations, Part, make_parts, measure, measure_case, share_out
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.learning.stages import make_config
 
@@ -99,6 +99,14 @@ def test_nothing_compiles_while_it_is_timed(sleepy):
     assert all(m.compile_seconds > 0 and m.trace_seconds > 0 for m in sleepy.measurements)
 
 
+def test_a_program_is_compiled_once_to_be_timed_and_called():
+    add = jax.jit(lambda x: (x + 1.0, ()))
+    learner, x = PPO(Aim(), TINY, ONE), jnp.zeros(3)
+    with Compilations() as compiled:
+        measure(Part("policy", add, x, ()), learner, 1e-9)
+    assert compiled.count == 1
+
+
 def test_a_program_that_compiles_at_every_call_is_caught():
     grow = jax.jit(lambda x: (jnp.append(x, 0.0), ()))
     measured = measure(Part("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9)
@@ -150,7 +158,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
     learner = PPO(env, config, ONE)
     state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape())
     (part,) = make_parts(learner, state, ["physics"])
-    after, _ = part.program(part.carry, *part.fixed)
+    _, after = part.program(part.carry, *part.fixed)
     np.testing.assert_array_equal(after.qvel, np.full((8, 22), config.unroll_length))
     # Without command or action the joints are to stay near the stand: rad, a trot's sweep on the spot.
     np.testing.assert_allclose(after.targets[:, 0, 0], np.tile(STAND, (8, 1)), atol=0.6)
