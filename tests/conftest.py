@@ -22,6 +22,10 @@ def _compilation_cache() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
+def pytest_addoption(parser):
+    parser.addoption("--kills", type=int, default=3, help="how often the killed run of test_stops.py is killed")
+
+
 # In the environment, so that the commands which tests start have them too, and before JAX reads it on import.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 if cache := _compilation_cache():

@@ -1,17 +1,20 @@
-"""How every command ends: 0 done; 2 a user's mistake, one line; 1 a failure, with the place of its log."""
+"""How every command ends: 0 done; 2 a user's mistake; 1 a failure, with what to do or the place of its log; 128 + n
+stopped by signal n, with the work kept. All but 0 with one line on standard error."""
 
 import contextlib
 import io
+import os
 import re
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import tyro
 
-from bp2_rl.errors import UserError
+from bp2_rl.errors import RunStopped, UserError
 
 Config = TypeVar("Config")
 
@@ -28,12 +31,35 @@ def run(command: Callable[[], None]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except RunStopped as stop:
+        print(_one_line(str(stop)), file=sys.stderr)
+        return stop.status
     except Exception as error:
-        with tempfile.NamedTemporaryFile("w", prefix="bp2-", suffix=".log", delete=False) as log:
-            traceback.print_exc(file=log)
-        print(f"failed: {type(error).__name__}: {_one_line(str(error))}; log: {log.name}", file=sys.stderr)
+        logged = error if isinstance(error, LoggedError) else LoggedError(error)
+        print(f"failed: {logged}", file=sys.stderr)
         return FAILED
     return OK
+
+
+class LoggedError(Exception):
+    """A failure whose traceback is written down: in `folder` where there is one, else among the temporary files."""
+
+    def __init__(self, error: Exception, folder: Path | None = None):
+        folder = folder if folder is not None and os.access(folder, os.W_OK) else None
+        with tempfile.NamedTemporaryFile("w", prefix="failure-", suffix=".log", dir=folder, delete=False) as log:
+            traceback.print_exception(error, file=log)
+        super().__init__(f"{type(error).__name__}: {_one_line(str(error))}; log: {log.name}")
+
+
+@contextlib.contextmanager
+def failures_into(folder: Path) -> Iterator[None]:
+    """The traceback of a failure within goes into `folder`, if it is there by then."""
+    try:
+        yield
+    except (UserError, RunStopped):
+        raise
+    except Exception as error:
+        raise LoggedError(error, folder) from error
 
 
 def parse(config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None) -> Config:

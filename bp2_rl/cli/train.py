@@ -37,6 +37,8 @@ class Arguments:
     """a run whose networks to start from; for --stage relaxed default the newest finished imitation run"""
     resume: Path | None = None
     """go on with this stopped run exactly where it stands, with its own settings"""
+    replay: Path | None = None
+    """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
     impl: Impl = "jax"
     """physics: jax runs anywhere; warp is faster on NVIDIA, but not exactly repeatable"""
     env: EnvConfig = EnvConfig()
@@ -52,8 +54,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _train(argv: list[str]) -> None:
     prepare_jax()
     arguments = _parse(argv)
+    if arguments.replay is not None:
+        with app.failures_into(arguments.replay):
+            print(train.replay(arguments.replay))
+        return
     if arguments.resume is not None:
-        train.resume(arguments.resume)
+        with app.failures_into(arguments.resume):
+            train.resume(arguments.resume)
         return
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
     now = datetime.datetime.now()
@@ -61,21 +68,22 @@ def _train(argv: list[str]) -> None:
     print(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
     if arguments.parent is not None:
         print(f"continues from {arguments.parent}")
-    train.start(config, out, parent=arguments.parent)
+    with app.failures_into(out):
+        train.start(config, out, parent=arguments.parent)
     print(f"see it run: python eval.py {out}")
 
 
 def _parse(argv: list[str]) -> Arguments:
     """The arguments, with the defaults of the stage, preset and parent that they name."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    for flag in ("--stage", "--preset", "--from", "--resume"):
+    for flag in ("--stage", "--preset", "--from", "--resume", "--replay"):
         first.add_argument(flag, nargs="?")
     known, _ = first.parse_known_args([word for word in argv if word not in ("-h", "--help")])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
     preset = known.preset if known.preset in ("smoke", "cpu", "gpu") else _preset_for_this_machine()
     defaults = make_config(stage, preset)
     parent = Path(vars(known)["from"]) if vars(known)["from"] else None
-    complete = not {"-h", "--help"} & set(argv) and known.resume is None
+    complete = not {"-h", "--help"} & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
         parent = _newest_imitation_run()
     if complete and parent is not None:
@@ -86,10 +94,10 @@ def _parse(argv: list[str]) -> Arguments:
         "train.py",
         default=Arguments(parent=parent, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
     )
-    if arguments.resume is not None:
-        others = [flag for flag in argv if flag.startswith("--") and not flag.startswith("--resume")]
-        if others:
-            raise UserError(f"--resume takes the run's own settings: leave out {others[0].split('=')[0]}")
+    for flag in ("--resume", "--replay"):
+        others = [other for other in argv if other.startswith("--") and not other.startswith(flag)]
+        if vars(arguments)[flag[2:]] is not None and others:
+            raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")
     return dataclasses.replace(arguments, preset=preset)
 
 

@@ -168,10 +168,10 @@ def restore_checkpoint(
     metadata = read_metadata(run_dir, step, folder)
     directory = Path(run_dir) / folder / str(step)
     _verify_files(directory, metadata["files"])
-    wanted = _flatten(template)
+    wanted = leaves_by_path(template)
     _compare_trees(metadata["tree"], {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part)
     with np.load(directory / STATE, allow_pickle=False) as arrays:
-        leaves = [_place(arrays[path], leaf) for path, leaf in wanted.items()]
+        leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
     return step, jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
@@ -210,8 +210,8 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> dict[s
 
 
 # --- The tree -------------------------------------------------------------------------------------------------
-def _flatten(tree: Any) -> dict[str, Any]:
-    """Leaves by their path, `params/policy/bias`, in the tree's order."""
+def leaves_by_path(tree: Any) -> dict[str, Any]:
+    """A tree's leaves under the names they have in a checkpoint, `params/policy/bias`, in its order."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
 
@@ -229,8 +229,8 @@ def _compare_trees(saved: Mapping[str, str], wanted: Mapping[str, str], director
             raise CheckpointError(f"{directory} is of another training: {path} is {there} there and {here} here")
 
 
-def _place(array: np.ndarray, leaf: Any) -> Any:
-    """The array where its template is; each process puts its own shards there."""
+def place(array: np.ndarray, leaf: Any) -> Any:
+    """`array` on the devices of `leaf`, each process its own shards; as it is where `leaf` has no sharding."""
     sharding = getattr(leaf, "sharding", None)
     return array if sharding is None else jax.make_array_from_callback(array.shape, sharding, lambda at: array[at])
 
@@ -265,7 +265,7 @@ def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any], keep: i
 
 def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
     """Write the state, and last of all the metadata that vouches for it."""
-    leaves = _flatten(state)
+    leaves = leaves_by_path(state)
     directory.mkdir()
     path = directory / STATE
     np.savez(path, **leaves)

@@ -2,17 +2,24 @@
 
 A reset inside the step would be computed for every robot at every step and thrown away for almost all. So the
 learner prepares one fresh episode a robot before each unroll (the bank), and `step` merely selects it.
+
+What is not finite stays with the robot it befell: its episode ends there, and is counted under its cause.
 """
 
 import dataclasses
+import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from brax import envs
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 PERSISTENT = ("curriculum",)
 """Entries of `state.info` that outlive an episode."""
+
+FAULTS = ("fault/physics", "fault/observation", "fault/reward", "fault/reset")
+"""Metrics of `Fleet`: what was not finite first in a robot's step; and a reset that could not be used."""
 
 
 class Fleet:
@@ -32,38 +39,84 @@ class Fleet:
         """First episodes; they start at a random age so that time limits don't strike all robots at once."""
         state = jax.vmap(self.env.reset)(keys)
         age = jax.vmap(lambda key: jax.random.randint(key, (), 0, self.episode_length))(keys)
-        return _with_clock(state, age)
+        faults = dict.fromkeys(FAULTS, jnp.zeros(age.shape))
+        return dataclasses.replace(_with_clock(state, age), metrics={**state.metrics, **faults})
 
     def bank(self, state: envs.State, keys: Array) -> envs.State:
-        """One fresh episode for every robot of `state`."""
+        """One fresh episode for every robot of `state`; where that is not finite, its `state` stands in for it."""
         if hasattr(self.env, "restart"):
             fresh = jax.vmap(self.env.restart)(state, keys)  # pyright: ignore[reportAttributeAccessIssue]
         else:
             fresh = jax.vmap(self.env.reset)(keys)
-        return _with_clock(fresh, jnp.zeros(keys.shape[:1], jnp.int32))
+        fresh = _with_clock(fresh, jnp.zeros(keys.shape[:1], jnp.int32))
+        sound = _finite(_episode(fresh))
+        pipeline_state, obs, info = _where(sound, _episode(fresh), _episode(state))
+        info = {**info, "steps": fresh.info["steps"]}
+        metrics = {**fresh.metrics, "fault/reset": 1.0 - sound}
+        return dataclasses.replace(fresh, pipeline_state=pipeline_state, obs=obs, info=info, metrics=metrics)
 
     def step(self, state: envs.State, action: Float[Array, "robots actions"], bank: envs.State) -> envs.State:
         """One control step of every robot. Where an episode ends, the returned state is the bank's.
 
         `reward`, `done`, `metrics` and `info["truncation"]` are those of the step taken, also for ended episodes.
+        A step that is not finite ends the episode as a fall does, with reward 0.
         """
-        after = jax.vmap(self.env.step)(state, action)
+        after, sound = _end_faults(jax.vmap(self.env.step)(state, action))
         steps = state.info["steps"] + 1
         truncation = jnp.where(steps >= self.episode_length, 1.0 - after.done, 0.0)
         done = jnp.maximum(after.done, truncation)
         info = {**after.info, "steps": steps, "truncation": truncation}
-        kept = {name: info[name] for name in PERSISTENT if name in info}
-
-        def select(fresh: Array, current: Array) -> Array:
-            return jnp.where(done.reshape((-1,) + (1,) * (current.ndim - 1)) > 0, fresh, current)
-
-        pipeline_state, obs, info = jax.tree.map(
-            select, (bank.pipeline_state, bank.obs, bank.info), (after.pipeline_state, after.obs, info)
+        kept = {name: _where(sound, info[name], state.info[name]) for name in PERSISTENT if name in info}
+        pipeline_state, obs, info = _where(done > 0, _episode(bank), (after.pipeline_state, after.obs, info))
+        return dataclasses.replace(
+            after,
+            pipeline_state=pipeline_state,
+            obs=obs,
+            done=done,
+            metrics={**after.metrics, "fault/reset": done * bank.metrics["fault/reset"]},
+            info={**info, **kept, "truncation": truncation},
         )
-        info = {**info, **kept, "truncation": truncation}
-        return dataclasses.replace(after, pipeline_state=pipeline_state, obs=obs, done=done, info=info)
 
 
 def _with_clock(state: envs.State, age: Array) -> envs.State:
     clock = {"steps": age, "truncation": jnp.zeros(age.shape)}
     return dataclasses.replace(state, info={**state.info, **clock})
+
+
+def _episode(state: envs.State) -> tuple[Any, Any, dict[str, Any]]:
+    """All that a robot's next step depends on."""
+    return state.pipeline_state, state.obs, state.info
+
+
+def _end_faults(after: envs.State) -> tuple[envs.State, Bool[Array, " robots"]]:
+    """(`after` with the episodes over whose step was not finite, counted by the first cause; which ones were.)
+
+    Their numbers are those of a fall with reward 0; physics and observation are still to be replaced.
+    """
+    parts = (after.pipeline_state, after.info), after.obs, (after.reward, after.done)
+    sound, faults = jnp.ones(after.done.shape, bool), {}
+    for name, part in zip(FAULTS, parts, strict=False):
+        faults[name] = (sound & ~_finite(part)).astype(jnp.float32)
+        sound &= faults[name] == 0
+
+    def clean(value: Array) -> Array:
+        return jnp.where(sound | jnp.isfinite(value), value, 0.0)
+
+    metrics = {**jax.tree.map(clean, after.metrics), **faults}
+    reward, done = jnp.where(sound, after.reward, 0.0), jnp.where(sound, after.done, 1.0)
+    return dataclasses.replace(after, reward=reward, done=done, metrics=metrics), sound
+
+
+def _finite(tree: Any) -> Bool[Array, " robots"]:
+    """For each robot, whether all its numbers are finite."""
+    leaves = [jnp.isfinite(leaf).all(axis=tuple(range(1, leaf.ndim))) for leaf in jax.tree.leaves(tree)]
+    return functools.reduce(jnp.logical_and, leaves)
+
+
+def _where(choose: Bool[Array, " robots"], these: Any, those: Any) -> Any:
+    """Robot by robot, the leaves of one tree or of the other."""
+
+    def select(this: Array, that: Array) -> Array:
+        return jnp.where(choose.reshape((-1,) + (1,) * (that.ndim - 1)), this, that)
+
+    return jax.tree.map(select, these, those)

@@ -4,9 +4,11 @@ The only place of the learner with side effects besides the checkpoint; nothing 
 """
 
 import collections
+import contextlib
 import datetime
 import json
 import math
+import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,7 +19,9 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
-from tensorboardX import SummaryWriter
+from tensorboardX.event_file_writer import EventsWriter
+from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+from tensorboardX.summary import scalar
 
 from bp2_rl.config import write_text
 from bp2_rl.errors import UserError
@@ -86,8 +90,7 @@ class Monitor:
             _truncate(run_dir / METRICS, start_step)
             self._metrics_file = (run_dir / METRICS).open("a", encoding="utf-8")
             self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
-            purge = start_step + 1 if start_step else None
-            self._tensorboard = SummaryWriter(str(run_dir), purge_step=purge, flush_secs=10)
+            self._tensorboard = _open_tensorboard(run_dir, start_step)
         except OSError as error:
             raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
         self._live = Live(self, console=self._console, refresh_per_second=4) if self._console.is_terminal else None
@@ -102,24 +105,34 @@ class Monitor:
 
     def __exit__(self, *exception: object) -> None:
         """Leave the last state on the console and close the files, also when training failed."""
+        self.release_terminal()
+        if not self._live and self._step != self._shown:
+            self._print_plain()
+        for file in (self._tensorboard, self._metrics_file, self._log_file):
+            # Everything was flushed when it was written; where that failed, so would this.
+            with contextlib.suppress(OSError):
+                file.close()
+
+    def release_terminal(self) -> None:
+        """Stop the progress line; the cursor is visible again."""
         if self._live:
             self._live.stop()
-        elif self._step != self._shown:
-            self._print_plain()
-        self._tensorboard.close()
-        self._metrics_file.close()
-        self._log_file.close()
 
     def log(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record the metrics of `step`, as one line of metrics.jsonl (non-finite ones as null) and in TensorBoard."""
+        """Record the metrics of `step`, as one line of metrics.jsonl (non-finite ones as null) and in TensorBoard.
+
+        On return they are on disk. Raises `OSError` where that is full or gone.
+        """
         values = {name: float(value) for name, value in metrics.items()}
         record = {name: value if math.isfinite(value) else None for name, value in values.items()}
         line = {"step": step, "wall_time": round(time.time(), 3), **record}
         self._metrics_file.write(json.dumps(line, allow_nan=False) + "\n")
         self._metrics_file.flush()
-        for name, value in record.items():
-            if value is not None:
-                self._tensorboard.add_scalar(name, value, step)
+        os.fsync(self._metrics_file.fileno())
+        summaries = [scalar(name, value) for name, value in record.items() if value is not None]
+        for summary in summaries:
+            self._tensorboard.write_event(Event(step=step, wall_time=line["wall_time"], summary=summary))
+        self._tensorboard.flush()
 
         now = self._clock()
         self._step, self._metrics = step, values
@@ -132,10 +145,14 @@ class Monitor:
 
     def note(self, text: str) -> None:
         """Say something once: on the console, and with the time in log.txt."""
+        self.record(text)
+        self._say(text)
+
+    def record(self, text: str) -> None:
+        """Write a line with the time to log.txt alone; raises `OSError` where the disk is full."""
         stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         self._log_file.write(f"{stamp} {text}\n")
         self._log_file.flush()
-        self._say(text)
 
     def __rich__(self) -> Table:
         """Two lines for the terminal: how far, and how well."""
@@ -213,6 +230,18 @@ def duration(seconds: float) -> str:
     if hours >= 48:
         return f"{hours // 24}d {hours % 24}h"
     return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute}:{second:02}"
+
+
+def _open_tensorboard(run_dir: Path, start_step: int) -> EventsWriter:
+    """A new events file; TensorBoard hides what earlier ones hold past `start_step`.
+
+    Not by `SummaryWriter`: it writes in a thread that a full disk ends with a traceback, and then waits for it.
+    """
+    writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
+    if start_step:
+        writer.write_event(Event(step=start_step + 1, file_version="brain.Event:2"))
+        writer.write_event(Event(step=start_step + 1, session_log=SessionLog(status=SessionLog.START)))
+    return writer
 
 
 def _truncate(path: Path, last_step: int) -> None:

@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,11 +30,13 @@ from jaxtyping import Array
 
 from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.policy import Activation
 
-Activation = Literal["swish", "elu", "tanh", "relu"]
 ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
 MAX_BLOCKS = 8
 """Robots are shuffled within this many blocks; the number of devices must divide it."""
+STUCK = "stuck"
+"""Metric: 1 where a train step was not finite and left the state as it was."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,14 +195,22 @@ class PPO:
         return jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), state)
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
-        key, key_unroll, key_sgd = jax.random.split(state.key, 3)
-        keys = jax.random.split(key_unroll, self.config.num_envs)
+        key, keys, key_sgd = self.draw_keys(state)
         fleet, data, metrics = self._unroll(state.params, state.normalizer, state.fleet, keys)
         params, optimizer, sgd_metrics = self._improve(state.params, state.normalizer, state.optimizer, data, key_sgd)
         # After the gradient steps, so that these see the observations as the behaviour policy did.
         normalizer = running_statistics.update(state.normalizer, data.observation)
         after = TrainState(params, normalizer, optimizer, fleet, key, state.step + 1)
-        return after, {**metrics, **sgd_metrics}
+        # Faults of a robot end in the fleet. What is not finite here is the learner's: it stays where it is, so that
+        # the state from which it came about can be saved and studied, however late the host learns of it.
+        sound = _all_finite((params, normalizer, optimizer, sgd_metrics))
+        after = jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, state)
+        return after, {**metrics, **sgd_metrics, STUCK: 1.0 - sound}
+
+    def draw_keys(self, state: TrainState) -> tuple[Array, Array, Array]:
+        """Random keys of a train step: (the next one's, one a robot, the epochs')."""
+        key, key_unroll, key_sgd = jax.random.split(state.key, 3)
+        return key, jax.random.split(key_unroll, self.config.num_envs), key_sgd
 
     def _unroll(
         self,
@@ -269,39 +279,38 @@ class PPO:
         key: Array,
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
         """All epochs of gradient steps on one unroll."""
-        config = self.config
 
-        def minibatch_step(carry: tuple[Any, Any], minibatch: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
-            params, optimizer = carry
-            (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, *minibatch)
-            if config.desired_kl is not None:
-                optimizer, _ = adaptive_kl_learning_rate(
-                    optimizer, metrics["kl_mean"], config.desired_kl, max_learning_rate=config.max_learning_rate
-                )
-            updates, new_optimizer = self._optimizer.update(gradient, optimizer)
-            norm = optax.tree.norm(gradient)
-            sound = jnp.isfinite(norm)
-            params, optimizer = jax.tree.map(
-                lambda new, old: jnp.where(sound, new, old),
-                (optax.apply_updates(params, updates), new_optimizer),
-                (params, optimizer),
-            )
-            metrics |= {
-                "grad_norm": norm,
-                "learning_rate": optimizer[-1].hyperparams["learning_rate"],
-                "skipped_updates": 1.0 - sound,
-            }
-            return (params, optimizer), metrics
+        def minibatch_step(carry: tuple[Any, Any], dealt: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
+            return self.descend(*carry, normalizer, *dealt)
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
-            key_shuffle, key_loss = jax.random.split(key)
-            keys = jax.random.split(key_loss, config.num_minibatches)
-            return jax.lax.scan(minibatch_step, carry, (self._minibatches(data, key_shuffle), keys))
+            return jax.lax.scan(minibatch_step, carry, self.deal(data, key))
 
-        (params, optimizer), metrics = jax.lax.scan(
-            epoch, (params, optimizer), jax.random.split(key, config.num_epochs)
-        )
+        keys = jax.random.split(key, self.config.num_epochs)
+        (params, optimizer), metrics = jax.lax.scan(epoch, (params, optimizer), keys)
         return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
+
+    def descend(
+        self,
+        params: Any,
+        optimizer: Any,
+        normalizer: running_statistics.RunningStatisticsState,
+        minibatch: Transition,
+        key: Array,
+    ) -> tuple[tuple[Any, Any], dict[str, Array]]:
+        """One gradient step: ((params, optimizer) after it, what it was made of)."""
+        config = self.config
+        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key)
+        if config.desired_kl is not None:
+            optimizer, _ = adaptive_kl_learning_rate(
+                optimizer, metrics["kl_mean"], config.desired_kl, max_learning_rate=config.max_learning_rate
+            )
+        updates, optimizer = self._optimizer.update(gradient, optimizer)
+        metrics |= {
+            "grad_norm": optax.tree.norm(gradient),
+            "learning_rate": optimizer[-1].hyperparams["learning_rate"],
+        }
+        return (optax.apply_updates(params, updates), optimizer), metrics
 
     def loss(
         self,
@@ -325,6 +334,11 @@ class PPO:
             clipping_epsilon=config.clipping,
             vf_coefficient=config.value_coefficient,
         )
+
+    def deal(self, data: Transition, key: Array) -> tuple[Transition, Array]:
+        """The minibatches of an epoch, and a key for each."""
+        key_shuffle, key_loss = jax.random.split(key)
+        return self._minibatches(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
 
     def _minibatches(self, data: Any, key: Array) -> Any:
         """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
@@ -364,6 +378,10 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
     )
 
 
+def _all_finite(tree: Any) -> Array:
+    return jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)]).all()
+
+
 def _normalize(observation: Any, preprocessor_params: Any) -> Any:
     return running_statistics.normalize(observation, preprocessor_params)
 
@@ -371,4 +389,10 @@ def _normalize(observation: Any, preprocessor_params: Any) -> Any:
 def _step_metrics(state: envs.State) -> dict[str, Array]:
     """What a control step contributes to the metrics, robot by robot."""
     terminated = state.done * (1.0 - state.info["truncation"])
-    return {**state.metrics, "reward": state.reward, "falls": terminated, "time_outs": state.info["truncation"]}
+    return {
+        **state.metrics,
+        "reward": state.reward,
+        "reward_square": jnp.square(state.reward),
+        "falls": terminated,
+        "time_outs": state.info["truncation"],
+    }

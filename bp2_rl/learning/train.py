@@ -1,8 +1,12 @@
 """The training run: the one place where the pure train step meets files, clocks and the console."""
 
+import contextlib
 import dataclasses
 import datetime
+import shlex
+import sys
 import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +14,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.config import config_hash, load_config, package_versions, save_config
+from bp2_rl.config import ConfigError, config_hash, from_json, load_config, package_versions, save_config, to_json
 from bp2_rl.env.bp2_env import SPEED_BINS, BP2Env
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.errors import UserError
-from bp2_rl.learning.checkpoint import latest_step, restore_checkpoint, save_checkpoint
+from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.learning import guards
+from bp2_rl.learning.checkpoint import (
+    CHECKPOINTS,
+    FAILED,
+    CheckpointError,
+    Saver,
+    latest_step,
+    place,
+    read_metadata,
+    restore_checkpoint,
+    save_checkpoint,
+)
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.policy import PolicyCard, export_policy
-from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.ppo import PPO, STUCK, TrainState
+from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.stages import Parent, TrainConfig
 from bp2_rl.robot import specs
 
@@ -34,19 +50,20 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
 
     Raises:
         UserError: the folder is not empty or not writable, or the parent's networks or actions differ.
+        RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
     run_dir = Path(run_dir)
     learner = make_learner(config)
     inherited = None
     if parent is not None:
-        inherited, origin = _inherit(Path(parent), config)
+        inherited, origin = _inherit(Path(parent), config, learner.shape())
         config = dataclasses.replace(config, parent=origin)
     _claim(run_dir)
     save_config(run_dir / CONFIG, config)
     state = learner.init(config.run.seed)
     if inherited is not None:
         state = _adopt(state, inherited)
-    save_checkpoint(run_dir, 0, state)
+    save_checkpoint(run_dir, 0, state, config=to_json(config))
     return _run(learner, state, config, run_dir)
 
 
@@ -55,14 +72,33 @@ def resume(run_dir: Path) -> Path:
 
     Raises:
         UserError: there is no run or no checkpoint, or it does not fit this program.
+        RunStopped: as `start`.
     """
     run_dir = Path(run_dir)
     config = load_run_config(run_dir)
-    if latest_step(run_dir) is None:
+    step = latest_step(run_dir)
+    if step is None:
         raise UserError(f"run {run_dir} has no checkpoint to resume from: start it anew in another folder")
+    metadata = _read_own(run_dir, step, config)
     learner = make_learner(config)
-    _, state = restore_checkpoint(run_dir, learner.shape())
-    return _run(learner, state, config, run_dir)
+    _, state = restore_checkpoint(run_dir, learner.shape(), step)
+    return _run(learner, state, config, run_dir, unlogged=metadata["log"])
+
+
+def replay(run_dir: Path) -> str:
+    """Repeat the train step at which a run stopped because it was not finite; what was not finite first, in words.
+
+    Raises:
+        UserError: there is no run, or it did not stop so.
+    """
+    config = load_run_config(run_dir)
+    step = latest_step(run_dir, FAILED)
+    if step is None:
+        raise UserError(f"run {run_dir} has no train step to replay: all that it made were finite")
+    _read_own(run_dir, step, config, FAILED)
+    learner = make_learner(config)
+    _, state = restore_checkpoint(run_dir, learner.shape(), step, folder=FAILED)
+    return f"train step {step + 1}: {guards.explain(learner, state)}"
 
 
 def load_run_config(run_dir: Path) -> TrainConfig:
@@ -87,73 +123,170 @@ def make_learner(config: TrainConfig) -> PPO:
 # --- The loop ------------------------------------------------------------------------------------------------
 
 
-def _run(learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path) -> Path:
-    total = _train_steps(config)
-    per_step = config.ppo.steps_per_train_step
-    save_every = max(1, -(-total // config.run.checkpoints))
-    log_every = max(1, total // config.run.logs)
-    done = int(state.step)
-    title = f"{config.stage} on {learner.mesh.size} x {learner.mesh.devices.flat[0].device_kind}"
-    with Monitor(run_dir, total * per_step, start_step=done * per_step, title=title) as monitor:
-        began, first = time.monotonic(), done
-        log = _Log(monitor, per_step)
-        try:
-            while done < total:
-                state, metrics = learner.train_step(state)
-                done += 1
-                log.add(metrics)
-                if done % log_every == 0 or done == total:
-                    log.close(done)
-                if done % save_every == 0 or done == total:
-                    log.flush()
-                    save_checkpoint(run_dir, done, state)
-                    _export(state, config, run_dir)
-        except KeyboardInterrupt:
-            log.flush()
-            # A train step consumes its state: stopped in the middle of one, the run has its last checkpoint.
-            if not any(leaf.is_deleted() for leaf in jax.tree.leaves(state)):
-                save_checkpoint(run_dir, int(state.step), state)
-            monitor.note(f"interrupted, kept step {latest_step(run_dir)} of {total}: train.py --resume {run_dir}")
-            raise
+def _run(
+    learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path, *, unlogged: Mapping[str, Any] | None = None
+) -> Path:
+    """Train from `state` to the run's end; `unlogged` is `_Log.open` of the checkpoint that it is from."""
+    total, per_step = _train_steps(config), config.ppo.steps_per_train_step
+    began, first = time.monotonic(), int(state.step)
+    devices = f"{learner.mesh.size} x {learner.mesh.devices.flat[0].device_kind}"
+    title = f"{config.stage} on {devices}"
+    with (
+        Monitor(run_dir, total * per_step, start_step=first * per_step, title=title) as monitor,
+        _stopping_in_one_line(monitor, run_dir, total),
+    ):
+        versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
+        monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
+        monitor.record(f"command: {shlex.join(sys.argv)}")
+        with Saver(run_dir, to_json(config)) as saver, StopSignals(monitor.note, monitor.release_terminal) as signals:
+            state, done = _train(learner, state, config, run_dir, monitor, saver, signals, unlogged)
+            saver.wait()
+        if int(state.step) < done:
+            _keep_failed(state, config, run_dir)
+        if done < total and signals.caught:
+            name, status = signals.caught.name, 128 + signals.caught
+            raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
+        if first == total:  # the run was killed between its last save and its export
+            _export(state, config, run_dir)
         minutes = (time.monotonic() - began) / 60
         steps = (total - first) * per_step
         monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / 'policy'}")
     return run_dir
 
 
+@contextlib.contextmanager
+def _stopping_in_one_line(monitor: Monitor, run_dir: Path, total: int) -> Iterator[None]:
+    """Log why a run stops early; a file that cannot be written, on a full disk say, is such a reason too."""
+    try:
+        try:
+            yield
+        except (OSError, UserError) as error:
+            cause = error if isinstance(error, OSError) else error.__cause__
+            if not isinstance(cause, OSError):
+                raise
+            what = f"cannot write to {run_dir}: {cause.strerror}" if cause is error else str(error)
+            kept = f"kept step {latest_step(run_dir)} of {total}"
+            raise RunStopped(f"{what}; {kept}, mend that and go on: {_resume(run_dir)}", status=1) from error
+    except RunStopped as stop:
+        with contextlib.suppress(OSError):
+            monitor.record(str(stop))
+        raise
+
+
+def _resume(run_dir: Path) -> str:
+    return f"python train.py --resume {run_dir}"
+
+
+def _keep_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
+    """Save the state whose next train step is not finite, and stop."""
+    step = int(state.step)
+    save_checkpoint(run_dir, step, state, config=to_json(config), folder=FAILED)
+    raise RunStopped(
+        f"train step {step + 1} is not finite and nothing was learned from it; kept step {latest_step(run_dir)} of "
+        f"{_train_steps(config)}; see what it was: python train.py --replay {run_dir}",
+        status=1,
+    )
+
+
+def _train(
+    learner: PPO,
+    state: TrainState,
+    config: TrainConfig,
+    run_dir: Path,
+    monitor: Monitor,
+    saver: Saver,
+    signals: StopSignals,
+    unlogged: Mapping[str, Any] | None,
+) -> tuple[TrainState, int]:
+    """(The state in the end, the train steps done with it): fewer than all where a signal came, and more than
+    `state.step` where a train step was not finite."""
+    total = _train_steps(config)
+    save_every = max(1, -(-total // config.run.checkpoints))
+    log_every = max(1, total // config.run.logs)
+    log = _Log(monitor, config, unlogged)
+    done, stop = int(state.step), None
+    while done < total and not stop and not log.stuck:
+        state, metrics = learner.train_step(state)
+        done += 1
+        stop = signals.caught
+        log.add(metrics)
+        if done % log_every == 0 or done == total:
+            log.close(done)
+        if done % save_every == 0 or done == total or stop:
+            # A resume drops what was logged past its checkpoint, so the log must not be behind.
+            log.flush()
+            if int(state.step) < done:
+                break
+            saver.save(done, state, log.open())
+            monitor.record(f"saving step {done}")
+            _export(state, config, run_dir)
+    return state, done
+
+
 class _Log:
     """Averages metrics on the device over a logging interval, and writes them one interval late.
 
     So the device never waits for the console, and a line stands for all of its interval's steps.
+
+    Args:
+        monitor: where to.
+        config: the run's settings.
+        unlogged: what `open` gave, where the run goes on within an interval.
     """
 
-    def __init__(self, monitor: Monitor, per_step: int):
-        self._monitor, self._per_step = monitor, per_step
-        self._sums: Any = None
-        self._count = 0
-        self._pending: tuple[int, Any, int, float] | None = None
-        self._since = time.monotonic()
+    def __init__(self, monitor: Monitor, config: TrainConfig, unlogged: Mapping[str, Any] | None):
+        self._monitor, self._ppo = monitor, config.ppo
+        self._watch = guards.Watch()
+        self._interval = _Interval()
+        if unlogged:
+            self._interval.sums = {name: np.float32(value) for name, value in unlogged["sums"].items()}
+            self._interval.count = unlogged["count"]
+        self._pending: tuple[int, _Interval] | None = None
+        self.stuck = False  # a train step was not finite
 
     def add(self, metrics: dict[str, jax.Array]) -> None:
         """Take in one train step's metrics, which may still be under computation."""
-        self._sums = metrics if self._sums is None else _add(self._sums, metrics)
-        self._count += 1
+        interval = self._interval
+        interval.sums = metrics if interval.sums is None else _add(interval.sums, metrics)
+        interval.count += 1
+        interval.timed += 1
+
+    def open(self) -> dict[str, Any]:
+        """What has been added since the last interval was closed, as JSON."""
+        if self._interval.sums is None:
+            return {}
+        sums = jax.device_get(self._interval.sums)
+        return {"count": self._interval.count, "sums": {name: float(value) for name, value in sums.items()}}
 
     def close(self, done: int) -> None:
         """The interval ends with train step `done`; write the one before it."""
         self.flush()
-        self._pending = done, self._sums, self._count, self._since
-        self._sums, self._count, self._since = None, 0, time.monotonic()
+        self._pending, self._interval = (done, self._interval), _Interval()
 
     def flush(self) -> None:
-        """Write what has been closed."""
-        if self._pending is None:
+        """Write what has been closed, and warn of what it shows; nothing from a train step that is not finite on."""
+        if self._pending is None or self.stuck:
             return
-        done, sums, count, since = self._pending
-        self._pending = None
-        means = {name: float(value) / count for name, value in jax.device_get(sums).items()}
-        rate = count * self._per_step / (time.monotonic() - since)
-        self._monitor.log(done * self._per_step, summarize(means) | {"steps_per_second": rate})
+        (done, interval), self._pending = self._pending, None
+        means = {name: float(value) / interval.count for name, value in jax.device_get(interval.sums).items()}
+        self.stuck = means.pop(STUCK) > 0
+        if self.stuck:
+            return
+        per_step = self._ppo.steps_per_train_step
+        rate = interval.timed * per_step / (time.monotonic() - interval.since)
+        self._monitor.log(done * per_step, summarize(means) | {"steps_per_second": rate})
+        for words in self._watch.news(guards.warnings(means, self._ppo)):
+            self._monitor.note(f"warning: {words}")
+
+
+@dataclasses.dataclass
+class _Interval:
+    """Train steps that become one line of the log."""
+
+    sums: Any = None  # of their metrics
+    count: int = 0
+    timed: int = 0  # those of them that this process did
+    since: float = dataclasses.field(default_factory=time.monotonic)
 
 
 @jax.jit
@@ -170,6 +303,7 @@ def summarize(metrics: dict[str, float]) -> dict[str, float]:
     out = {name: value for name, value in metrics.items() if not name.startswith("error/")}
     ended = metrics["falls"] + metrics["time_outs"]
     out["falls"] = metrics["falls"] / ended if ended > 0 else 0.0
+    out["reward_rms"] = out.pop("reward_square") ** 0.5
     out["falls_per_second"] = metrics["falls"] / specs.CONTROL_STEP
     for lower in SPEED_BINS:
         share = metrics[f"share/{lower:g}"]
@@ -199,7 +333,7 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         versions=package_versions(),
         config_hash=config_hash(config),
         results={
-            "curriculum_level": float(np.mean(jax.device_get(state.fleet.info["curriculum"]))),
+            "curriculum_level": float(jnp.mean(state.fleet.info["curriculum"])),
             "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
         },
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
@@ -224,8 +358,8 @@ def _claim(run_dir: Path) -> None:
         raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
 
 
-def _inherit(parent: Path, config: TrainConfig) -> tuple[TrainState, Parent]:
-    """The newest state of the run `parent`, on the host, and what it is."""
+def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict[str, Any], Parent]:
+    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
     old = load_run_config(parent)
     for name, theirs, ours in (
         *((f"ppo.{name}", getattr(old.ppo, name), getattr(config.ppo, name)) for name in NETWORK),
@@ -233,27 +367,44 @@ def _inherit(parent: Path, config: TrainConfig) -> tuple[TrainState, Parent]:
     ):
         if theirs != ours:
             raise UserError(f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree")
-    learner = PPO(BP2Env(old.env), old.ppo, devices=jax.devices()[:1])
-    step, state = restore_checkpoint(parent, jax.tree.map(_on_host, learner.shape()))
+    levels = np.empty(old.ppo.num_envs, np.float32)
+    wanted = {"params": shape.params, "normalizer": shape.normalizer, "fleet": {"info": {"curriculum": levels}}}
+    step, part = restore_checkpoint(parent, wanted, part=True)
     before = old.parent.control_steps if old.parent else 0
     steps = before + step * old.ppo.steps_per_train_step
-    return state, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
+    return part, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
 
 
-def _on_host(leaf: jax.ShapeDtypeStruct) -> np.ndarray:
-    return np.empty(leaf.shape, leaf.dtype)
-
-
-def _adopt(state: TrainState, parent: TrainState) -> TrainState:
+def _adopt(state: TrainState, part: dict[str, Any]) -> TrainState:
     """`state` with the parent's networks and normaliser, and its robots' curriculum levels dealt out in turn."""
+    here = state.fleet.info["curriculum"]
+    levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
+    fleet = dataclasses.replace(state.fleet, info={**state.fleet.info, "curriculum": levels})
+    return state.replace(params=part["params"], normalizer=part["normalizer"], fleet=fleet)
 
-    def place(old: Any, new: Any) -> Any:
-        return jax.tree.map(lambda o, n: jax.device_put(jnp.asarray(o, n.dtype), n.sharding), old, new)
 
-    levels = np.resize(parent.fleet.info["curriculum"], state.fleet.info["curriculum"].shape)
-    info = {**state.fleet.info, "curriculum": place(levels, state.fleet.info["curriculum"])}
-    return state.replace(
-        params=place(parent.params, state.params),
-        normalizer=place(parent.normalizer, state.normalizer),
-        fleet=dataclasses.replace(state.fleet, info=info),
-    )
+def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS) -> dict[str, Any]:
+    """The metadata of a checkpoint, which must be of a run with these settings."""
+    directory = run_dir / folder / str(step)
+    metadata = read_metadata(run_dir, step, folder)
+    try:
+        there = _fields(to_json(from_json(TrainConfig, metadata["config"])))
+    except ConfigError as error:
+        raise CheckpointError(f"{directory} is of another training: {error}") from error
+    here = _fields(to_json(config))
+    for name in [*here, *there]:
+        if there.get(name) != here.get(name):
+            raise CheckpointError(
+                f"{directory} is of another training: {name} is {there.get(name, 'absent')} there and "
+                f"{here.get(name, 'absent')} in {CONFIG}"
+            )
+    return metadata
+
+
+def _fields(data: Any, path: str = "") -> dict[str, Any]:
+    """The values of a JSON object by their dotted names."""
+    if not isinstance(data, dict):
+        return {path: data}
+    return {
+        name: value for key, inner in data.items() for name, value in _fields(inner, f"{path}.{key}".strip(".")).items()
+    }

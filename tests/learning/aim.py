@@ -9,6 +9,7 @@ import numpy as np
 from brax import envs
 from jax.flatten_util import ravel_pytree
 
+from bp2_rl.env.bp2_env import SPEED_BINS
 from bp2_rl.learning.ppo import PPO, PPOConfig
 
 TINY = PPOConfig(
@@ -56,6 +57,71 @@ class Aim(envs.Env):
     @property
     def action_size(self):
         return 1
+
+    @property
+    def backend(self):
+        return "none"
+
+
+class StandIn(envs.Env):
+    """`Aim` in the place of BP2Env, with its observations, actions, metrics and levels: what runs on disk need.
+
+    Args:
+        fault: breaks one number of a step, of one robot in about `rarity`: of its `physics`, `state`,
+            `privileged_state` or `reward` (NaN), of a new episode's `reset` (NaN), or a `huge` finite reward.
+    """
+
+    def __init__(self, fault: str | None = None, rarity: float = 100.0):
+        self.fault, self.rarity = fault, rarity
+
+    def reset(self, rng):
+        return self._begin(rng, jnp.zeros(()))
+
+    def restart(self, state, rng):
+        fresh: Any = self._begin(rng, state.info["curriculum"])
+        return fresh.replace(obs=self._break(fresh.obs, "reset", fresh.info["rng"]))
+
+    def _begin(self, rng, level):
+        rng, key = jax.random.split(rng)
+        zero: Any = jnp.zeros(())
+        return envs.State(zero, self._show(key), zero, zero, self._measure(zero), {"rng": rng, "curriculum": level})
+
+    def step(self, state: Any, action):
+        rng, key = jax.random.split(state.info["rng"])
+        miss = jnp.mean(jnp.square(action - state.obs["state"][:12]))
+        obs = {name: self._break(value, name, rng) for name, value in self._show(key).items()}
+        huge = jnp.where(self._strikes("huge", rng), -1e30, 0.0)
+        return state.replace(
+            pipeline_state=self._break(state.pipeline_state + 1.0, "physics", rng),
+            obs=obs,
+            reward=self._break(-miss, "reward", rng) + huge,
+            done=jnp.zeros(()),
+            metrics=self._measure(miss),
+            info={"rng": rng, "curriculum": jnp.minimum(state.info["curriculum"] + 0.01, 1.0)},
+        )
+
+    def _show(self, key):
+        target = jax.random.uniform(key, (47,), minval=-1.0, maxval=1.0)
+        return {"state": target, "privileged_state": target[:20]}
+
+    def _measure(self, miss):
+        bins = {f"{kind}/{lower:g}": jnp.float32(lower == 0) for kind in ("share", "error") for lower in SPEED_BINS}
+        return {**bins, "speed_error": miss}
+
+    def _strikes(self, fault, rng):
+        now = jax.random.uniform(jax.random.fold_in(rng, 1)) < 1 / self.rarity
+        return now & (fault == self.fault)
+
+    def _break(self, values, fault, rng):
+        return jax.tree.map(lambda x: jnp.where(self._strikes(fault, rng), jnp.nan, x), values)
+
+    @property
+    def observation_size(self):
+        return {"state": 47, "privileged_state": 20}
+
+    @property
+    def action_size(self):
+        return 12
 
     @property
     def backend(self):

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import itertools
 import json
 import shutil
 
@@ -14,7 +13,7 @@ from bp2_rl.config import config_hash
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
 from bp2_rl.learning import train
-from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
+from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.stages import Parent, Stage, TrainConfig, make_config
 
@@ -98,17 +97,21 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
 
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
-    config = tiny("relaxed")
-    parent, _ = train._inherit(run, config)
+    learner = train.make_learner(tiny())
+    _, old = restore_checkpoint(run, learner.shape())
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
-    parent = parent.replace(
-        fleet=dataclasses.replace(parent.fleet, info={**parent.fleet.info, "curriculum": levels}),
-    )
-    fresh = train.make_learner(config).init(3)
+    old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
+    parent = tmp_path / "parent"
+    train._claim(parent)
+    train.save_config(parent / "config.json", tiny())
+    save_checkpoint(parent, 4, old)
+    config = tiny("relaxed")
+    learner = train.make_learner(config)
+    fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = train._adopt(fresh, parent)
+    adopted = train._adopt(fresh, train._inherit(parent, config, learner.shape())[0])
     for name in ("params", "normalizer"):
-        for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(parent, name)), strict=True):
+        for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
             np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(adopted.fleet.info["curriculum"], levels)
     np.testing.assert_array_equal(adopted.key, key)
@@ -127,46 +130,6 @@ def test_a_child_counts_its_parents_steps(run, tmp_path):
     # What is written before the first step is what was inherited.
     at_birth, at_death = leaves(child, 0), leaves(run, 4)
     assert any(np.array_equal(a, b) and np.ndim(a) == 2 for a, b in zip(at_birth, at_death, strict=True))
-
-
-def test_an_interrupted_run_is_saved_and_resumes_to_the_uninterrupted_one(run, tmp_path, monkeypatch):
-    """Ctrl-C between two checkpoints loses nothing, not even the line of metrics that was not yet written."""
-    interrupted = tmp_path / "interrupted"
-    learner, calls = train.make_learner(tiny()), itertools.count()
-    step = learner.train_step
-
-    def impatient(state):
-        if next(calls) == 2:
-            raise KeyboardInterrupt
-        return step(state)
-
-    config = tiny(checkpoints=1)
-    with monkeypatch.context() as patch:
-        patch.setattr(learner, "train_step", impatient)
-        with pytest.raises(KeyboardInterrupt):
-            train.start(config, interrupted)
-    assert latest_step(interrupted) == 2
-    assert not train.is_finished(interrupted)
-    train.resume(interrupted)
-    for a, b in zip(leaves(run, 4), leaves(interrupted, 4), strict=True):
-        np.testing.assert_array_equal(a, b)
-    assert metrics(interrupted) == metrics(run)
-
-
-def test_a_run_interrupted_within_a_train_step_keeps_its_last_checkpoint(tmp_path, monkeypatch):
-    """The step has consumed the state already and its result is lost."""
-    learner = train.make_learner(tiny())
-    step = learner.train_step
-
-    def cut_short(state):
-        step(state)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(learner, "train_step", cut_short)
-    with pytest.raises(KeyboardInterrupt):
-        train.start(tiny(), tmp_path / "run")
-    assert latest_step(tmp_path / "run") == 0
-    assert "--resume" in (tmp_path / "run" / "log.txt").read_text()
 
 
 @pytest.mark.parametrize(("holds", "said"), [("config.json", "a run already"), ("thesis.tex", "other files")])
@@ -214,14 +177,17 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp
     with pytest.raises((UserError, CheckpointError)) as error:
         train.resume(broken)
     assert "\n" not in str(error.value)
+    if what == "foreign":
+        assert "is of another training: ppo.value_layers is [16] there and [8] in config.json" in str(error.value)
     assert {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()} == before
 
 
 def test_summaries_turn_means_into_rates():
     raw = {f"{kind}/{lower:g}": 0.0 for kind in ("share", "error") for lower in train.SPEED_BINS}
-    raw |= {"share/4": 0.25, "error/4": 0.05, "falls": 0.0003, "time_outs": 0.0001}
+    raw |= {"share/4": 0.25, "error/4": 0.05, "falls": 0.0003, "time_outs": 0.0001, "reward_square": 0.25}
     out = train.summarize(raw)
     assert out["speed_error/4"] == pytest.approx(0.2)
     assert out["falls"] == pytest.approx(0.75)
     assert out["falls_per_second"] == pytest.approx(0.06)
+    assert out["reward_rms"] == pytest.approx(0.5)
     assert "speed_error/0" not in out

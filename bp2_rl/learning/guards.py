@@ -1,0 +1,109 @@
+"""What can go wrong with the numbers of a training, in words."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+from brax.training.acme import running_statistics
+
+from bp2_rl.learning.checkpoint import leaves_by_path
+from bp2_rl.learning.fleet import FAULTS
+from bp2_rl.learning.ppo import PPO, PPOConfig, TrainState
+
+COLLAPSED_STD = 0.05
+"""Of the initial standard deviation: actions this sure no longer tell the learner what else it could do."""
+EXPLODED_KL = 10.0
+"""Times the desired divergence. From twice on the learning rate is lowered; at ten times that does not help."""
+BLOWN_VALUE = 10.0
+"""Times the square of the largest return the rewards allow. A critic that says 0 stands at 1/2 at most."""
+FALLING = 0.05
+"""Falls a robot a control step: episodes of 0.1 s, which teach nothing but how to start."""
+EXPLODING = 1e-3
+"""Falls by exploding physics a robot a control step: each robot every 5 s. A sound simulation knows none."""
+
+LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
+"""The terms that the gradient is made of, and the divergence that sets its step."""
+
+
+def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
+    """Signs of a training that goes wrong, in words by their names, from the means of a logging interval."""
+    std, kl = metrics["loss/policy_dist_mean_std"], metrics["loss/kl_mean"]
+    horizon = min(1.0 / max(1.0 - config.discounting, 1e-9), config.episode_length)
+    largest = metrics["reward_square"] * (config.reward_scaling * horizon) ** 2
+    value_loss = metrics["loss/v_loss"] / (config.value_coefficient or 1.0)
+    falls, exploded = metrics["falls"], metrics.get("fall/exploded", 0.0)
+    faults = [f"{name} {metrics[name]:.1g}" for name in FAULTS if metrics[name] > 0]
+    signs = {
+        "entropy": (
+            std < COLLAPSED_STD * config.initial_std,
+            f"the policy hardly explores any more: standard deviation {std:.2g}; raise ppo.entropy_cost",
+        ),
+        "kl": (
+            config.desired_kl is not None and kl > EXPLODED_KL * config.desired_kl,
+            f"the policy jumps: mean KL {kl:.2g}, desired {config.desired_kl}; lower ppo.learning_rate",
+        ),
+        "value": (
+            value_loss > BLOWN_VALUE * largest,
+            f"the critic blows up: value loss {value_loss:.2g}, returns of {largest**0.5:.2g} at most; "
+            "lower ppo.learning_rate",
+        ),
+        "falls": (falls > FALLING, f"the robots fall at once: {falls:.2g} falls a control step"),
+        "exploded": (exploded > EXPLODING, f"the physics explodes: {exploded:.2g} times a robot a control step"),
+        "faults": (bool(faults), f"steps that are not finite (a robot a control step): {', '.join(faults)}"),
+    }
+    return {name: words for name, (present, words) in signs.items() if present}
+
+
+class Watch:
+    """Says each warning once, and again when it has been away."""
+
+    def __init__(self) -> None:
+        self._present: set[str] = set()
+
+    def news(self, present: Mapping[str, str]) -> list[str]:
+        """The words of those that were not present the last time."""
+        fresh = [words for name, words in present.items() if name not in self._present]
+        self._present = set(present)
+        return fresh
+
+
+def explain(learner: PPO, state: TrainState) -> str:
+    """Repeat the train step that `state` could not leave, piece by piece; say what was not finite first."""
+    if found := _not_finite(state):
+        return f"before the train step: {found}"
+    config = learner.config
+    _, keys, key_sgd = learner.draw_keys(state)
+    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    if found := _not_finite(data):
+        return f"in the batch (of robots and times): {found}"
+
+    gradient_of = jax.jit(jax.grad(lambda *inputs: learner.loss(*inputs)[0]))
+    deal, descend = jax.jit(learner.deal), jax.jit(learner.descend)
+    params, optimizer = state.params, state.optimizer
+    for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
+        dealt = deal(data, key)
+        for i in range(config.num_minibatches):
+            minibatch = jax.tree.map(lambda x, i=i: x[i], dealt)
+            gradient = gradient_of(params, state.normalizer, *minibatch)
+            (params, optimizer), terms = descend(params, optimizer, state.normalizer, *minibatch)
+            losses = {name: terms[name] for name in LOSSES}
+            after = {"params": params, "optimizer": optimizer}
+            if found := _not_finite({"loss": losses}, {"gradient": gradient}, {"loss": terms}, after):
+                place = f"minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
+                return f"in {place}: {found}"
+    if found := _not_finite({"normalizer": running_statistics.update(state.normalizer, data.observation)}):
+        return f"after the gradient steps: {found}"
+    return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
+
+
+def _not_finite(*parts: Any) -> str | None:
+    """The first leaf that is not finite, in words."""
+    for path, leaf in itertools.chain.from_iterable(leaves_by_path(part).items() for part in parts):
+        bad = ~np.isfinite(np.asarray(leaf))
+        if bad.any():
+            first = [int(i) for i in np.argwhere(bad)[0]]
+            where = f": {bad.sum()} of {bad.size} numbers, the first at {first}" if first else ""
+            return f"{path} is not finite{where}"
+    return None

@@ -1,0 +1,60 @@
+"""Ctrl-C and the cluster's SIGTERM, as a question that the training loop asks."""
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable
+
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+
+
+class StopSignals:
+    """While open, SIGINT and SIGTERM only ask training to stop; a SIGINT after either quits at once.
+
+    They are heard also while JAX compiles, when Python's own handlers must wait. In another thread than the main one,
+    where Python allows no handlers, nothing changes. A context manager; on exit the handlers are what they were.
+
+    Args:
+        say: called with one line at the first signal, from a thread of its own.
+        leave: called before quitting at once.
+    """
+
+    def __init__(self, say: Callable[[str], None], leave: Callable[[], None]):
+        self.caught: signal.Signals | None = None
+        self._say, self._leave = say, leave
+        self._in_main_thread = threading.current_thread() is threading.main_thread()
+
+    def __enter__(self) -> "StopSignals":
+        """Take over the handlers."""
+        if self._in_main_thread:
+            self._ear, self._mouth = socket.socketpair()
+            self._mouth.setblocking(False)
+            self._listener = threading.Thread(target=self._listen, name="signals", daemon=True)
+            self._listener.start()
+            self._handlers = {number: signal.signal(number, lambda *_: None) for number in STOPPING}
+            # Python's handlers run between two lines of Python; the number is written here at once.
+            self._wakeup = signal.set_wakeup_fd(self._mouth.fileno(), warn_on_full_buffer=False)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give back the handlers."""
+        if self._in_main_thread:
+            signal.set_wakeup_fd(self._wakeup)
+            for number, handler in self._handlers.items():
+                signal.signal(number, handler)
+            self._mouth.close()
+            self._listener.join()
+            self._ear.close()
+
+    def _listen(self) -> None:
+        while heard := self._ear.recv(1):
+            if heard[0] not in STOPPING:
+                continue
+            number = signal.Signals(heard[0])
+            if self.caught is None:
+                self.caught = number
+                self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
+            elif number is signal.SIGINT:
+                self._leave()
+                os._exit(128 + number)
