@@ -1,44 +1,28 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
 import dataclasses
-import importlib.util
 from functools import cached_property
-from typing import Literal
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from brax import envs
 from flax import struct
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.config import EnvConfig
-from bp2_rl.env.controller import Controller, ControllerState, Targets, motors_of
+from bp2_rl.env.controller import Controller, ControllerState, motors_of
+from bp2_rl.env.physics import Effort, Impl, Physics, Simulator
+from bp2_rl.env.physics_mjx import MjxPhysics
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, foot_geom_ids, load_model
-
-Impl = Literal["jax", "warp"]
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
 
 SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 """Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
-
-
-class Physics(struct.PyTreeNode):
-    """The simulated robot between two control steps: all that MJX has to remember, and the motors."""
-
-    qpos: Float[Array, "... 23"]
-    qvel: Float[Array, "... 22"]
-    qacc_warmstart: Float[Array, "... 22"]
-    torque: Float[Array, "... 12"]  # Nm, last applied
-    targets: Float[Array, "... 2 2 12"]  # the last two joint targets, newest first: (position, velocity)
 
 
 class PipelineState(struct.PyTreeNode):
@@ -51,13 +35,6 @@ class PipelineState(struct.PyTreeNode):
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
 
 
-class Effort(struct.PyTreeNode):
-    """What the motors did during one control step."""
-
-    torque: Float[Array, "... 12"]  # Nm, mean
-    power: Float[Array, "... 12"]  # W, mean mechanical
-
-
 class BP2Env(envs.Env):
     """BP2 follows a velocity command (v_x, v_y, omega_z) on flat ground.
 
@@ -66,8 +43,8 @@ class BP2Env(envs.Env):
     (`observations.LAYOUT`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
-    `impl` chooses MJX's implementation: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs, neither
-    exactly repeatable nor able to hold more contacts than those of `num_robots` robots (at most that many at once).
+    `impl` chooses the physics engine: `jax` and `warp` are MJX's two implementations. `jax` runs anywhere and is
+    deterministic; `warp` is for NVIDIA GPUs, not exactly repeatable, and steps at most `num_robots` robots at once.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
@@ -76,10 +53,8 @@ class BP2Env(envs.Env):
         self.config = config = config or EnvConfig()
         self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
         self.controller = Controller(config)
-        self._model, self._template = _put_on_device(self.mj_model, impl, num_robots)
-        self._actuator = motors_of(config)
+        self._simulate: Simulator = MjxPhysics(self.mj_model, motors_of(config), impl, num_robots)
         self._trunk = int(self.mj_model.body("trunk").id)
-        self._feet = foot_geom_ids(self.mj_model)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
@@ -247,39 +222,6 @@ class BP2Env(envs.Env):
         kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
         return physics.replace(qvel=physics.qvel.at[:2].add(jnp.where(now, kick, 0.0)))
 
-    def _simulate(
-        self, physics: Physics, targets: Targets, robot: Randomization
-    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """Five physics steps; returns also the mean effort and which feet touch the ground at the end."""
-        model = randomization.randomize_model(self._model, robot, self._trunk)
-        actuator = randomization.randomize_actuator(self._actuator, robot)
-        history = jnp.concatenate([jnp.stack([targets.position, targets.velocity])[None], physics.targets])
-        # Target k was issued k control steps ago; the newest whose age is at least the latency is in force.
-        issued = -specs.CONTROL_STEP * jnp.arange(history.shape[0])
-        data = self._template.replace(qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart)
-
-        def substep(carry: tuple[mjx.Data, Array], time: Array) -> tuple[tuple[mjx.Data, Array], tuple[Array, Array]]:
-            data, torque = carry
-            q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-            in_force = jnp.argmax(time - issued >= robot.latency - 1e-6)
-            q_target, qd_target = history[in_force]
-            torque = joint_torque(actuator, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
-            data = mjx.step(model, data.replace(ctrl=torque))
-            return (data, torque), (torque, torque * qd)
-
-        times = specs.PHYSICS_STEP * jnp.arange(specs.SUBSTEPS)
-        (data, torque), (torques, powers) = jax.lax.scan(substep, (data, physics.torque), times)
-        after = Physics(
-            qpos=data.qpos,
-            qvel=data.qvel,
-            qacc_warmstart=data.qacc_warmstart,
-            torque=torque,
-            targets=history[:-1],
-        )
-        touching = data.geom_xpos[self._feet, 2] <= specs.FOOT_RADIUS
-        effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
-        return after, effort, touching.astype(jnp.float32)
-
     def _rewards(
         self,
         before: PipelineState,
@@ -346,20 +288,6 @@ class BP2Env(envs.Env):
             ]
         )
         return {"state": noisy, "privileged_state": privileged}
-
-
-def _put_on_device(model: mujoco.MjModel, impl: Impl, num_robots: int) -> tuple[mjx.Model, mjx.Data]:
-    """MJX's model and an empty state; raises `UserError` where `impl` cannot run here."""
-    if impl == "jax":
-        return mjx.put_model(model), mjx.make_data(model)
-    if importlib.util.find_spec("warp") is None:
-        raise UserError("--impl warp needs the package warp-lang: pip install 'bp2_rl[warp]', or use --impl jax")
-    if jax.default_backend() != "gpu":
-        raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
-    feet, limits = len(specs.LEGS), specs.NUM_MOTORS
-    rows = 4 * feet + limits  # a pyramidal contact has four
-    data = mjx.make_data(model, impl="warp", naconmax=num_robots * feet, njmax=rows)
-    return mjx.put_model(model, impl="warp"), data
 
 
 REWARD_TERMS: tuple[str, ...] = (

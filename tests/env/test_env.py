@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from brax import envs
 from brax.envs.wrappers.training import wrap
+from mujoco import mjx
 
 import bp2_rl.env
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import REWARD_TERMS, SPEED_BINS, BP2Env
 from bp2_rl.env.config import EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.env.controller import motors_of
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS
 from bp2_rl.robot.specs import HardwareSpec
@@ -135,10 +137,11 @@ def test_training_randomises_around_the_friction_that_was_asked_for():
 def test_randomisation_reaches_model_and_motors(env):
     robot = randomization.nominal(env.mj_model.nbody, 0.9)
     heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
-    model = randomization.randomize_model(env._model, heavy, env._trunk)
-    assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(env._model.body_mass.sum()), rel=1e-6)
+    nominal = mjx.put_model(env.mj_model)
+    model = randomization.randomize_model(nominal, heavy, env._trunk)
+    assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(nominal.body_mass.sum()), rel=1e-6)
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
-    motors = randomization.randomize_actuator(env._actuator, heavy)
+    motors = randomization.randomize_actuator(motors_of(env.config), heavy)
     assert np.allclose(motors.strength, 0.8)
 
 
@@ -235,6 +238,6 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
         torque = np.abs(np.asarray(physics(state).torque))
         assert np.all(torque <= specs.PEAK_TORQUE * (1 + 1e-6))
         strongest = max(strongest, torque.max())
-    lo, hi = torque_limits(env._actuator, jnp.zeros(12))
+    lo, hi = torque_limits(motors_of(env.config), jnp.zeros(12))
     assert strongest > 0.9 * float(hi[0])
     assert np.all(np.asarray(lo) == -np.asarray(hi))

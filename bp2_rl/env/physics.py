@@ -1,0 +1,53 @@
+"""What a control step asks of the physics, whichever engine simulates it.
+
+A simulator takes one robot through the five physics steps of a control step, with the joint torque (PD, envelope,
+motor) recomputed at each. It is `physics_mjx.MjxPhysics`.
+"""
+
+from typing import Literal, Protocol
+
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jaxtyping import Array, Float
+
+from bp2_rl.env.controller import Targets
+from bp2_rl.env.randomization import Randomization
+from bp2_rl.robot import specs
+
+Impl = Literal["jax", "warp"]
+
+TIMES = specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS)
+"""When the physics steps of a control step begin, s."""
+
+
+class Physics(struct.PyTreeNode):
+    """The simulated robot between two control steps: all that the simulator has to remember, and the motors."""
+
+    qpos: Float[Array, "... 23"]
+    qvel: Float[Array, "... 22"]
+    qacc_warmstart: Float[Array, "... 22"]
+    torque: Float[Array, "... 12"]  # Nm, last applied
+    targets: Float[Array, "... 2 2 12"]  # the last two joint targets, newest first: (position, velocity)
+
+
+class Effort(struct.PyTreeNode):
+    """What the motors did during one control step."""
+
+    torque: Float[Array, "... 12"]  # Nm, mean
+    power: Float[Array, "... 12"]  # W, mean mechanical
+
+
+class Simulator(Protocol):
+    """A physics engine: a pure function that one can jit, vmap and scan."""
+
+    def __call__(
+        self, physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
+        """Five physics steps of one robot: (after, mean effort, 1 for each foot that touches the ground at the end)."""
+        ...
+
+
+def target_history(physics: Physics, targets: Targets) -> Float[Array, "3 2 12"]:
+    """The joint targets (position, velocity) issued now and at the last two control steps, newest first."""
+    return jnp.concatenate([jnp.stack([targets.position, targets.velocity])[None], physics.targets])
