@@ -67,12 +67,12 @@ class StandIn(envs.Env):
     """`Aim` in the place of BP2Env, with its observations, actions, metrics and levels: what runs on disk need.
 
     Args:
-        fault: breaks one number of a step, of one robot in about `rarity`: of its `physics`, `state`,
-            `privileged_state` or `reward` (NaN), of a new episode's `reset` (NaN), or a `huge` finite reward.
+        faults: what breaks in one of about `rarity` steps: `physics`, `state`, `privileged_state`, `reward` or a new
+            episode's `reset` become NaN, a `huge` reward is finite but for its square.
     """
 
-    def __init__(self, fault: str | None = None, rarity: float = 100.0):
-        self.fault, self.rarity = fault, rarity
+    def __init__(self, *faults: str, rarity: float = 100.0):
+        self.faults, self.rarity = faults, rarity
 
     def reset(self, rng):
         return self._begin(rng, jnp.zeros(()))
@@ -109,8 +109,8 @@ class StandIn(envs.Env):
         return {**bins, "speed_error": miss}
 
     def _strikes(self, fault, rng):
-        now = jax.random.uniform(jax.random.fold_in(rng, 1)) < 1 / self.rarity
-        return now & (fault == self.fault)
+        seed = sum(fault.encode())  # each strikes by itself
+        return jax.random.uniform(jax.random.fold_in(rng, seed)) < (fault in self.faults) / self.rarity
 
     def _break(self, values, fault, rng):
         return jax.tree.map(lambda x: jnp.where(self._strikes(fault, rng), jnp.nan, x), values)

@@ -40,14 +40,18 @@ def records(run_dir: Path) -> list[dict]:
 
 
 def scalars(run_dir: Path) -> list[tuple[str, int, float]]:
-    """(tag, step, value) of every TensorBoard scalar, read by the TFRecord format: length, crc, data, crc."""
+    """(tag, step, value) of every TensorBoard scalar."""
+    return [(value.tag, event.step, value.simple_value) for event in events(run_dir) for value in event.summary.value]
+
+
+def events(run_dir: Path) -> list:
+    """TensorBoard's events, read by the TFRecord format: length, crc, data, crc."""
     found = []
     for path in sorted(run_dir.glob("events.*")):
         data = path.read_bytes()
         while data:
             (length,) = struct.unpack("<Q", data[:8])
-            event = event_pb2.Event.FromString(data[12 : 12 + length])  # pyright: ignore[reportAttributeAccessIssue]
-            found += [(value.tag, event.step, value.simple_value) for value in event.summary.value]
+            found.append(event_pb2.Event.FromString(data[12 : 12 + length]))  # pyright: ignore[reportAttributeAccessIssue]
             data = data[16 + length :]
     return found
 
@@ -152,6 +156,44 @@ def test_a_note_goes_to_console_and_log_as_it_is(tmp_path: Path):
     stamp, _, rest = (tmp_path / "log.txt").read_text().partition(" ")
     assert rest == text + "\n"
     assert stamp.endswith("Z")
+
+
+def test_a_record_goes_to_the_log_alone(tmp_path: Path):
+    console = pipe()
+    with Monitor(tmp_path, 10, console=console) as monitor:
+        before = shown(console)
+        monitor.record("saving step 4")
+        assert shown(console) == before
+    assert (tmp_path / "log.txt").read_text().endswith("Z saving step 4\n")
+
+
+def test_tensorboard_hides_what_a_resume_repeats(tmp_path: Path):
+    """By its rule: a session that starts at a step purges what earlier files hold from there on."""
+    for start in (0, 20):
+        with Monitor(tmp_path, 100, start_step=start, console=pipe()) as monitor:
+            monitor.log(start + 10, {"reward": 1.0})
+    starts = [(event.step, event.session_log.status) for event in events(tmp_path) if event.HasField("session_log")]
+    assert starts == [(21, 1)]  # START
+
+
+def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    class Full(io.StringIO):
+        def flush(self) -> None:
+            raise OSError(28, "No space left on device")
+
+        def close(self) -> None:
+            super().close()
+            raise OSError(28, "No space left on device")
+
+    def log() -> None:
+        with Monitor(tmp_path, 10, console=pipe()) as monitor:
+            monitor._metrics_file.close()
+            monkeypatch.setattr(monitor, "_metrics_file", Full())
+            monitor.log(1, HEADLINES)
+
+    with pytest.raises(OSError, match="No space left") as error:
+        log()
+    assert error.value.__context__ is None
 
 
 def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):

@@ -1,0 +1,40 @@
+import os
+import signal
+import threading
+import time
+
+from bp2_rl.learning.signals import STOPPING, StopSignals
+
+
+def handlers():
+    descriptor = signal.set_wakeup_fd(-1)
+    signal.set_wakeup_fd(descriptor)
+    return descriptor, [signal.getsignal(number) for number in STOPPING]
+
+
+def test_the_first_signal_is_noted_said_and_harmless_and_the_handlers_come_back():
+    before, said = handlers(), []
+    with StopSignals(said.append, lambda: None) as signals:
+        assert signals.caught is None
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGTERM)  # only Ctrl-C is impatient
+        deadline = time.monotonic() + 10
+        while not said and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert signals.caught is signal.SIGTERM
+    assert said == ["SIGTERM: stopping after this train step; Ctrl-C now quits at once"]
+    assert handlers() == before
+
+
+def test_in_a_thread_of_its_own_a_training_leaves_the_handlers_alone():
+    before, seen = handlers(), []
+
+    def train():
+        with StopSignals(print, print) as signals:
+            seen.extend([signals.caught, [signal.getsignal(number) for number in STOPPING]])
+
+    thread = threading.Thread(target=train)
+    thread.start()
+    thread.join()
+    assert seen == [None, before[1]]
+    assert handlers() == before
