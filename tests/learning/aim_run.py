@@ -22,7 +22,7 @@ def slowly(function, seconds, *args):
 
 
 def main(argv: list[str]) -> int:
-    """`aim_run.py SECONDS ARGUMENTS`: train as `train.py ARGUMENTS`, every step, and at most 0.1 s a save, slower."""
+    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with every step and each of 4 waits of a save slower."""
 
     def make_learner(config):
         learner = PPO(StandIn(), config.ppo)
@@ -31,7 +31,7 @@ def main(argv: list[str]) -> int:
 
     pause = float(argv[0])
     train.make_learner = make_learner
-    checkpoint._sync = partial(slowly, checkpoint._sync, min(pause / 2, 0.025))
+    checkpoint._sync = partial(slowly, checkpoint._sync, min(pause, 0.05))
     return command.main(argv[1:])
 
 
