@@ -80,10 +80,11 @@ def test_what_does_not_sleep_is_fast(sleepy):
 
 
 def test_repeats_fill_the_time_given(sleepy):
-    for m in sleepy.measurements:
-        assert m.repeats >= 3
-        # The last call may overrun, and where a call takes no time the number of calls is limited.
-        assert m.repeats == bench.MOST or (m.repeats + 1) * m.seconds * 1.5 > 0.3
+    repeats = {m.part: m.repeats for m in sleepy.measurements}
+    # 0.3 s of calls, each at least as long as its sleep; a busy machine fits in fewer.
+    assert 3 <= repeats["environment"] <= 1 + 0.3 / (RESET + LENGTH * STEP)
+    assert 5 <= repeats["resets"] <= 1 + 0.3 / RESET
+    assert repeats["resets"] < repeats["policy"] <= bench.MOST
 
 
 def test_shares_of_a_train_step_add_up(sleepy):
