@@ -18,6 +18,7 @@ from bp2_rl.errors import RunStopped, UserError
 
 Config = TypeVar("Config")
 
+HELP = ("-h", "--help")
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -62,7 +63,9 @@ def failures_into(folder: Path) -> Iterator[None]:
         raise LoggedError(error, folder) from error
 
 
-def parse(config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None) -> Config:
+def parse(
+    config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None, *, part: bool = False
+) -> Config:
     """The config that the command line describes; `--help` prints and exits with status 0.
 
     Args:
@@ -70,6 +73,7 @@ def parse(config: type[Config], argv: Sequence[str] | None, prog: str, default: 
         argv: the arguments; None for the process's own.
         prog: the command as the user types it.
         default: what holds where no flag says otherwise; None for the dataclass's own defaults.
+        part: pass over flags that are not the config's, and over `--help`.
 
     Raises:
         UserError: one line that names the flag at fault.
@@ -79,6 +83,9 @@ def parse(config: type[Config], argv: Sequence[str] | None, prog: str, default: 
         with contextlib.redirect_stderr(complaint):
             # To tyro, None is a default like any other.
             chosen: dict[str, Any] = {} if default is None else {"default": default}
+            if part:
+                argv = [word for word in (sys.argv[1:] if argv is None else argv) if word not in HELP]
+                return tyro.cli(config, args=argv, prog=prog, return_unknown_args=True, **chosen)[0]
             return tyro.cli(config, args=argv, prog=prog, **chosen)
     except SystemExit as end:
         if end.code in (0, None):

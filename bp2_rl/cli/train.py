@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import jax
+import numpy as np
 import tyro
 
 from bp2_rl.cli import app
@@ -16,11 +17,19 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import Impl
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.errors import UserError
-from bp2_rl.learning import train
+from bp2_rl.learning import cluster, train
+from bp2_rl.learning.cluster import ClusterConfig
 from bp2_rl.learning.ppo import PPOConfig
 from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, make_config
 
 RUNS = Path("runs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Launch:
+    """How the program runs, whatever it trains."""
+
+    cluster: ClusterConfig = ClusterConfig()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,15 +53,20 @@ class Arguments:
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
+    launch: Annotated[Launch, tyro.conf.arg(name="")] = Launch()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
-    return app.run(lambda: _train(list(sys.argv[1:] if argv is None else argv)))
+    return cluster.leave(app.run(lambda: _train(list(sys.argv[1:] if argv is None else argv))))
 
 
 def _train(argv: list[str]) -> None:
+    # First of all: the rest of the command line is read with what JAX says of the machine.
+    launch = app.parse(Launch, argv, "train.py", part=True)
     prepare_jax()
+    if not set(app.HELP) & set(argv):
+        cluster.join(launch.cluster)
     arguments = _parse(argv)
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
@@ -63,14 +77,16 @@ def _train(argv: list[str]) -> None:
             train.resume(arguments.resume)
         return
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
-    now = datetime.datetime.now()
+    clock = np.array(datetime.datetime.now().timetuple()[:6], np.int32)
+    now = datetime.datetime(*cluster.from_first(clock).tolist())
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
-    print(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
+    say = print if cluster.is_first() else lambda _: None
+    say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
     if arguments.parent is not None:
-        print(f"continues from {arguments.parent}")
+        say(f"continues from {arguments.parent}")
     with app.failures_into(out):
         train.start(config, out, parent=arguments.parent)
-    print(f"see it run: python eval.py {out}")
+    say(f"see it run: python eval.py {out}")
 
 
 def _parse(argv: list[str]) -> Arguments:
@@ -78,12 +94,12 @@ def _parse(argv: list[str]) -> Arguments:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--from", "--resume", "--replay"):
         first.add_argument(flag, nargs="?")
-    known, _ = first.parse_known_args([word for word in argv if word not in ("-h", "--help")])
+    known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
     preset = known.preset if known.preset in ("smoke", "cpu", "gpu") else _preset_for_this_machine()
     defaults = make_config(stage, preset)
     parent = Path(vars(known)["from"]) if vars(known)["from"] else None
-    complete = not {"-h", "--help"} & set(argv) and known.resume is None and known.replay is None
+    complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
         parent = _newest_imitation_run()
     if complete and parent is not None:
@@ -95,7 +111,8 @@ def _parse(argv: list[str]) -> Arguments:
         default=Arguments(parent=parent, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
     )
     for flag in ("--resume", "--replay"):
-        others = [other for other in argv if other.startswith("--") and not other.startswith(flag)]
+        allowed = (flag, "--cluster.")
+        others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
         if vars(arguments)[flag[2:]] is not None and others:
             raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")
     return dataclasses.replace(arguments, preset=preset)

@@ -209,6 +209,32 @@ class Monitor:
         return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
 
 
+class Mute(Monitor):
+    """The monitor of a process for which another one speaks: it records and shows nothing."""
+
+    def __init__(self) -> None:
+        pass
+
+    def __enter__(self) -> "Mute":
+        """Itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Nothing is open."""
+
+    def release_terminal(self) -> None:
+        """There is none."""
+
+    def log(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Nothing."""
+
+    def note(self, text: str) -> None:
+        """Nothing."""
+
+    def record(self, text: str) -> None:
+        """Nothing."""
+
+
 def count(number: float) -> str:
     """A number in at most five characters: 950, 12.3k, 4.00M, 1.21G."""
     for limit, unit in ((1e3, ""), (1e6, "k"), (1e9, "M"), (1e12, "G")):

@@ -6,6 +6,8 @@ import socket
 import threading
 from collections.abc import Callable
 
+from bp2_rl.learning import cluster
+
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -46,6 +48,13 @@ class StopSignals:
             self._mouth.close()
             self._listener.join()
             self._ear.close()
+
+    def heard(self) -> signal.Signals | None:
+        """What this process or another of the cluster has caught; all must ask at the same step."""
+        number = cluster.largest(self.caught or 0)
+        if number:
+            self.caught = signal.Signals(number)
+        return self.caught if number else None
 
     def _listen(self) -> None:
         while heard := self._ear.recv(1):

@@ -18,7 +18,7 @@ from bp2_rl.config import ConfigError, config_hash, from_json, load_config, pack
 from bp2_rl.env.bp2_env import SPEED_BINS, BP2Env
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.learning import guards
+from bp2_rl.learning import cluster, guards
 from bp2_rl.learning.checkpoint import (
     CHECKPOINTS,
     FAILED,
@@ -30,7 +30,7 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
     save_checkpoint,
 )
-from bp2_rl.learning.monitor import Monitor
+from bp2_rl.learning.monitor import Monitor, Mute
 from bp2_rl.learning.policy import PolicyCard, export_policy
 from bp2_rl.learning.ppo import PPO, STUCK, TrainState
 from bp2_rl.learning.signals import StopSignals
@@ -55,11 +55,15 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
     run_dir = Path(run_dir)
     learner = make_learner(config)
     inherited = None
-    if parent is not None:
-        inherited, origin = _inherit(Path(parent), config, learner.shape())
-        config = dataclasses.replace(config, parent=origin)
-    _claim(run_dir)
-    save_config(run_dir / CONFIG, config)
+    with cluster.together():
+        if parent is not None:
+            inherited, origin = _inherit(Path(parent), config, learner.shape())
+            config = dataclasses.replace(config, parent=origin)
+    cluster.require_same(config_hash(config), "settings")
+    with cluster.together():
+        if cluster.is_first():
+            _claim(run_dir)
+            save_config(run_dir / CONFIG, config)
     state = learner.init(config.run.seed)
     if inherited is not None:
         state = _adopt(state, inherited)
@@ -75,13 +79,15 @@ def resume(run_dir: Path) -> Path:
         RunStopped: as `start`.
     """
     run_dir = Path(run_dir)
-    config = load_run_config(run_dir)
-    step = latest_step(run_dir)
-    if step is None:
-        raise UserError(f"run {run_dir} has no checkpoint to resume from: start it anew in another folder")
-    metadata = _read_own(run_dir, step, config)
-    learner = make_learner(config)
-    _, state = restore_checkpoint(run_dir, learner.shape(), step)
+    with cluster.together():
+        config = load_run_config(run_dir)
+        step = latest_step(run_dir)
+        if step is None:
+            raise UserError(f"run {run_dir} has no checkpoint to resume from: start it anew in another folder")
+        metadata = _read_own(run_dir, step, config)
+        learner = make_learner(config)
+        _, state = restore_checkpoint(run_dir, learner.shape(), step)
+    cluster.require_same(f"{config_hash(config)} {step}", "checkpoints")
     return _run(learner, state, config, run_dir, unlogged=metadata["log"])
 
 
@@ -131,10 +137,10 @@ def _run(
     began, first = time.monotonic(), int(state.step)
     devices = f"{learner.mesh.size} x {learner.mesh.devices.flat[0].device_kind}"
     title = f"{config.stage} on {devices}"
-    with (
-        Monitor(run_dir, total * per_step, start_step=first * per_step, title=title) as monitor,
-        _stopping_in_one_line(monitor, run_dir, total),
-    ):
+    monitor = Mute()
+    if cluster.is_first():
+        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title)
+    with monitor, _stopping_in_one_line(monitor, run_dir, total):
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
         monitor.record(f"command: {shlex.join(sys.argv)}")
@@ -208,7 +214,7 @@ def _train(
     while done < total and not stop and not log.stuck:
         state, metrics = learner.train_step(state)
         done += 1
-        stop = signals.caught
+        stop = signals.heard()
         log.add(metrics)
         if done % log_every == 0 or done == total:
             log.close(done)
@@ -217,6 +223,8 @@ def _train(
             log.flush()
             if int(state.step) < done:
                 break
+            with cluster.together():  # or the others would train on when process 0 cannot write
+                saver.wait()
             saver.save(done, state, log.open())
             monitor.record(f"saving step {done}")
             _export(state, config, run_dir)
@@ -338,7 +346,8 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         },
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
-    export_policy(run_dir / "policy", params=params, normalizer=normalizer, card=card)
+    if cluster.is_first():
+        export_policy(run_dir / "policy", params=params, normalizer=normalizer, card=card)
 
 
 # --- From one run to the next --------------------------------------------------------------------------------

@@ -1,0 +1,142 @@
+"""Many processes, one training: how they meet, and what they agree on.
+
+Every process runs the same program on its own devices, and JAX makes one mesh of them all. So all must take the same
+decisions at the same step: what a process has from its clock, its signals or its disk goes through the functions
+below first. All must call these together; with one process they cost nothing.
+"""
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from jax.experimental import multihost_utils
+
+from bp2_rl.errors import UserError
+
+FAREWELL = 10.0
+"""Seconds that a failed process waits for the others to fail too, before it leaves without a word."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ClusterConfig:
+    """Where the processes of one training meet. By default there is one process, with all GPUs of the machine."""
+
+    coordinator: str | None = None
+    """HOST:PORT of process 0, the same for all processes; auto: as Slurm or Open MPI started them"""
+    processes: int | None = None
+    """how many there are; not with auto"""
+    process: int | None = None
+    """which of them this is, counted from 0; not with auto"""
+    patience: float = 300.0
+    """seconds to wait for the others at the start"""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot meet."""
+        numbers = (self.processes, self.process)
+        if self.coordinator in (None, "auto"):
+            if numbers != (None, None):
+                raise UserError("--cluster.processes and --cluster.process go with --cluster.coordinator HOST:PORT")
+        elif not re.fullmatch(r".+:\d+", self.coordinator):
+            raise UserError(f"--cluster.coordinator must be HOST:PORT or auto, got {self.coordinator}")
+        elif self.processes is None or self.process is None:
+            raise UserError("--cluster.coordinator HOST:PORT needs --cluster.processes and --cluster.process")
+        elif not 0 <= self.process < self.processes:
+            raise UserError(f"--cluster.process must be 0 to {self.processes - 1}, got {self.process}")
+        if not self.patience > 0:
+            raise UserError(f"--cluster.patience must be positive, got {self.patience}")
+
+
+def join(config: ClusterConfig) -> None:
+    """Meet the other processes; call before JAX starts a backend.
+
+    Where the others don't come in time, the process ends here, with one line and status 2: JAX would abort.
+
+    Raises:
+        UserError: no cluster manager has started this process, or the coordinator's address is taken or wrong.
+    """
+    if config.coordinator is None:
+        return
+    # Its handler would swallow SIGTERM, which is ours to obey.
+    jax.config.update("jax_enable_preemption_service", False)
+    where = None if config.coordinator == "auto" else config.coordinator
+    alone = (
+        f"error: not all processes have met at {where or 'the coordinator'} within {config.patience:g} s: start each, "
+        "and let them reach that port\n"
+    )
+    deadline = threading.Timer(config.patience, _leave, (2, alone))
+    deadline.daemon = True
+    deadline.start()
+    try:
+        jax.distributed.initialize(
+            where, config.processes, config.process, initialization_timeout=int(config.patience) + 60
+        )
+    except (RuntimeError, ValueError) as error:
+        why = f"nothing here is of Slurm or Open MPI ({error})" if where is None else f"{where}: {error}"
+        raise UserError(f"cannot join the cluster: {why}") from error
+    finally:
+        deadline.cancel()
+
+
+def is_first() -> bool:
+    """Whether this is process 0, which alone writes and speaks."""
+    return jax.process_index() == 0
+
+
+def from_first(array: np.ndarray) -> np.ndarray:
+    """Process 0's array on all; it has the same shape everywhere."""
+    return array if jax.process_count() == 1 else multihost_utils.broadcast_one_to_all(array)
+
+
+def require_same(text: str, what: str) -> None:
+    """Raise `UserError`, on all processes, unless the text is the same on all; `what` names it in the plural."""
+    ours = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+    if largest(not np.array_equal(ours, from_first(ours))):
+        raise UserError(f"the processes of the cluster differ in their {what}: give all the same flags and files")
+
+
+def largest(number: int) -> int:
+    """The largest of the processes' numbers, on all."""
+    return number if jax.process_count() == 1 else int(multihost_utils.process_allgather(np.int32(number)).max())
+
+
+@contextlib.contextmanager
+def together() -> Iterator[None]:
+    """All processes get through this block, or none does. The block itself must not call the others.
+
+    Raises:
+        UserError: another process could not; its own line says why.
+    """
+    try:
+        yield
+    except Exception:
+        largest(1)
+        raise
+    if largest(0):
+        raise UserError("another process of the cluster failed: see its line")
+
+
+def leave(status: int) -> int:
+    """The exit status of this process; one that failed does not wait long for the others, which may be at work.
+
+    They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).
+    """
+    if status and jax.distributed.is_initialized():
+        farewell = threading.Timer(FAREWELL, _leave, (status,))
+        farewell.daemon = True
+        farewell.start()
+    return status
+
+
+def _leave(status: int, line: str = "") -> None:
+    """End the process from any thread, without JAX's farewell to the others."""
+    sys.stdout.flush()
+    sys.stderr.write(line)
+    sys.stderr.flush()
+    os._exit(status)
