@@ -27,8 +27,10 @@ RUNS = Path("runs")
 
 @dataclasses.dataclass(frozen=True)
 class Launch:
-    """How the program runs, whatever it trains."""
+    """How the program runs, whatever it trains; also with --resume and --replay."""
 
+    deterministic: bool = False
+    """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
     cluster: ClusterConfig = ClusterConfig()
 
 
@@ -64,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _train(argv: list[str]) -> None:
     # First of all: the rest of the command line is read with what JAX says of the machine.
     launch = app.parse(Launch, argv, "train.py", part=True)
-    prepare_jax()
+    prepare_jax(deterministic=launch.deterministic)
     if not set(app.HELP) & set(argv):
         cluster.join(launch.cluster)
     arguments = _parse(argv)
@@ -111,7 +113,7 @@ def _parse(argv: list[str]) -> Arguments:
         default=Arguments(parent=parent, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
     )
     for flag in ("--resume", "--replay"):
-        allowed = (flag, "--cluster.")
+        allowed = (flag, "--cluster.", "--deterministic")
         others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
         if vars(arguments)[flag[2:]] is not None and others:
             raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")

@@ -1,0 +1,27 @@
+"""What must be settled before JAX starts its backend."""
+
+import os
+import subprocess
+import sys
+
+WATCHED = """
+import os, sys
+from bp2_rl.cli import train
+import jax.numpy as jnp
+from jax._src import xla_bridge  # JAX has no public way to ask
+train.cluster.join = lambda config: print(xla_bridge.backends_are_initialized(), os.environ.get("XLA_FLAGS"))
+train.train.start = lambda *_, **__: print(jnp.ones(2).sum())
+sys.exit(train.main(["--preset", "smoke", *sys.argv[1:]]))
+"""
+
+
+def launch(*arguments):
+    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    command = [sys.executable, "-c", WATCHED, *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+
+def test_deterministic_reaches_xla_before_it_starts_and_leaves_other_flags_alone():
+    ours = "False --xla_force_host_platform_device_count=2"
+    assert f"{ours}\n" in launch()
+    assert f"{ours} --xla_gpu_deterministic_ops=true\n" in launch("--deterministic")  # and XLA knows the flag
