@@ -109,7 +109,7 @@ def test_a_level_that_is_not_finite_does_not_outlive_the_episode():
     class Broken(StandIn):
         def step(self, state, action):
             after = super().step(state, action)
-            return after.replace(info={**after.info, "curriculum": jnp.nan}, done=jnp.nan)
+            return after.replace(info={**after.info, "curriculum": jnp.nan})
 
     def promote(state, action):
         return dataclasses.replace(state, info={**state.info, "curriculum": jnp.full(ROBOTS, 0.5)}), action
@@ -118,6 +118,17 @@ def test_a_level_that_is_not_finite_does_not_outlive_the_episode():
     assert_finite(after)
     assert np.all(np.asarray(after.info["curriculum"]) == 0.5)
     assert np.all(np.asarray(after.done) == 1)
+
+
+def test_an_end_that_is_neither_yes_nor_no_is_an_end():
+    class Broken(StandIn):
+        def step(self, state, action):
+            return super().step(state, action).replace(done=jnp.nan)
+
+    after, bank = step_fleet(Broken())
+    assert_finite(after)
+    assert np.all(np.asarray(after.done) == 1)
+    np.testing.assert_array_equal(after.obs["state"], bank.obs["state"])
 
 
 def test_a_reset_that_is_not_finite_is_replaced_by_the_robots_own_state_and_counted_where_it_was_used():
