@@ -33,7 +33,7 @@ from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.policy import Activation
 
 ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
-MAX_BLOCKS = 8
+MAX_BLOCKS = 64
 """Robots are shuffled within this many blocks; the number of devices must divide it."""
 STUCK = "stuck"
 """Metric: 1 where a train step was not finite and left the state as it was."""
@@ -135,8 +135,9 @@ class PPO:
         self.mesh = Mesh(np.array(devices or jax.devices()), ("robots",))
         if config.shuffle_blocks % self.mesh.size:
             raise UserError(
-                f"{config.num_envs} robots in {config.num_minibatches} minibatches cannot be spread evenly over "
-                f"{self.mesh.size} devices: make num_envs / num_minibatches a multiple of {MAX_BLOCKS}"
+                f"a minibatch of {config.num_envs // config.num_minibatches} robots cannot be spread over "
+                f"{self.mesh.size} devices: use 1, 2, 4 ... up to {MAX_BLOCKS}, and make ppo.num_envs / "
+                "ppo.num_minibatches a multiple of that"
             )
         self._sharded = NamedSharding(self.mesh, PartitionSpec("robots"))
         self._replicated = NamedSharding(self.mesh, PartitionSpec())
