@@ -5,6 +5,7 @@ from functools import cached_property
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from brax import envs
 from flax import struct
@@ -15,6 +16,7 @@ from bp2_rl.env.commands import CommandState
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, ControllerState, motors_of
 from bp2_rl.env.physics import Effort, Impl, Physics, Simulator
+from bp2_rl.env.physics_c import CPhysics
 from bp2_rl.env.physics_mjx import MjxPhysics
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.gait.reference import Reference
@@ -43,8 +45,8 @@ class BP2Env(envs.Env):
     (`observations.LAYOUT`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
-    `impl` chooses the physics engine: `jax` and `warp` are MJX's two implementations. `jax` runs anywhere and is
-    deterministic; `warp` is for NVIDIA GPUs, not exactly repeatable, and steps at most `num_robots` robots at once.
+    `impl` chooses the physics engine: MJX's `jax` runs anywhere; MJX's `warp` is for NVIDIA GPUs, not exactly
+    repeatable, and steps at most `num_robots` robots at once; `c`, C MuJoCo, is the fastest where there is no GPU.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
@@ -53,7 +55,7 @@ class BP2Env(envs.Env):
         self.config = config = config or EnvConfig()
         self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
         self.controller = Controller(config)
-        self._simulate: Simulator = MjxPhysics(self.mj_model, motors_of(config), impl, num_robots)
+        self._simulate = _simulator(impl, self.mj_model, config, num_robots)
         self._trunk = int(self.mj_model.body("trunk").id)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
@@ -288,6 +290,11 @@ class BP2Env(envs.Env):
             ]
         )
         return {"state": noisy, "privileged_state": privileged}
+
+
+def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
+    motors = motors_of(config)
+    return CPhysics(config.hardware, motors) if impl == "c" else MjxPhysics(model, motors, impl, num_robots)
 
 
 REWARD_TERMS: tuple[str, ...] = (

@@ -1,7 +1,7 @@
 """What a control step asks of the physics, whichever engine simulates it.
 
 A simulator takes one robot through the five physics steps of a control step, with the joint torque (PD, envelope,
-motor) recomputed at each. It is `physics_mjx.MjxPhysics`.
+motor) recomputed at each: `physics_mjx.MjxPhysics` within XLA, `physics_c.CPhysics` on the host's processors.
 """
 
 from typing import Literal, Protocol
@@ -9,16 +9,16 @@ from typing import Literal, Protocol
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 
-Impl = Literal["jax", "warp"]
+Impl = Literal["jax", "warp", "c"]
 
-TIMES = specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS)
-"""When the physics steps of a control step begin, s."""
+AGES = np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(3))
+"""How long ago the targets of `target_history` were issued when each physics step begins, s."""
 
 
 class Physics(struct.PyTreeNode):
@@ -46,6 +46,12 @@ class Simulator(Protocol):
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """Five physics steps of one robot: (after, mean effort, 1 for each foot that touches the ground at the end)."""
         ...
+
+
+def in_force(ages: Float[Array, "3"], latency: Float[Array, "*robots"]) -> Int[Array, "*robots"]:
+    """Which of the targets of these ages the joints follow: the newest that has got through the latency (s)."""
+    xp = latency.__array_namespace__()
+    return xp.argmax(ages >= latency[..., None] - 1e-6, axis=-1)
 
 
 def target_history(physics: Physics, targets: Targets) -> Float[Array, "3 2 12"]:

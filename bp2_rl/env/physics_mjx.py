@@ -11,7 +11,7 @@ from mujoco import mjx
 
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics import TIMES, Effort, Physics, target_history
+from bp2_rl.env.physics import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
@@ -45,20 +45,17 @@ class MjxPhysics:
         model = randomization.randomize_model(self.model, robot, self._trunk)
         motors = randomization.randomize_actuator(self.motors, robot)
         history = target_history(physics, targets)
-        # Target k was issued k control steps ago; the newest whose age is at least the latency is in force.
-        issued = -specs.CONTROL_STEP * jnp.arange(history.shape[0])
         data = self._template.replace(qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart)
 
-        def substep(carry: tuple[mjx.Data, Array], time: Array) -> tuple[tuple[mjx.Data, Array], tuple[Array, Array]]:
+        def substep(carry: tuple[mjx.Data, Array], ages: Array) -> tuple[tuple[mjx.Data, Array], tuple[Array, Array]]:
             data, torque = carry
             q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-            in_force = jnp.argmax(time - issued >= robot.latency - 1e-6)
-            q_target, qd_target = history[in_force]
+            q_target, qd_target = history[in_force(ages, robot.latency)]
             torque = joint_torque(motors, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
             data = mjx.step(model, data.replace(ctrl=torque))
             return (data, torque), (torque, torque * qd)
 
-        (data, torque), (torques, powers) = jax.lax.scan(substep, (data, physics.torque), jnp.asarray(TIMES))
+        (data, torque), (torques, powers) = jax.lax.scan(substep, (data, physics.torque), jnp.asarray(AGES))
         after = Physics(
             qpos=data.qpos,
             qvel=data.qvel,

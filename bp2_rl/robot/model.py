@@ -39,12 +39,14 @@ def load_model(
     timestep: float = PHYSICS_STEP,
     visual: bool = True,
     trunk_contact: bool = True,
+    foot_sensors: bool = False,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
     """BP2 on flat ground as a compiled model.
 
-    `visual=False` leaves out what physics does not need (visual geoms, sensors, lights, cameras) and
-    `trunk_contact=False` the collision of trunk and floor; both make MJX faster and change no leg's physics.
+    `visual=False` leaves out what physics does not need (looks, sensors, lights, cameras) and `trunk_contact=False`
+    the collision of trunk and floor; both make MJX faster and change no leg's physics. `foot_sensors` adds the
+    position of each foot (m, world) to what the sensors report, in the order of the legs.
 
     Raises:
         ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
@@ -56,6 +58,11 @@ def load_model(
     if not trunk_contact:
         for name in TRUNK_GEOMS:
             _find(spec, "geom", name).conaffinity = 0
+    if foot_sensors:
+        for name in FOOT_GEOMS:
+            position = spec.add_sensor(name=f"{name}_position")
+            position.type, position.objtype = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_GEOM
+            position.objname = name
     try:
         model = spec.compile()
     except ValueError as error:
@@ -133,7 +140,11 @@ def _apply_friction(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
     seen_only = [geom for geom in spec.geoms if geom.contype == geom.conaffinity == 0]
-    for element in (*seen_only, *spec.sensors, *spec.lights, *spec.cameras):
+    for geom in spec.geoms:
+        geom.material = ""
+    for element in (*seen_only, *spec.meshes, *spec.materials, *spec.textures):
+        spec.delete(element)
+    for element in (*spec.sensors, *spec.lights, *spec.cameras):
         spec.delete(element)
 
 
