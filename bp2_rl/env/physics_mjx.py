@@ -14,13 +14,13 @@ from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.errors import UserError
-from bp2_rl.robot import specs
+from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
 
 
 class MjxPhysics:
-    """MJX's own JAX implementation, or the one on NVIDIA's Warp.
+    """MJX's JAX implementation with BP2's own constraint solver (`robot.dynamics`), or MJX on NVIDIA's Warp.
 
     Args:
         model: BP2 on flat ground, without what is only seen.
@@ -34,6 +34,7 @@ class MjxPhysics:
 
     def __init__(self, model: mujoco.MjModel, motors: Actuator, impl: Literal["jax", "warp"], num_robots: int = 1):
         self.model, self._template = _put_on_device(model, impl, num_robots)
+        self._step = dynamics.step if impl == "jax" else mjx.step
         self.motors = motors
         self._trunk = int(model.body("trunk").id)
         self._feet = foot_geom_ids(model)
@@ -45,27 +46,23 @@ class MjxPhysics:
         model = randomization.randomize_model(self.model, robot, self._trunk)
         motors = randomization.randomize_actuator(self.motors, robot)
         history = target_history(physics, targets)
-        data = self._template.replace(qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart)
 
-        def substep(carry: tuple[mjx.Data, Array], ages: Array) -> tuple[tuple[mjx.Data, Array], tuple[Array, Array]]:
-            data, torque = carry
-            q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        # Only what a step remembers is handed on: all else in `mjx.Data` is computed anew, and costs memory to carry.
+        def substep(state: tuple[Array, ...], ages: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+            qpos, qvel, warmstart, torque = state
+            q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
             q_target, qd_target = history[in_force(ages, robot.latency)]
             torque = joint_torque(motors, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
-            data = mjx.step(model, data.replace(ctrl=torque))
-            return (data, torque), (torque, torque * qd)
+            data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
+            data = self._step(model, data)
+            power, height = torque * qd, data.geom_xpos[self._feet, 2]
+            return (data.qpos, data.qvel, data.qacc_warmstart, torque), (torque, power, height)
 
-        (data, torque), (torques, powers) = jax.lax.scan(substep, (data, physics.torque), jnp.asarray(AGES))
-        after = Physics(
-            qpos=data.qpos,
-            qvel=data.qvel,
-            qacc_warmstart=data.qacc_warmstart,
-            torque=torque,
-            targets=history[:-1],
-        )
-        touching = data.geom_xpos[self._feet, 2] <= specs.FOOT_RADIUS
+        before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
+        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
+        touching = heights[-1] <= specs.FOOT_RADIUS
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
-        return after, effort, touching.astype(jnp.float32)
+        return Physics(*after, targets=history[:-1]), effort, touching.astype(jnp.float32)
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:

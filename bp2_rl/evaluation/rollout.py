@@ -23,7 +23,7 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.trajectory import Trajectory, heading
-from bp2_rl.robot import specs
+from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
 
@@ -208,7 +208,7 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
             q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
             torque = joint_torque(motors, torque, q, qd, target.position, target.velocity, DT)
             sample = data.qpos, data.qvel, torque, target.position, command
-            return (mjx.step(model, data.replace(ctrl=torque)), torque), sample
+            return (dynamics.step(model, data.replace(ctrl=torque)), torque), sample
 
         (data, torque), samples = jax.lax.scan(physics_step, (data, torque), length=specs.SUBSTEPS)
         return (state, data, torque), samples
