@@ -51,7 +51,7 @@ class Arguments:
     replay: Path | None = None
     """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: jax runs anywhere; warp is faster on NVIDIA, but not exactly repeatable"""
+    """physics: c is the fastest without a GPU, jax runs anywhere, warp is for NVIDIA and not exactly repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -110,7 +110,7 @@ def _parse(argv: list[str]) -> Arguments:
         Arguments,
         argv,
         "train.py",
-        default=Arguments(parent=parent, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
+        default=Arguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
     )
     for flag in ("--resume", "--replay"):
         allowed = (flag, "--cluster.", "--deterministic")

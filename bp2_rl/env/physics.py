@@ -4,7 +4,7 @@ A simulator takes one robot through the five physics steps of a control step, wi
 motor) recomputed at each: `physics_mjx.MjxPhysics` within XLA, `physics_c.CPhysics` on the host's processors.
 """
 
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +38,7 @@ class Effort(struct.PyTreeNode):
     power: Float[Array, "... 12"]  # W, mean mechanical
 
 
+@runtime_checkable
 class Simulator(Protocol):
     """A physics engine: a pure function that one can jit, vmap and scan."""
 
@@ -48,8 +49,11 @@ class Simulator(Protocol):
         ...
 
 
-def in_force(ages: Float[Array, "3"], latency: Float[Array, "*robots"]) -> Int[Array, "*robots"]:
-    """Which of the targets of these ages the joints follow: the newest that has got through the latency (s)."""
+def in_force(ages: Float[Any, "3"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
+    """Which of the targets of these ages the joints follow: the newest that has got through the latency (s).
+
+    NumPy and JAX arrays alike.
+    """
     xp = latency.__array_namespace__()
     return xp.argmax(ages >= latency[..., None] - 1e-6, axis=-1)
 

@@ -76,7 +76,7 @@ def make_config(stage: Stage, preset: Preset) -> TrainConfig:
         ppo = dataclasses.replace(
             ppo, num_envs=256, num_minibatches=4, policy_layers=(128, 128), value_layers=(128, 128), episode_length=800
         )
-        return TrainConfig(stage, small, ppo, RunConfig(steps=1_200_000, logs=100, checkpoints=4))
+        return TrainConfig(stage, small, ppo, RunConfig(steps=1_200_000, logs=100, checkpoints=4), impl="c")
     ppo = dataclasses.replace(
         ppo, num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64),
         value_layers=(64, 64), episode_length=400,
