@@ -1,7 +1,7 @@
 """The five physics steps of a control step in MJX."""
 
 import importlib.util
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,9 @@ from bp2_rl.errors import UserError
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
+
+SOLVER_ITERATIONS = 1 << 9
+"""MuJoCo Warp's OverflowType.ITERATIONS, without importing what only the extra `warp` brings."""
 
 
 class MjxPhysics:
@@ -76,4 +79,7 @@ def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robo
     feet, limits = len(specs.LEGS), specs.NUM_MOTORS
     rows = 4 * feet + limits  # a pyramidal contact has four
     data = mjx.make_data(model, impl="warp", naconmax=num_robots * feet, njmax=rows)
-    return mjx.put_model(model, impl="warp"), data
+    device_model: Any = mjx.put_model(model, impl="warp")
+    # Training takes a few iterations of the solver, converged or not; Warp would say so on the console at each step.
+    warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_ITERATIONS}
+    return device_model.tree_replace(warnings), data
