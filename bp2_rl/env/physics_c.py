@@ -8,6 +8,7 @@ equal bits, in whatever order they come and on however many threads.
 """
 
 import copy
+import hashlib
 import os
 import threading
 from collections import OrderedDict
@@ -19,10 +20,10 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jax.experimental.buffer_callback import buffer_callback
 from jaxtyping import Array, Float
 from mujoco import rollout
 
+from bp2_rl.env import host_call
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization, randomize_actuator, randomize_c_model
@@ -53,10 +54,7 @@ class CPhysics:
                 f"--impl c is for machines without a GPU, and JAX computes on one ({jax.devices()[0].device_kind}): "
                 "use --impl jax, or set JAX_PLATFORMS=cpu"
             )
-        model = load_model(hardware, visual=False, trunk_contact=False, foot_sensors=True)
-        model.opt.iterations, model.opt.ls_iterations = 100, 50  # the tolerance ends it, mostly after two
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self._host = _Host(model, motors)
+        self._target = _target(hardware, motors)
 
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
@@ -65,22 +63,32 @@ class CPhysics:
         history = target_history(physics, targets)
         sizes = NQ, NV, NV, specs.NUM_MOTORS, specs.NUM_MOTORS, specs.NUM_MOTORS, len(specs.LEGS)
         results = [jax.ShapeDtypeStruct((size,), jnp.float32) for size in sizes]
-        # JAX's pure_callback would copy the arguments with the help of the thread that waits for it.
-        simulate = buffer_callback(self._host, results, vmap_method="broadcast_all")
+        simulate = jax.ffi.ffi_call(self._target, results, vmap_method="broadcast_all")
         qpos, qvel, qacc, torque, mean_torque, mean_power, feet = simulate(
-            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque, history, robot
+            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque, history, *jax.tree.leaves(robot)
         )
         after = Physics(qpos=qpos, qvel=qvel, qacc_warmstart=qacc, torque=torque, targets=history[:-1])
         return after, Effort(torque=mean_torque, power=mean_power), feet
 
 
-class _Host:
-    """The part outside XLA. It must not compute with JAX, which may be waiting for it."""
+def _target(hardware: HardwareSpec, motors: Actuator) -> str:
+    """The name by which XLA calls the simulation of this robot: the same in every process."""
+    name = f"bp2_physics_{hashlib.sha256(repr((hardware, motors)).encode()).hexdigest()[:16]}"
+    if name not in _hosts:
+        _hosts[name] = _Host(hardware, motors)
+        host_call.register(name, _hosts[name])
+    return name
 
-    def __init__(self, model: mujoco.MjModel, motors: Actuator):
-        self._model, self._motors = model, motors
-        self._models = _Models(model)
-        self._rest = np.concatenate([[0.0], model.key("stand").qpos, np.zeros(NV)])
+
+class _Host:
+    """The part outside XLA."""
+
+    def __init__(self, hardware: HardwareSpec, motors: Actuator):
+        self._model, self._motors = load_model(hardware, visual=False, trunk_contact=False, foot_sensors=True), motors
+        self._model.opt.iterations, self._model.opt.ls_iterations = 100, 50  # the tolerance ends it, mostly after two
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self._models = _Models(self._model)
+        self._rest = np.concatenate([[0.0], self._model.key("stand").qpos, np.zeros(NV)])
         self._lock = threading.Lock()  # several devices share the processors: one batch after the other
 
     @cached_property
@@ -88,18 +96,14 @@ class _Host:
         count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         return rollout.Rollout(nthread=count), [mujoco.MjData(self._model) for _ in range(count)]
 
-    def __call__(self, context: Any, results: Sequence[Any], *arguments: Any) -> None:
+    def __call__(self, results: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> None:
         """One control step in XLA's memory; any batch axes are in front."""
-        del context
         batch = arguments[0].ndim - 1
-
-        def read(x: Any) -> np.ndarray:
-            return np.asarray(x).astype(np.float64).reshape(-1, *x.shape[batch:])
-
+        arrays: list[Any] = [x.reshape(-1, *x.shape[batch:]).astype(np.float64) for x in arguments]
         with self._lock, np.errstate(over="ignore", invalid="ignore"):
-            done = self._control_step(*jax.tree.map(read, arguments))
-            for buffer, result in zip(results, done, strict=True):
-                np.asarray(buffer)[...] = result.reshape(buffer.shape)
+            done = self._control_step(*arrays[:5], Randomization(*arrays[5:]))  # pyright: ignore[reportCallIssue]
+            for array, result in zip(results, done, strict=True):
+                array[...] = result.reshape(array.shape)
 
     def _control_step(
         self,
@@ -174,3 +178,6 @@ class _Models:
             self._known.move_to_end(key)
             models.append(self._known[key])
         return models
+
+
+_hosts: dict[str, _Host] = {}
