@@ -18,8 +18,8 @@ from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
 
-SOLVER_ITERATIONS = 1 << 9
-"""MuJoCo Warp's OverflowType.ITERATIONS, without importing what only the extra `warp` brings."""
+SOLVER_LIMITS = 1 << 9 | 1 << 10
+"""MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only the extra `warp` brings."""
 
 
 class MjxPhysics:
@@ -81,5 +81,5 @@ def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robo
     data = mjx.make_data(model, impl="warp", naconmax=num_robots * feet, njmax=rows)
     device_model: Any = mjx.put_model(model, impl="warp")
     # Training takes a few iterations of the solver, converged or not; Warp would say so on the console at each step.
-    warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_ITERATIONS}
+    warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS}
     return device_model.tree_replace(warnings), data
