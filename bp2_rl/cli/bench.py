@@ -253,7 +253,10 @@ def _parse(argv: list[str]) -> Arguments:
     here: Preset = "cpu" if jax.default_backend() == "cpu" else "gpu"
     preset = known.preset if known.preset in get_args(Preset) else here
     defaults = make_config("imitation", preset)
-    arguments = app.parse(Arguments, argv, "bp2 bench", default=Arguments(env=defaults.env, ppo=defaults.ppo))
+    if defaults.impl == "c" and here != "cpu":  # as train.py does
+        defaults = dataclasses.replace(defaults, impl="jax")
+    default = Arguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
+    arguments = app.parse(Arguments, argv, "bp2 bench", default=default)
     return dataclasses.replace(arguments, preset=preset)
 
 

@@ -69,7 +69,8 @@ def _train(argv: list[str]) -> None:
     prepare_jax(deterministic=launch.deterministic)
     if not set(app.HELP) & set(argv):
         cluster.join(launch.cluster)
-    arguments = _parse(argv)
+    with cluster.together():
+        arguments = _parse(argv)
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
             print(train.replay(arguments.replay))
@@ -78,6 +79,8 @@ def _train(argv: list[str]) -> None:
         with app.failures_into(arguments.resume):
             train.resume(arguments.resume)
         return
+    if launch.deterministic and arguments.impl == "warp":
+        raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
     clock = np.array(datetime.datetime.now().timetuple()[:6], np.int32)
     now = datetime.datetime(*cluster.from_first(clock).tolist())
@@ -104,6 +107,8 @@ def _parse(argv: list[str]) -> Arguments:
     complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
         parent = _newest_imitation_run()
+    if defaults.impl == "c" and jax.default_backend() != "cpu":  # the preset for processors, on another machine
+        defaults = dataclasses.replace(defaults, impl="jax")
     if complete and parent is not None:
         defaults = _continue(defaults, parent)
     arguments = app.parse(

@@ -52,7 +52,7 @@ class CPhysics:
         if jax.default_backend() != "cpu":
             raise UserError(
                 f"--impl c is for machines without a GPU, and JAX computes on one ({jax.devices()[0].device_kind}): "
-                "use --impl jax, or set JAX_PLATFORMS=cpu"
+                "set JAX_PLATFORMS=cpu, or train a new run with --impl jax"
             )
         self._target = _target(hardware, motors)
 

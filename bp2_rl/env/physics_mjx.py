@@ -69,17 +69,18 @@ class MjxPhysics:
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:
-    """MJX's model and an empty state."""
+    """MJX's model and an empty state, on this process's own device: MJX would take the first one of all processes."""
+    device = jax.local_devices()[0]
     if impl == "jax":
-        return mjx.put_model(model), mjx.make_data(model)
+        return mjx.put_model(model, device=device), mjx.make_data(model, device=device)
     if importlib.util.find_spec("warp") is None:
         raise UserError("--impl warp needs the package warp-lang: pip install 'bp2_rl[warp]', or use --impl jax")
     if jax.default_backend() != "gpu":
         raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
     feet, limits = len(specs.LEGS), specs.NUM_MOTORS
     rows = 4 * feet + limits  # a pyramidal contact has four
-    data = mjx.make_data(model, impl="warp", naconmax=num_robots * feet, njmax=rows)
-    device_model: Any = mjx.put_model(model, impl="warp")
+    data = mjx.make_data(model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows)
+    device_model: Any = mjx.put_model(model, impl="warp", device=device)
     # Training takes a few iterations of the solver, converged or not; Warp would say so on the console at each step.
     warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS}
     return device_model.tree_replace(warnings), data

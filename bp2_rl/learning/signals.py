@@ -1,5 +1,6 @@
 """Ctrl-C and the cluster's SIGTERM, as a question that the training loop asks."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -63,7 +64,8 @@ class StopSignals:
             number = signal.Signals(heard[0])
             if self.caught is None:
                 self.caught = number
-                self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
+                with contextlib.suppress(OSError):  # a full disk must not deafen us
+                    self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
             elif number is signal.SIGINT:
                 self._leave()
                 os._exit(128 + number)

@@ -53,9 +53,9 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
     run_dir = Path(run_dir)
-    learner = make_learner(config)
     inherited = None
     with cluster.together():
+        learner = make_learner(config)
         if parent is not None:
             inherited, origin = _inherit(Path(parent), config, learner.shape())
             config = dataclasses.replace(config, parent=origin)
@@ -83,7 +83,7 @@ def resume(run_dir: Path) -> Path:
         config = load_run_config(run_dir)
         step = latest_step(run_dir)
         if step is None:
-            raise UserError(f"run {run_dir} has no checkpoint to resume from: start it anew in another folder")
+            raise UserError(f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew")
         metadata = _read_own(run_dir, step, config)
         learner = make_learner(config)
         _, state = restore_checkpoint(run_dir, learner.shape(), step)
@@ -250,6 +250,7 @@ class _Log:
             self._interval.sums = {name: np.float32(value) for name, value in unlogged["sums"].items()}
             self._interval.count = unlogged["count"]
         self._pending: tuple[int, _Interval] | None = None
+        self._since = time.monotonic()  # what is being timed began then
         self.stuck = False  # a train step was not finite
 
     def add(self, metrics: dict[str, jax.Array]) -> None:
@@ -281,7 +282,9 @@ class _Log:
         if self.stuck:
             return
         per_step = self._ppo.steps_per_train_step
-        rate = interval.timed * per_step / (time.monotonic() - interval.since)
+        # To fetch an interval's metrics is to wait for its end, and that of the one before has been waited for.
+        now = time.monotonic()
+        rate, self._since = interval.timed * per_step / (now - self._since), now
         self._monitor.log(done * per_step, summarize(means) | {"steps_per_second": rate})
         for words in self._watch.news(guards.warnings(means, self._ppo)):
             self._monitor.note(f"warning: {words}")
@@ -294,7 +297,6 @@ class _Interval:
     sums: Any = None  # of their metrics
     count: int = 0
     timed: int = 0  # those of them that this process did
-    since: float = dataclasses.field(default_factory=time.monotonic)
 
 
 @jax.jit

@@ -9,6 +9,7 @@ from aim import Aim  # pyright: ignore[reportMissingImports]  # in tests/learnin
 from rich.console import Console
 
 from bp2_rl.cli import bench as command
+from bp2_rl.cli import train
 from bp2_rl.config import load_config
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.throughput import Bench
@@ -24,6 +25,12 @@ SMALL = [
 @pytest.fixture(autouse=True)
 def aim(monkeypatch):
     monkeypatch.setattr(command, "make_env", lambda arguments, robots: Aim())
+
+
+@pytest.mark.parametrize("preset", ["smoke", "cpu"])
+def test_it_measures_what_train_runs(preset):
+    bench, training = command._parse(["--preset", preset]), train._parse(["--preset", preset])
+    assert (bench.impl, bench.env, bench.ppo) == (training.impl, training.env, training.ppo)
 
 
 @pytest.fixture(scope="module")

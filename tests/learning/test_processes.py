@@ -122,8 +122,12 @@ def test_a_signal_to_one_stops_both_at_the_same_step_and_two_or_one_go_on(runs, 
 
 @pytest.mark.parametrize(
     ("second", "taken", "why"),
-    [((), True, "holds other files"), (("--run.seed", 1), False, "differ in their settings")],
-    ids=["taken folder", "other settings"],
+    [
+        ((), True, "holds other files"),
+        (("--run.seed", 1), False, "differ in their settings"),
+        (("--ppo.clipping", 0), False, "another process of the cluster failed"),
+    ],
+    ids=["taken folder", "other settings", "wrong flag"],
 )
 def test_what_stops_one_stops_the_other(tmp_path, second, taken, why):
     out = tmp_path / "out"
@@ -135,6 +139,28 @@ def test_what_stops_one_stops_the_other(tmp_path, second, taken, why):
     assert why in said[0][2]
     assert all(error.startswith("error: ") and error.count("\n") == 1 for _, _, error in said)
     assert [path.name for path in tmp_path.glob("out/*")] == (["thesis.tex"] if taken else [])
+
+
+def test_each_process_has_the_model_on_a_device_of_its_own():
+    """A compiled program cannot take in an array that lies on another process's device."""
+    program = """
+import sys
+import jax
+jax.distributed.initialize("localhost:" + sys.argv[1], 2, int(sys.argv[2]))
+from bp2_rl.env.bp2_env import BP2Env
+simulator = BP2Env()._simulate
+arrays = [x for x in jax.tree.leaves((simulator.model, simulator._template)) if isinstance(x, jax.Array)]
+assert len(arrays) > 100 and all(x.is_fully_addressable for x in arrays)
+"""
+    port = free_port()
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", program, str(port), str(process)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+        )
+        for process in (0, 1)
+    ]  # fmt: skip
+    assert [(status, error[-500:]) for status, _, error in end(both)] == [(0, ""), (0, "")]
 
 
 def test_a_process_left_alone_gives_up_with_one_line(tmp_path):

@@ -73,6 +73,13 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert (run / "log.txt").read_text()
 
 
+def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    seconds = [64 / line["steps_per_second"] for line in lines]
+    # Lines are stamped to 1 ms, a moment after the interval's end.
+    np.testing.assert_allclose(seconds[1:], np.diff([line["wall_time"] for line in lines]), rtol=0.1, atol=0.02)
+
+
 def test_the_exported_policy_acts_as_the_trained_network_does(run):
     config = train.load_run_config(run)
     learner = train.make_learner(config)
