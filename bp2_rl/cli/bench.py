@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import jax
 import tyro
@@ -21,6 +21,7 @@ from rich.console import Console
 
 from bp2_rl.cli import app
 from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.cli.train import defaults_here
 from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env, Impl
 from bp2_rl.env.config import EnvConfig
@@ -37,7 +38,7 @@ from bp2_rl.evaluation.throughput import (
 )
 from bp2_rl.learning.bench import OUT_OF_MEMORY, Case, PartName, measure_case
 from bp2_rl.learning.ppo import PPO, PPOConfig
-from bp2_rl.learning.stages import Preset, TrainConfig, make_config
+from bp2_rl.learning.stages import Preset, TrainConfig
 
 Size = tuple[int, int]
 """(robots, devices)."""
@@ -249,12 +250,8 @@ def _parse(argv: list[str]) -> Arguments:
     """The arguments, with the defaults of the preset that they name."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     first.add_argument("--preset", nargs="?")
-    known, _ = first.parse_known_args([word for word in argv if word not in ("-h", "--help")])
-    here: Preset = "cpu" if jax.default_backend() == "cpu" else "gpu"
-    preset = known.preset if known.preset in get_args(Preset) else here
-    defaults = make_config("imitation", preset)
-    if defaults.impl == "c" and here != "cpu":  # as train.py does
-        defaults = dataclasses.replace(defaults, impl="jax")
+    known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
+    preset, defaults = defaults_here("imitation", known.preset)
     default = Arguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
     arguments = app.parse(Arguments, argv, "bp2 bench", default=default)
     return dataclasses.replace(arguments, preset=preset)

@@ -6,7 +6,7 @@ import datetime
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast, get_args
 
 import jax
 import numpy as np
@@ -101,14 +101,11 @@ def _parse(argv: list[str]) -> Arguments:
         first.add_argument(flag, nargs="?")
     known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
-    preset = known.preset if known.preset in ("smoke", "cpu", "gpu") else _preset_for_this_machine()
-    defaults = make_config(stage, preset)
+    preset, defaults = defaults_here(stage, known.preset)
     parent = Path(vars(known)["from"]) if vars(known)["from"] else None
     complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
         parent = _newest_imitation_run()
-    if defaults.impl == "c" and jax.default_backend() != "cpu":  # the preset for processors, on another machine
-        defaults = dataclasses.replace(defaults, impl="jax")
     if complete and parent is not None:
         defaults = _continue(defaults, parent)
     arguments = app.parse(
@@ -135,8 +132,14 @@ def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     )
 
 
-def _preset_for_this_machine() -> Preset:
-    return "cpu" if jax.default_backend() == "cpu" else "gpu"
+def defaults_here(stage: Stage, named: str | None) -> tuple[Preset, TrainConfig]:
+    """The preset named, or else this machine's own; and its settings, with physics that run here."""
+    on_cpu = jax.default_backend() == "cpu"
+    preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
+    defaults = make_config(stage, preset)
+    if defaults.impl == "c" and not on_cpu:
+        defaults = dataclasses.replace(defaults, impl="jax")
+    return preset, defaults
 
 
 def _newest_imitation_run() -> Path:

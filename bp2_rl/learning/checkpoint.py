@@ -28,6 +28,7 @@ from jax.experimental import multihost_utils
 
 from bp2_rl.config import package_versions
 from bp2_rl.errors import UserError
+from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
 CHECKPOINTS, FAILED = "checkpoints", "failed"
@@ -86,7 +87,7 @@ def save_checkpoint(
         raise CheckpointError(f"a checkpoint needs step >= 0 and keep >= 1, got step {step} and keep {keep}")
     copy = host_copy(state)
     checkpoints = Path(run_dir) / folder
-    if jax.process_index() == 0:
+    if cluster.is_first():
         _save(checkpoints, step, copy, {"config": config or {}, "log": log or {}}, keep)
     return checkpoints / str(step)
 
@@ -113,7 +114,7 @@ class Saver:
         """
         self.wait()
         copy = host_copy(state)
-        if jax.process_index() == 0:
+        if cluster.is_first():
             extra = {"config": self._config, "log": log or {}}
             self._pending = self._thread.submit(_save, self._checkpoints, step, copy, extra, self._keep)
 
