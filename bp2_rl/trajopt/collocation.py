@@ -1,0 +1,398 @@
+"""Periodic running as a nonlinear program: direct collocation of the sagittal model, solved with IPOPT (paper, Eqs.
+obj_func, R, Physical Constraints, Motion Constraints and other constraints).
+
+A stride is a sequence of segments, each with its own feet on the ground and a free duration. At every point of a
+segment the unknowns are q, v, a, tau and the forces F of the standing feet. The equations of motion hold there as
+inverse dynamics, and the scheme ties the points of an interval together:
+
+    hermite-simpson   points at both ends and in the middle; q and v are cubic, each by its own derivative
+    trapezoid         points at the ends; q and v by the trapezoidal rule
+    paper             likewise, v by the explicit Euler rule, q by the trapezoidal rule
+
+A standing foot lands at height zero and with velocity zero, and its acceleration is zero at every point. Beyond the
+paper's constraints, forces vanish at lift-off, torques do not jump between segments, and a swinging foot clears a
+parabola of height `clearance`. As in the paper, every segment counts alike in the cost, however long it is; within one,
+the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from bp2_rl.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.trajopt import sagittal
+from bp2_rl.trajopt.problem import PER_LEG, TRUNK, Problem, Scheme, Stride, contact_rows, motor_coordinates
+from bp2_rl.trajopt.sagittal import DESIGN
+from bp2_rl.trajopt.solution import Solution, Trajectory, resample
+
+# What a quantity is divided by inside the program.
+TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, FORCE, IMPULSE = 0.1, 1.0, 10.0, 1000.0, 100.0, 500.0, 10.0
+SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
+SLACK = 0.03  # m, by which a spring may press into its stops
+
+
+class NotSolved(Exception):
+    """IPOPT found no trajectory; the message says how it ended."""
+
+
+def solve(
+    problem: Problem,
+    start: Trajectory | None = None,
+    *,
+    proximity: float = 0.0,
+    free: Mapping[str, tuple[float, float]] | None = None,
+    time_limit: float = 300.0,
+) -> Solution:
+    """The trajectory that IPOPT finds from `start`.
+
+    Args:
+        problem: what is asked for.
+        start: a guess on the problem's own mesh; None for the cold one.
+        proximity: weight, beside the cost, of the mean square distance from `start` (rad, m, and relative durations).
+        free: hardware parameters of `sagittal.DESIGN` to be found as well, with their bounds; the solution's problem
+            has the hardware that was found.
+        time_limit: s.
+
+    Raises:
+        NotSolved: it stopped anywhere but at a point that satisfies its tolerances.
+        UserError: this CasADi has no IPOPT.
+    """
+    if not ca.has_nlpsol("ipopt"):
+        raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
+    began = time.perf_counter()
+    guess = cold_guess(problem) if start is None else start
+    program, unknowns = transcribe(problem, guess, proximity=proximity, free=free or {})
+    values, stats, violation = program.solve(unknowns, time_limit)
+    if not stats["success"]:
+        how = stats["return_status"].replace("_", " ").lower()
+        raise NotSolved(f"no trajectory at {problem.speed:g} m/s: IPOPT ended with '{how}'")
+    durations, q, v, a, tau, force, impulse, design, cost = values
+    found = {name: float(value) for name, value in zip(DESIGN, design[0, 0], strict=True) if name in (free or {})}
+    trajectory = Trajectory(durations[:, 0, 0], q, v, a, tau, force, impulse[:, 0])
+    seconds = time.perf_counter() - began
+    return Solution(problem.on(**found), trajectory, cost.item(), violation, stats["iter_count"], seconds)
+
+
+def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
+    """The cheapest of several solves: from the cold guess, from `starts - 1` varied ones, and from other solutions.
+
+    Raises:
+        NotSolved: none of them succeeded; the message is the cold guess's.
+    """
+    guesses = [cold_guess(problem, seed=seed or None) for seed in range(starts)]
+    guesses += [resample(other.problem, other.trajectory, problem) for other in near]
+    solved, failures = [], []
+    for guess in guesses:
+        try:
+            solved.append(solve(problem, guess))
+        except NotSolved as failure:
+            failures.append(failure)
+    if not solved:
+        raise failures[0]
+    return min(solved, key=lambda solution: solution.cost)
+
+
+def refine(solution: Solution, intervals: int) -> Solution:
+    """The same problem on another mesh, started from a solution.
+
+    Raises:
+        NotSolved: IPOPT lost it.
+    """
+    problem = solution.problem.on_mesh(intervals)
+    return solve(problem, resample(solution.problem, solution.trajectory, problem))
+
+
+class Program:
+    """A nonlinear program, collected in the order in which it is written down."""
+
+    def __init__(self) -> None:
+        self._unknowns: list[ca.MX] = []
+        self._guess: list[np.ndarray] = []
+        self._limits: list[tuple[np.ndarray, np.ndarray]] = []
+        self._constraints: list[ca.MX] = []
+        self._ranges: list[tuple[np.ndarray, np.ndarray]] = []
+        self.cost: ca.MX = ca.MX(0)
+
+    def unknown(self, guess: np.ndarray, scale: float, lower: Any = -np.inf, upper: Any = np.inf) -> ca.MX:
+        """A matrix like `guess`; inside the program it is divided by `scale`."""
+        symbol = ca.MX.sym("x", *guess.shape)
+        low, high = (np.broadcast_to(np.asarray(bound, float), guess.shape) / scale for bound in (lower, upper))
+        self._unknowns.append(ca.vec(symbol))
+        self._guess.append(np.clip(guess / scale, low, high).ravel(order="F"))
+        self._limits.append((low.ravel(order="F"), high.ravel(order="F")))
+        return symbol * scale
+
+    def require(self, expression: ca.MX, scale: float, lower: float = 0.0, upper: float = 0.0) -> None:
+        """lower <= expression / scale <= upper: an equation where no bounds are given."""
+        column = ca.vec(expression) / scale
+        self._constraints.append(column)
+        self._ranges.append((np.full(column.shape[0], lower), np.full(column.shape[0], upper)))
+
+    def at_least_zero(self, expression: ca.MX, scale: float) -> None:
+        """0 <= expression."""
+        self.require(expression, scale, 0.0, np.inf)
+
+    def within(self, expression: ca.MX, bound: ca.MX, scale: float) -> None:
+        """|expression| <= bound."""
+        self.at_least_zero(bound - expression, scale)
+        self.at_least_zero(bound + expression, scale)
+
+    def solve(self, unknowns: list[list[ca.MX]], time_limit: float) -> tuple[list[np.ndarray], dict[str, Any], float]:
+        """The unknowns at the optimum, each group stacked with its columns first; statistics; largest violation."""
+        x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
+        options = {
+            "expand": True,
+            "print_time": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "linear_solver": "mumps",
+                "mu_strategy": "adaptive",
+                "tol": 1e-7,
+                "constr_viol_tol": 1e-8,
+                "max_iter": 2000,
+                "max_wall_time": time_limit,
+            },
+        }
+        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.cost, "g": g}, options)
+        lbx, ubx = (np.concatenate(side) for side in zip(*self._limits, strict=True))
+        lbg, ubg = (np.concatenate(side) for side in zip(*self._ranges, strict=True))
+        end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
+        x_end, g_end = (np.array(end[name]).ravel() for name in ("x", "g"))
+        over = [lbx - x_end, x_end - ubx, lbg - g_end, g_end - ubg]
+        violation = max(float(np.max(excess)) for excess in over)
+        flat = [value for group in unknowns for value in group]
+        numbers = iter(ca.Function("unknowns", [x], flat)(end["x"]) if len(flat) > 1 else ())
+        return [np.stack([np.array(next(numbers)).T for _ in group]) for group in unknowns], solver.stats(), violation
+
+
+def transcribe(
+    problem: Problem, guess: Trajectory, *, proximity: float = 0.0, free: Mapping[str, tuple[float, float]]
+) -> tuple[Program, list[list[ca.MX]]]:
+    """The nonlinear program and its unknowns: durations, q, v, a, tau, force, impulse (one each for every segment),
+    design vector, cost."""
+    stride, hardware, legs = problem.stride, problem.hardware, problem.stride.legs
+    model = sagittal.build_model(legs, hardware, problem.foot_radius)
+    segments, points, motors = range(len(stride.standing)), len(problem.points), motor_coordinates(legs).tolist()
+    program = Program()
+
+    # --- Unknowns ---
+    p = _design(program, problem, free)
+    gear = p[DESIGN.index("gear_ratio")] / specs.GEAR_RATIO
+    peak, no_load = hardware.peak_torque * gear, hardware.no_load_speed / gear
+    lower, upper = _range_of_motion(problem)
+    T = [program.unknown(np.array([[duration]]), TIME, SHORTEST, LONGEST) for duration in guess.durations]
+    q = [program.unknown(guess.q[i].T, POSITION, lower[:, None], upper[:, None]) for i in segments]
+    v = [program.unknown(guess.v[i].T, VELOCITY) for i in segments]
+    a = [program.unknown(guess.a[i].T, ACCELERATION) for i in segments]
+    tau = [program.unknown(guess.tau[i].T, TORQUE) for i in segments]
+    force = [_on_feet(program, legs, stride.standing[i], guess.force[i].T, FORCE) for i in segments]
+    impulse = [_on_feet(program, legs, stride.touchdowns(i), guess.impulse[i][:, None], IMPULSE) for i in segments]
+
+    # --- The equations of motion, and standing feet that stand ---
+    residual, acceleration = model.residual.map(points), model.contact_acceleration.map(points)
+    for i in segments:
+        program.require(residual(q[i], v[i], a[i], tau[i], force[i], p), TORQUE)
+        for defect, scale in _defects(problem.scheme, T[i] / problem.intervals, q[i], v[i], a[i]):
+            program.require(defect, scale)
+        if standing := contact_rows(legs, stride.standing[i]):
+            program.require(acceleration(q[i], v[i], a[i], p)[standing, :], ACCELERATION)
+
+    # --- Around the cycle: touchdowns, lift-offs, speed ---
+    program.require(q[0][0, 0], POSITION)
+    for i in segments:
+        q_before, v_before, tau_before = q[i - 1][:, -1], v[i - 1][:, -1], tau[i - 1][:, -1]
+        if i == 0:
+            travelled = ca.vertcat(problem.speed * sum(T), ca.MX.zeros(stride.nq - 1))
+            q_before = q_before[stride.next_coordinates.tolist()] - travelled
+            v_before = v_before[stride.next_coordinates.tolist()]
+            tau_before = tau_before[stride.next_motors.tolist()]
+        program.require(q[i][:, 0] - q_before, POSITION)
+        program.require(tau[i][:, 0] - tau_before, TORQUE)
+        if landing := contact_rows(legs, stride.touchdowns(i)):
+            program.require(model.impact(q_before, v_before, v[i][:, 0], impulse[i], p), IMPULSE)
+            program.require(model.contact(q[i][:, 0], p)[landing[1::2]], POSITION)
+            program.require((model.contact_jacobian(q[i][:, 0], p) @ v[i][:, 0])[landing], VELOCITY)
+        else:
+            program.require(v[i][:, 0] - v_before, VELOCITY)
+        if lifting := contact_rows(legs, stride.liftoffs(i)):
+            program.require(force[i][lifting, -1], FORCE)
+
+    # --- Friction, swing, motors, smoothness ---
+    for i in segments:
+        for feet, push, scale in (
+            (stride.standing[i], force[i], FORCE),
+            (stride.touchdowns(i), impulse[i], IMPULSE),
+        ):
+            if rows := contact_rows(legs, feet):
+                program.within(push[rows[0::2], :], hardware.friction * push[rows[1::2], :], scale)
+        height = model.contact.map(points)(q[i], p)
+        for leg in set(legs) - set(stride.standing[i]):
+            share = _swing_share(stride, leg, i, T, problem.points)
+            bump = 4.0 * problem.clearance * share * (1.0 - share)
+            program.at_least_zero(height[2 * legs.index(leg) + 1, :] - bump, POSITION)
+        qd = v[i][motors, :]
+        program.within(qd, ca.repmat(problem.speed_margin * no_load, *qd.shape), VELOCITY)
+        program.within(tau[i], ca.repmat(peak, *tau[i].shape), TORQUE)
+        if hardware.corner_speed < hardware.no_load_speed:
+            stall = peak / (1.0 - hardware.corner_speed / hardware.no_load_speed)
+            program.at_least_zero(stall * (1.0 - qd / no_load) - tau[i], TORQUE)
+            program.at_least_zero(stall * (1.0 + qd / no_load) + tau[i], TORQUE)
+        dt = T[i] / (points - 1)
+        steps = ca.repmat(problem.torque_rate * dt, len(motors), points - 1)
+        program.within(tau[i][:, 1:] - tau[i][:, :-1], steps, TORQUE)
+        if rows := contact_rows(legs, stride.standing[i]):
+            steps = ca.repmat(problem.force_rate * dt, len(rows), points - 1)
+            program.within(force[i][rows, 1:] - force[i][rows, :-1], steps, FORCE)
+
+    # --- Cost ---
+    for i in segments:
+        program.cost += _cost(problem, T[i], v[i][motors, :] / no_load, tau[i] / peak, force[i]) / len(segments)
+    cost = program.cost
+    if proximity > 0.0:
+        for i in segments:
+            away = (q[i] - guess.q[i].T)[1:, :]
+            program.cost += proximity * (ca.sumsqr(away) / points + (T[i] / guess.durations[i] - 1.0) ** 2)
+    return program, [T, q, v, a, tau, force, impulse, [p], [cost]]
+
+
+def _design(program: Program, problem: Problem, free: Mapping[str, tuple[float, float]]) -> ca.MX:
+    """The design vector: the hardware's own numbers, or unknowns where they are free."""
+    values = []
+    for name, number in zip(DESIGN, sagittal.design_vector(problem.hardware), strict=True):
+        guess = np.array([[number]])
+        values.append(program.unknown(guess, number, *free[name]) if name in free else ca.MX(guess))
+    return ca.vertcat(*values)
+
+
+def _range_of_motion(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest q: joints in their ranges, the trunk off the ground and all but level."""
+    hardware, legs = problem.hardware, len(problem.stride.legs)
+    lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
+    travel = hardware.spring_travel + SLACK
+    upper = [np.inf, 2.0, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
+    return np.array(lower), np.array(upper)
+
+
+def _on_feet(program: Program, legs: tuple[str, ...], feet: tuple[str, ...], guess: np.ndarray, scale: float) -> ca.MX:
+    """Forces or impulses of all legs: unknown for `feet`, where the vertical one pushes, and zero for the others."""
+    rows = [guess[contact_rows(legs, (leg,))] for leg in legs]
+    lower = np.array([[-np.inf], [0.0]])
+    return ca.vertcat(
+        *(
+            program.unknown(row, scale, lower) if leg in feet else ca.MX.zeros(*row.shape)
+            for leg, row in zip(legs, rows, strict=True)
+        )
+    )
+
+
+def _defects(scheme: Scheme, h: ca.MX, q: ca.MX, v: ca.MX, a: ca.MX) -> list[tuple[ca.MX, float]]:
+    """What the scheme makes zero, and its scale; h is an interval's length."""
+    if scheme == "hermite-simpson":
+        defects = []
+        for x, rate, scale in ((q, v, POSITION), (v, a, VELOCITY)):
+            left, middle, right = x[:, :-1:2], x[:, 1::2], x[:, 2::2]
+            out, centre, into = rate[:, :-1:2], rate[:, 1::2], rate[:, 2::2]
+            defects.append((right - left - h / 6.0 * (out + 4.0 * centre + into), scale))
+            defects.append((middle - (left + right) / 2.0 - h / 8.0 * (out - into), scale))
+        return defects
+    mean_a = a[:, :-1] if scheme == "paper" else (a[:, :-1] + a[:, 1:]) / 2.0
+    return [
+        (q[:, 1:] - q[:, :-1] - h / 2.0 * (v[:, :-1] + v[:, 1:]), POSITION),
+        (v[:, 1:] - v[:, :-1] - h * mean_a, VELOCITY),
+    ]
+
+
+def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX) -> ca.MX:
+    """Mean of R (paper, Eq. R) over a segment; speeds and torques as shares of the motors' greatest."""
+    weights = problem.weights
+    load = force / weights.force
+    R = weights.power * ca.sum1((speed * torque) ** 2) + weights.load * (ca.sum1(torque**2) + ca.sum1(load**2))
+    cost = R @ _quadrature(problem)
+    steps = len(problem.points) - 1
+    for value in (torque, load):
+        change = (value[:, 1:] - value[:, :-1]) * (steps * weights.smoothness_time / T)
+        cost += weights.smoothness * ca.sumsqr(change) / steps
+    return cost
+
+
+def _quadrature(problem: Problem) -> np.ndarray:
+    """Weights of the mean over a segment's points: Simpson's rule or the trapezoidal one."""
+    weights = np.ones(len(problem.points))
+    if problem.scheme == "hermite-simpson":
+        weights[1:-1] = 2.0
+        weights[1::2] = 4.0
+    else:
+        weights[1:-1] = 2.0
+    return weights / np.sum(weights)
+
+
+def _swing_share(stride: Stride, leg: str, segment: int, T: list[ca.MX], points: np.ndarray) -> ca.MX:
+    """How much of a swing has gone by at each point of a segment in the midst of it, from 0 to 1."""
+    renamed = dict(zip(stride.legs, stride.then, strict=True))
+    last = len(T) - 1
+
+    def rest(name: str, i: int, step: int) -> ca.MX:
+        """Time for which the leg goes on swinging, walking from segment to segment."""
+        i += step
+        if not 0 <= i <= last:
+            name, i = renamed[name], i % (last + 1)
+        return ca.MX(0) if name in stride.standing[i] else T[i] + rest(name, i, step)
+
+    before, after = rest(leg, segment, -1), rest(leg, segment, +1)
+    return (before + T[segment] * ca.DM(points).T) / (before + T[segment] + after)
+
+
+def cold_guess(problem: Problem, seed: int | None = None) -> Trajectory:
+    """A trunk at constant speed, feet on arcs, forces like half a sine; with a seed, all of that varied."""
+    vary = (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
+    stride, speed, L = problem.stride, problem.speed, problem.hardware.leg_length
+    stance = vary(0.8, 1.25) * min(0.6 / speed, 0.25)
+    flight = vary(0.8, 1.25) * 0.12 * speed / (speed + 2.0)
+    height, lift = vary(0.95, 1.05) * 1.42 * L, vary(0.7, 1.5) * 0.12
+    durations = np.array([stance if feet else flight for feet in stride.standing])
+    starts = np.concatenate([[0.0], np.cumsum(durations)])
+    cycle = starts[-1] / stride.cycles
+    quarter = specs.TRUNK_QUARTER_MASS + specs.THIGH_MASS + specs.SHANK_MASS + specs.TOE_MASS
+    mean_force = problem.hardware.mass_scale * quarter * specs.GRAVITY * cycle / stance
+
+    q = np.zeros((len(durations), len(problem.points), stride.nq))
+    force = np.zeros((*q.shape[:2], 2 * len(stride.legs)))
+    for i, feet in enumerate(stride.standing):
+        t = starts[i] + durations[i] * problem.points
+        q[i, :, 0], q[i, :, 1] = speed * t, height
+        for leg, name in enumerate(stride.legs):
+            since = t - starts[i] if name in feet else (t - _landing(stride, name, starts)) % cycle
+            s = np.clip((since - stance) / (cycle - stance), 0.0, 1.0)
+            back = np.minimum(since, stance) - stance / 2.0
+            x = speed * (stance * s**2 * (3.0 - 2.0 * s) - back)
+            z = 16.0 * lift * (s * (1.0 - s)) ** 2 - height
+            pulse = np.sin(np.pi * since / stance) if name in feet else np.zeros_like(since)
+            force[i, :, 2 * leg + 1] = np.pi / 2.0 * mean_force * pulse
+            compression = np.clip(force[i, :, 2 * leg + 1] / problem.hardware.spring_stiffness, 0.0, 0.4 * L)
+            block = TRUNK + PER_LEG * leg
+            q[i, :, block], q[i, :, block + 1] = _leg_angles(x, z, L, L - compression)
+            q[i, :, block + 2] = compression
+    v = np.stack([np.gradient(x, T * problem.points, axis=0) for x, T in zip(q, durations, strict=True)])
+    nothing = np.zeros_like(force)
+    return Trajectory(durations, q, v, np.zeros_like(v), nothing, force, nothing[:, 0])
+
+
+def _landing(stride: Stride, leg: str, starts: np.ndarray) -> float:
+    """Time of a leg's first touchdown, s; in the next stride if it does not stand in this one."""
+    for i in range(len(stride.standing)):
+        if leg in stride.standing[i]:
+            return float(starts[i])
+    return float(starts[-1]) + _landing(stride, stride.then[stride.legs.index(leg)], starts)
+
+
+def _leg_angles(x: np.ndarray, z: np.ndarray, thigh: float, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Hip and knee that put a sole at (x, z) from the hip, knee bent backwards; out of reach in direction only."""
+    cosine = np.clip((x**2 + z**2 - thigh**2 - lower**2) / (2.0 * thigh * lower), -0.95, 0.999)
+    knee = -np.arccos(cosine)
+    hip = np.arctan2(-x, -z) - np.arctan2(lower * np.sin(knee), thigh + lower * np.cos(knee))
+    return hip, knee

@@ -1,0 +1,146 @@
+"""What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
+
+import dataclasses
+import math
+from typing import Literal
+
+import numpy as np
+
+from bp2_rl.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import BP2, HardwareSpec
+
+TRUNK = 3  # coordinates of the trunk: x, z, pitch
+PER_LEG = 3  # coordinates of a leg: hip, knee, spring
+
+Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
+Gait = Literal["trot", "two-leg"]
+
+
+def motor_coordinates(legs: tuple[str, ...]) -> np.ndarray:
+    """Indices into q that have a motor: hip and knee of each leg in turn."""
+    return np.array([TRUNK + PER_LEG * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
+
+
+def spring_coordinates(legs: tuple[str, ...]) -> np.ndarray:
+    """Indices into q that are a spring's compression."""
+    return TRUNK + PER_LEG * np.arange(len(legs)) + 2
+
+
+def contact_rows(legs: tuple[str, ...], feet: tuple[str, ...]) -> list[int]:
+    """Indices into contact coordinates and forces, (x, z) of each leg in turn, that belong to `feet`."""
+    return [2 * legs.index(foot) + axis for foot in feet for axis in (0, 1)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Stride:
+    """Which feet stand in each segment, and what follows the last one: the first again, with `then` as its legs."""
+
+    legs: tuple[str, ...]
+    standing: tuple[tuple[str, ...], ...]
+    then: tuple[str, ...]
+
+    @property
+    def nq(self) -> int:
+        """Coordinates of the model: trunk, then hip, knee and spring of each leg."""
+        return TRUNK + PER_LEG * len(self.legs)
+
+    @property
+    def cycles(self) -> float:
+        """Share of a gait cycle that the segments cover."""
+        return 1.0 if self.then == self.legs else 0.5
+
+    def touchdowns(self, segment: int) -> tuple[str, ...]:
+        """Feet that land as a segment begins."""
+        before = self.standing[segment - 1] if segment > 0 else self._renamed(self.standing[-1])
+        return tuple(leg for leg in self.standing[segment] if leg not in before)
+
+    def liftoffs(self, segment: int) -> tuple[str, ...]:
+        """Feet that leave the ground as a segment ends."""
+        last = segment == len(self.standing) - 1
+        after = self._renamed(self.standing[0]) if last else self.standing[segment + 1]
+        return tuple(leg for leg in self.standing[segment] if leg not in after)
+
+    @property
+    def next_coordinates(self) -> np.ndarray:
+        """The stride's final q at these indices is the next stride's initial q (but for x)."""
+        blocks = [TRUNK + PER_LEG * self.legs.index(leg) for leg in self.then]
+        return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(PER_LEG))])
+
+    @property
+    def next_motors(self) -> np.ndarray:
+        """Likewise for the motors, and for contact coordinates and forces."""
+        return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
+
+    def _renamed(self, feet: tuple[str, ...]) -> tuple[str, ...]:
+        """What the next stride calls `feet`; left and right at most change places, so also the way back."""
+        return tuple(self.then[self.legs.index(foot)] for foot in feet)
+
+
+STRIDES: dict[Gait, Stride] = {
+    # Half a cycle of the whole robot, then left and right change sides.
+    "trot": Stride(specs.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
+    # The paper's words taken literally: half a robot on one fore and one hind limb, half a cycle apart.
+    "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
+
+    power: float = 1.0  # omega_p
+    load: float = 1.0  # omega_f
+    smoothness: float = 1.0  # omega_s, on changes within `smoothness_time`
+    force: float = round(specs.TOTAL_MASS * specs.GRAVITY)  # N, F bar: one body weight
+    smoothness_time: float = specs.CONTROL_STEP  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A trajectory to find: speed, robot, gait, limits, cost and mesh."""
+
+    speed: float = 10.0  # m/s
+    gait: Gait = "trot"
+    scheme: Scheme = "hermite-simpson"
+    intervals: int = 16  # of each segment
+    hardware: HardwareSpec = BP2
+    foot_radius: float = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
+    clearance: float = 0.04  # m, of a swinging foot in mid-swing
+    speed_margin: float = 1.0  # largest joint speed, as a share of the no-load speed
+    torque_rate: float = 15e3  # Nm/s, ASSUMED
+    force_rate: float = 100e3  # N/s, ASSUMED
+    pitch_limit: float = 0.3  # rad
+    weights: Weights = Weights()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
+                raise UserError(f"{field.name} must be a finite number >= 0, got {value}")
+        for name in ("speed", "speed_margin", "torque_rate", "force_rate", "pitch_limit"):
+            if getattr(self, name) == 0:
+                raise UserError(f"{name} must be greater than 0")
+        if self.intervals < 2:
+            raise UserError(f"intervals must be an integer >= 2, got {self.intervals}")
+        if self.gait not in STRIDES:
+            raise UserError(f"gait must be one of {', '.join(STRIDES)}, got {self.gait!r}")
+
+    @property
+    def stride(self) -> Stride:
+        """The sequence of segments."""
+        return STRIDES[self.gait]
+
+    @property
+    def points(self) -> np.ndarray:
+        """Where a segment's points are, as shares of its duration."""
+        return np.linspace(0.0, 1.0, 2 * self.intervals + 1 if self.scheme == "hermite-simpson" else self.intervals + 1)
+
+    def on(self, **hardware: float) -> "Problem":
+        """The same with other hardware parameters."""
+        return dataclasses.replace(self, hardware=dataclasses.replace(self.hardware, **hardware))
+
+    def on_mesh(self, intervals: int) -> "Problem":
+        """The same with another number of intervals in each segment."""
+        return dataclasses.replace(self, intervals=intervals)

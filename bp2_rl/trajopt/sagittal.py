@@ -1,0 +1,180 @@
+"""The hybrid model of BP2 in the sagittal plane (paper, Eqs. continuous_dynamics and hybrid), in CasADi.
+
+    M(q) a + C(q, v) + G(q) = B tau + tau_p(q, v) + J(q)^T F        in stance and flight
+    M(q) (v+ - v-) = J(q)^T Lambda,  q+ = q-                        at touchdown
+
+Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and compression of the spring. They are
+those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose down is positive, a
+positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in v_i v_j).
+
+Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A spring's stops push one
+way each, as in the MuJoCo model, but with a corner rounded over `STOP_ROUNDING`, so that Newton's method can pass it.
+
+A foot is a sphere: it rolls. Its contact coordinates are phi = (x_c - r alpha, z_c - r) with the sphere's centre c and
+the lower leg's angle alpha, so phi fixed is rolling without slip; `foot_radius = 0` is the paper's point foot.
+
+Forces and contact coordinates stand in the order (x, z) of the first leg, (x, z) of the second, and so on.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from bp2_rl.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.trajopt.problem import PER_LEG, TRUNK, motor_coordinates, spring_coordinates
+
+try:
+    import casadi as ca
+except ImportError as missing:
+    raise UserError('trajectory optimisation needs CasADi: pip install "bp2_rl[trajopt]"') from missing
+
+STOP_ROUNDING = 1e-3  # m
+
+DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # fields of HardwareSpec that the model takes as arguments
+
+
+@dataclasses.dataclass(frozen=True)
+class SagittalModel:
+    """The model's terms as CasADi functions; `p` is the design vector of `design_vector`.
+
+    With n = 3 + 3 legs coordinates, u = 2 legs motors and c = 2 legs contact coordinates.
+    """
+
+    legs: tuple[str, ...]
+    mass: ca.Function  # (q, p) -> M, n x n
+    centrifugal: ca.Function  # (q, v, p) -> n
+    coriolis: ca.Function  # (q, v, p) -> n
+    gravity: ca.Function  # (q, p) -> G, n
+    passive: ca.Function  # (q, v, p) -> tau_p, n: springs, their damping and stops
+    contact: ca.Function  # (q, p) -> phi, c
+    contact_jacobian: ca.Function  # (q, p) -> J, c x n
+    contact_acceleration: ca.Function  # (q, v, a, p) -> d2 phi / dt2, c
+    residual: ca.Function  # (q, v, a, tau, F, p) -> M a + C + G - B tau - tau_p - J^T F, n
+    impact: ca.Function  # (q, v before, v after, Lambda, p) -> M (v+ - v-) - J^T Lambda, n
+
+
+def design_vector(hardware: HardwareSpec) -> np.ndarray:
+    """The hardware parameters that the model's functions take as their last argument."""
+    return np.array([getattr(hardware, name) for name in DESIGN])
+
+
+@functools.lru_cache(maxsize=8)
+def build_model(
+    legs: tuple[str, ...] = specs.LEGS,
+    hardware: HardwareSpec = specs.BP2,
+    foot_radius: float = specs.FOOT_RADIUS,
+) -> SagittalModel:
+    """The model of a trunk made of as many of Table S3's quarters as there are legs.
+
+    Args:
+        legs: names; those that begin with F are at the front, the others behind.
+        hardware: everything but the design parameters, which are arguments of the functions.
+        foot_radius: m; 0 for a point.
+    """
+    n = TRUNK + PER_LEG * len(legs)
+    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    p = ca.SX.sym("p", len(DESIGN))
+    gear_ratio, leg_length, stiffness = (p[i] for i in range(len(DESIGN)))
+    tau, force = ca.SX.sym("tau", 2 * len(legs)), ca.SX.sym("F", 2 * len(legs))
+
+    M, Jdot_v, weight = ca.SX.zeros(n, n), ca.SX.zeros(n), ca.SX.zeros(n)
+    for mass, inertia, position, angle in _bodies(legs, q, leg_length):
+        J, J_angle = ca.jacobian(position, q), ca.jacobian(angle, q)
+        M += hardware.mass_scale * (mass * J.T @ J + inertia * J_angle.T @ J_angle)  # angles are linear in q
+        Jdot_v += hardware.mass_scale * mass * J.T @ ca.jtimes(J @ v, q, v)
+        weight += hardware.mass_scale * mass * specs.GRAVITY * J[1, :].T
+    rotor = hardware.rotor_inertia * gear_ratio**2
+    motors = motor_coordinates(legs).tolist()
+    for motor in motors:
+        M[motor, motor] += rotor
+
+    # C is quadratic in v, so what remains with one v_i alone is its centrifugal part.
+    C = ca.Function("C", [q, v, p], [Jdot_v])
+    centrifugal = ca.SX.zeros(n)
+    for i in range(TRUNK - 1, n):  # the trunk's translation is not in C
+        alone = ca.SX.zeros(n)
+        alone[i] = v[i]
+        centrifugal += C(q, alone, p)
+
+    passive = ca.SX.zeros(n)
+    for spring in spring_coordinates(legs).tolist():
+        s, rate = q[spring], v[spring]
+        stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
+        passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
+
+    phi = ca.vertcat(*(_contact(legs, leg, q, leg_length, foot_radius) for leg in range(len(legs))))
+    J = ca.jacobian(phi, q)
+    B = ca.SX(np.eye(n)[:, motors])
+    v_after, impulse = ca.SX.sym("v_after", n), ca.SX.sym("impulse", 2 * len(legs))
+    return SagittalModel(
+        legs=legs,
+        mass=ca.Function("M", [q, p], [M]),
+        centrifugal=ca.Function("centrifugal", [q, v, p], [centrifugal]),
+        coriolis=ca.Function("coriolis", [q, v, p], [Jdot_v - centrifugal]),
+        gravity=ca.Function("G", [q, p], [weight]),
+        passive=ca.Function("passive", [q, v, p], [passive]),
+        contact=ca.Function("phi", [q, p], [phi]),
+        contact_jacobian=ca.Function("J", [q, p], [J]),
+        contact_acceleration=ca.Function("phi_dd", [q, v, a, p], [J @ a + ca.jtimes(J @ v, q, v)]),
+        residual=ca.Function(
+            "residual", [q, v, a, tau, force, p], [M @ a + Jdot_v + weight - B @ tau - passive - J.T @ force]
+        ),
+        impact=ca.Function("impact", [q, v, v_after, impulse, p], [M @ (v_after - v) - J.T @ impulse]),
+    )
+
+
+def hip_position(leg: str) -> float:
+    """Fore-aft position of a leg's hip on the trunk, m."""
+    return specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
+
+
+def _bodies(legs: Sequence[str], q: ca.SX, leg_length: ca.SX) -> list[tuple[float, float, ca.SX, ca.SX]]:
+    """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
+    quarters = len(legs)
+    offset = specs.HIP_FORE_AFT + specs.TRUNK_QUARTER_COM
+    pitch_inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
+    bodies = [(quarters * specs.TRUNK_QUARTER_MASS, quarters * pitch_inertia, q[0:2], q[2])]
+    for leg in range(len(legs)):
+        hip, knee, thigh, lower, compression = _leg(legs, leg, q, leg_length)
+        down_thigh, down_lower = _down(thigh), _down(lower)
+        sole = leg_length - compression
+        bodies += [
+            (specs.THIGH_MASS, specs.THIGH_INERTIA, hip + specs.THIGH_COM * down_thigh, thigh),
+            (
+                specs.SHANK_MASS,
+                specs.SHANK_INERTIA,
+                knee + (specs.SHANK_LENGTH + specs.SHANK_COM) * down_lower,
+                lower,
+            ),
+            (specs.TOE_MASS, specs.TOE_INERTIA, knee + (sole + specs.TOE_COM) * down_lower, lower),
+        ]
+    return bodies
+
+
+def _contact(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX, radius: float) -> ca.SX:
+    """phi of one foot, m."""
+    _, knee, _, lower, compression = _leg(legs, leg, q, leg_length)
+    centre = knee + (leg_length - compression - radius) * _down(lower)
+    return centre - ca.vertcat(radius * lower, radius)
+
+
+def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Hip and knee (x, z), the angles of thigh and lower leg, and the spring's compression."""
+    base = TRUNK + PER_LEG * leg
+    hip = q[0:2] + hip_position(legs[leg]) * ca.vertcat(ca.cos(q[2]), -ca.sin(q[2]))
+    thigh = q[2] + q[base]
+    return hip, hip + leg_length * _down(thigh), thigh, thigh + q[base + 1], q[base + 2]
+
+
+def _down(angle: ca.SX) -> ca.SX:
+    """Unit vector (x, z) down a link whose angle about +y is `angle`."""
+    return ca.vertcat(-ca.sin(angle), -ca.cos(angle))
+
+
+def _hinge(u: ca.SX) -> ca.SX:
+    """max(u, 0) with its corner rounded."""
+    return (u + ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
