@@ -35,7 +35,7 @@ SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
 SLACK = 0.03  # m, by which a spring may press into its stops
 
 
-class NotSolved(Exception):
+class NotSolved(UserError):
     """IPOPT found no trajectory; the message says how it ended."""
 
 
@@ -45,6 +45,7 @@ def solve(
     *,
     proximity: float = 0.0,
     free: Mapping[str, tuple[float, float]] | None = None,
+    haste: float = 0.0,
     time_limit: float = 300.0,
 ) -> Solution:
     """The trajectory that IPOPT finds from `start`.
@@ -55,6 +56,8 @@ def solve(
         proximity: weight, beside the cost, of the mean square distance from `start` (rad, m, and relative durations).
         free: hardware parameters of `sagittal.DESIGN` to be found as well, with their bounds; the solution's problem
             has the hardware that was found.
+        haste: what a metre per second is worth, in units of cost. If positive, the speed is to be found as well, and
+            the solution's problem has it.
         time_limit: s.
 
     Raises:
@@ -65,16 +68,20 @@ def solve(
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     guess = cold_guess(problem) if start is None else start
-    program, unknowns = transcribe(problem, guess, proximity=proximity, free=free or {})
+    program, unknowns = transcribe(problem, guess, proximity=proximity, free=free or {}, haste=haste)
     values, stats, violation = program.solve(unknowns, time_limit)
     if not stats["success"]:
         how = stats["return_status"].replace("_", " ").lower()
-        raise NotSolved(f"no trajectory at {problem.speed:g} m/s: IPOPT ended with '{how}'")
-    durations, q, v, a, tau, force, impulse, design, cost = values
+        raise NotSolved(
+            f"no trajectory at {problem.speed:g} m/s: IPOPT ended with '{how}'; lower the speed, relax a "
+            "limit, or start from a solution nearby"
+        )
+    durations, q, v, a, tau, force, impulse, design, speed, cost = values
     found = {name: float(value) for name, value in zip(DESIGN, design[0, 0], strict=True) if name in (free or {})}
     trajectory = Trajectory(durations[:, 0, 0], q, v, a, tau, force, impulse[:, 0])
     seconds = time.perf_counter() - began
-    return Solution(problem.on(**found), trajectory, cost.item(), violation, stats["iter_count"], seconds)
+    solved = problem.on(**found).at(speed.item() if haste > 0.0 else problem.speed)
+    return Solution(solved, trajectory, cost.item(), violation, stats["iter_count"], seconds)
 
 
 def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
@@ -94,6 +101,17 @@ def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ())
     if not solved:
         raise failures[0]
     return min(solved, key=lambda solution: solution.cost)
+
+
+def fastest(start: Solution) -> Solution:
+    """The greatest speed at which the start's robot and gait have any trajectory at all, and that trajectory.
+
+    A local optimum, like every solution. The cost stays in with a weight that does not matter for the speed.
+
+    Raises:
+        NotSolved: IPOPT did not find one.
+    """
+    return solve(start.problem, start.trajectory, haste=100.0)
 
 
 def refine(solution: Solution, intervals: int) -> Solution:
@@ -171,10 +189,10 @@ class Program:
 
 
 def transcribe(
-    problem: Problem, guess: Trajectory, *, proximity: float = 0.0, free: Mapping[str, tuple[float, float]]
+    problem: Problem, guess: Trajectory, *, proximity: float, free: Mapping[str, tuple[float, float]], haste: float
 ) -> tuple[Program, list[list[ca.MX]]]:
     """The nonlinear program and its unknowns: durations, q, v, a, tau, force, impulse (one each for every segment),
-    design vector, cost."""
+    design vector, speed, cost."""
     stride, hardware, legs = problem.stride, problem.hardware, problem.stride.legs
     model = sagittal.build_model(legs, hardware, problem.foot_radius)
     segments, points, motors = range(len(stride.standing)), len(problem.points), motor_coordinates(legs).tolist()
@@ -185,6 +203,7 @@ def transcribe(
     gear = p[DESIGN.index("gear_ratio")] / specs.GEAR_RATIO
     peak, no_load = hardware.peak_torque * gear, hardware.no_load_speed / gear
     lower, upper = _range_of_motion(problem)
+    speed = program.unknown(np.array([[problem.speed]]), VELOCITY, 0.0) if haste > 0.0 else ca.MX(problem.speed)
     T = [program.unknown(np.array([[duration]]), TIME, SHORTEST, LONGEST) for duration in guess.durations]
     q = [program.unknown(guess.q[i].T, POSITION, lower[:, None], upper[:, None]) for i in segments]
     v = [program.unknown(guess.v[i].T, VELOCITY) for i in segments]
@@ -207,7 +226,7 @@ def transcribe(
     for i in segments:
         q_before, v_before, tau_before = q[i - 1][:, -1], v[i - 1][:, -1], tau[i - 1][:, -1]
         if i == 0:
-            travelled = ca.vertcat(problem.speed * sum(T), ca.MX.zeros(stride.nq - 1))
+            travelled = ca.vertcat(speed * sum(T), ca.MX.zeros(stride.nq - 1))
             q_before = q_before[stride.next_coordinates.tolist()] - travelled
             v_before = v_before[stride.next_coordinates.tolist()]
             tau_before = tau_before[stride.next_motors.tolist()]
@@ -253,11 +272,12 @@ def transcribe(
     for i in segments:
         program.cost += _cost(problem, T[i], v[i][motors, :] / no_load, tau[i] / peak, force[i]) / len(segments)
     cost = program.cost
+    program.cost -= haste * speed
     if proximity > 0.0:
         for i in segments:
             away = (q[i] - guess.q[i].T)[1:, :]
             program.cost += proximity * (ca.sumsqr(away) / points + (T[i] / guess.durations[i] - 1.0) ** 2)
-    return program, [T, q, v, a, tau, force, impulse, [p], [cost]]
+    return program, [T, q, v, a, tau, force, impulse, [p], [speed], [cost]]
 
 
 def _design(program: Program, problem: Problem, free: Mapping[str, tuple[float, float]]) -> ca.MX:

@@ -137,6 +137,10 @@ class Problem:
         """Where a segment's points are, as shares of its duration."""
         return np.linspace(0.0, 1.0, 2 * self.intervals + 1 if self.scheme == "hermite-simpson" else self.intervals + 1)
 
+    def at(self, speed: float) -> "Problem":
+        """The same at another speed, m/s."""
+        return dataclasses.replace(self, speed=speed)
+
     def on(self, **hardware: float) -> "Problem":
         """The same with other hardware parameters."""
         return dataclasses.replace(self, hardware=dataclasses.replace(self.hardware, **hardware))
