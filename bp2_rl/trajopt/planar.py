@@ -1,0 +1,168 @@
+"""BP2 in the sagittal plane as a MuJoCo model: the same mechanics as `sagittal`, with no line of code in common.
+
+    M(q) a + h(q, v) = B tau + tau_p(q, v) + J(q)^T F,        h = C + G
+
+MuJoCo gives M, h, the feet's Jacobian J and the derivative of it; the passive forces tau_p of springs and stops are
+closed forms. Coordinates, contact coordinates phi and the orders of all of them are those of `sagittal`.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.trajopt.problem import Problem, motor_coordinates, spring_coordinates
+
+STOP_ROUNDING = 1e-3  # m, of the corner where a stop begins to push; as in `sagittal`
+Y_AXIS = (0.0, 1.0, 0.0)
+
+
+class Terms(NamedTuple):
+    """What the equations of motion are made of, in one state; n coordinates, c contact coordinates."""
+
+    mass: np.ndarray  # (n, n) M
+    bias: np.ndarray  # (n,) h = C + G
+    passive: np.ndarray  # (n,) tau_p: springs, their damping and stops
+    contact: np.ndarray  # (c,) phi, m: (x, z) of each foot
+    jacobian: np.ndarray  # (c, n) J
+    convective: np.ndarray  # (c,) dJ/dt v, m/s2
+
+
+class PlanarModel:
+    """A trunk made of as many of Table S3's quarters as there are legs, and those legs.
+
+    Args:
+        legs: names; those that begin with F are at the front, the others behind.
+        hardware: the parameters of the body.
+        foot_radius: m; 0 for a point.
+    """
+
+    def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float):
+        self.hardware, self.foot_radius = hardware, foot_radius
+        self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
+        self._model = _build_spec(legs, hardware).compile()
+        self._data = mujoco.MjData(self._model)
+        self._toes = [self._model.body(f"{leg}_toe").id for leg in legs]
+        self.weight = float(np.sum(self._model.body_mass)) * specs.GRAVITY  # N
+
+    @classmethod
+    def of(cls, problem: Problem) -> "PlanarModel":
+        """The model that a problem is about."""
+        return cls(problem.stride.legs, problem.hardware, problem.foot_radius)
+
+    def terms(self, q: np.ndarray, v: np.ndarray) -> Terms:
+        """The terms at coordinates `q` and velocities `v`, (n,) each."""
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        phi, J, Jdot = (np.concatenate(parts) for parts in zip(*map(self._foot, self._toes), strict=True))
+        return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
+
+    def passive(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """tau_p, (n,): linear springs and dampers, and at either end of their travel a one-sided rounded stop."""
+        hardware, s = self.hardware, q[self.springs]
+        stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
+        force = np.zeros_like(q)
+        force[self.springs] = (
+            hardware.spring_stop_stiffness * stops
+            - hardware.spring_stiffness * s
+            - hardware.spring_damping * v[self.springs]
+        )
+        return force
+
+    def accelerate(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, rows: list[int]) -> tuple[np.ndarray, ...]:
+        """Acceleration (n,), and forces (N) that keep the contact coordinates `rows` unaccelerated.
+
+        [M  -J^T] [a]   [B tau + tau_p - h]
+        [J   0  ] [F] = [    -dJ/dt v     ]
+        """
+        terms = self.terms(q, v)
+        push = terms.passive - terms.bias
+        push[self.motors] += tau
+        return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
+
+    def land(self, q: np.ndarray, v: np.ndarray, rows: list[int]) -> tuple[np.ndarray, ...]:
+        """Velocity after an inelastic impact (n,), and the impulses (N s) that stop the contact coordinates `rows`.
+
+        [M  -J^T] [ v+   ]   [M v-]
+        [J   0  ] [Lambda] = [ 0  ]
+        """
+        terms = self.terms(q, v)
+        return _solve_with_contact(terms.mass, terms.jacobian[rows], terms.mass @ v, np.zeros(len(rows)))
+
+    def _foot(self, toe: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the derivative of that."""
+        model, data, r = self._model, self._data, self.foot_radius
+        centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - specs.TOE_LENGTH)
+        point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))
+        mujoco.mj_jac(model, data, point, rotation, centre, toe)
+        mujoco.mj_jacDot(model, data, point_rate, None, centre, toe)
+        roll = r * rotation[1]  # all axes are y: alpha is a sum of coordinates
+        phi = np.array([centre[0] - roll @ data.qpos, centre[2] - r])
+        return phi, np.stack([point[0] - roll, point[2]]), point_rate[[0, 2]]
+
+
+def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec) -> mujoco.MjSpec:
+    """Trunk on two slides and a hinge; from it thighs, shanks and toes with masses of Table S3."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = np.array([0.0, 0.0, -specs.GRAVITY])
+    quarters, offset = len(legs), specs.HIP_FORE_AFT + specs.TRUNK_QUARTER_COM
+    inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
+    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, quarters * specs.TRUNK_QUARTER_MASS, quarters * inertia, 0.0)
+    _add_slide(trunk, "x", (1.0, 0.0, 0.0))
+    _add_slide(trunk, "z", (0.0, 0.0, 1.0))
+    _add_hinge(trunk, "pitch", 0.0)
+    for leg in legs:
+        fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
+        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, specs.THIGH_MASS, specs.THIGH_INERTIA, -specs.THIGH_COM)
+        shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
+        shank = _add_body(
+            thigh, f"{leg}_shank", 0.0, -hardware.leg_length, specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
+        )
+        spring_end = specs.TOE_LENGTH - hardware.leg_length
+        toe_com = -specs.TOE_LENGTH - specs.TOE_COM
+        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, specs.TOE_MASS, specs.TOE_INERTIA, toe_com)
+        _add_hinge(thigh, f"{leg}_hip", hardware.reflected_inertia)
+        _add_hinge(shank, f"{leg}_knee", hardware.reflected_inertia)
+        _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
+    for body in spec.bodies[1:]:
+        body.mass *= hardware.mass_scale
+        body.inertia = np.asarray(body.inertia) * hardware.mass_scale
+    return spec
+
+
+def _add_body(
+    parent: mujoco.MjsBody, name: str, x: float, z: float, mass: float, inertia: float, com: float
+) -> mujoco.MjsBody:
+    """A body at (x, z) of its parent, its centre of mass at (0, `com`) of itself; inertia about y, others idle."""
+    return parent.add_body(
+        name=name, pos=(x, 0.0, z), mass=mass, inertia=(inertia,) * 3, ipos=(0.0, 0.0, com), explicitinertial=True
+    )
+
+
+def _add_slide(body: mujoco.MjsBody, name: str, axis: tuple[float, float, float]) -> None:
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+
+
+def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=Y_AXIS, armature=armature)
+
+
+def _solve_with_contact(
+    mass: np.ndarray, jacobian: np.ndarray, push: np.ndarray, contact: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """x and multiplier f with M x = push + J^T f and J x = contact."""
+    nothing = np.zeros((len(jacobian), len(jacobian)))
+    system = np.block([[mass, -jacobian.T], [jacobian, nothing]])
+    found = np.linalg.solve(system, np.concatenate([push, contact]))
+    return found[: len(mass)], found[len(mass) :]
+
+
+def _hinge(u: np.ndarray) -> np.ndarray:
+    """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
+    return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
