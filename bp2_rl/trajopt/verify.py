@@ -1,0 +1,304 @@
+"""The judge of a solution: figures that know nothing of how it was found, and the limits they must keep.
+
+The model is `planar`'s, built in MuJoCo, and time runs through the stride between the mesh's points as well:
+
+    at the points        do the equations of motion, contacts, impacts and the cycle's closing hold?
+    between the points   forces that push, feet that clear the ground, motors within their envelope
+    over the stride      energy in = energy out, and the ground carries the weight
+    simulated again      the solution's torques from its first state, by an error-controlled integrator
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.trajopt.planar import PlanarModel
+from bp2_rl.trajopt.problem import Problem, contact_rows
+from bp2_rl.trajopt.solution import Moment, Solution, Trajectory, sample
+
+UNITS = {
+    "speed": "m/s",
+    "dynamics_residual": "N or Nm",
+    "foot_speed": "m/s",
+    "foot_drift": "m",
+    "impact_residual": "N s or N m s",
+    "position_jump": "m or rad",
+    "velocity_jump": "m/s or rad/s",
+    "energy_residual": "of the positive motor work",
+    "impulse_residual_x": "of the weight's impulse",
+    "impulse_residual_z": "of the weight's impulse",
+    "stance_force_min": "N",
+    "swing_clearance_min": "m",
+    "torque_excess": "Nm",
+    "joint_speed_max": "rad/s",
+    "friction_use": "of the friction cone",
+    "position_error": "m or rad",
+    "velocity_error": "m/s or rad/s",
+}  # of the figures of `verify`, in its order
+RESIMULATED = (4.0, 13.2)  # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
+LEAST = ("stance_force_min", "swing_clearance_min")  # figures that must not be below their limit; others not above
+
+FINER = 10  # samples between two points of the mesh
+QUADRATURE = 8  # Gauss points an interval
+LIGHT = 0.01  # of the weight: a force below says nothing about friction
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerances:
+    """The limit of each figure of the same name, in its unit.
+
+    The first four are what the program makes zero, so what IPOPT's tolerance leaves of it; the others are what
+    stands between a discretised stride and a true one.
+    """
+
+    dynamics_residual: float = 1e-3
+    impact_residual: float = 1e-5
+    position_jump: float = 1e-6
+    velocity_jump: float = 1e-5
+    energy_residual: float = 1e-3
+    impulse_residual_x: float = 1e-4
+    impulse_residual_z: float = 1e-4
+    stance_force_min: float = -1.0
+    swing_clearance_min: float = -1e-3
+    torque_excess: float = 1.0
+    position_error: float = 1e-3
+    velocity_error: float = 0.05
+
+
+def verify(solution: Solution) -> dict[str, float]:
+    """The figures named in `UNITS`.
+
+    dynamics_residual    largest |M a + h - B tau - tau_p - J^T F| at the mesh's points (paper, Eq. continuous_dynamics)
+    foot_speed           largest |J v| of a standing foot at the points
+    foot_drift           largest distance of a standing foot, at the points, from where it landed, or from the ground
+    impact_residual      largest |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid)
+    position_jump        largest step of a coordinate from segment to segment, around the cycle
+    velocity_jump        likewise of a velocity, where no foot lands
+    energy_residual      |W_motor - W_damping - impact losses| / positive motor work, over the stride
+    impulse_residual_x   |impulse of the contact forces| / (m g T)
+    impulse_residual_z   |impulse of the contact forces - m g T| / (m g T)
+    stance_force_min     least vertical force of a standing foot, between the points as at them
+    swing_clearance_min  likewise, least height of a swinging foot
+    torque_excess        likewise, largest torque beyond the motors' envelope; 0 within
+    joint_speed_max      likewise, fastest joint
+    friction_use         likewise, largest |F_x| / (mu F_z), impulses included
+    position_error       largest |q - q_simulated| at the points
+    velocity_error       largest |v - v_simulated| at the points
+    """
+    model = PlanarModel.of(solution.problem)
+    return {
+        "speed": solution.problem.speed,
+        **_at_points(model, solution),
+        **_at_events(model, solution),
+        **_over_stride(model, solution),
+        **_between_points(model, solution),
+        **_against(resimulate(solution), solution),
+    }
+
+
+def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
+    """A line for each figure that is beyond its limit; none if the solution is sound. NaN is beyond any limit."""
+    lines = []
+    for figure, limit in dataclasses.asdict(tolerances).items():
+        if figure in ("position_error", "velocity_error") and not (
+            RESIMULATED[0] <= figures["speed"] <= RESIMULATED[1]
+        ):
+            continue
+        value, least = figures[figure], figure in LEAST
+        if not (value >= limit if least else value <= limit):
+            side = "below" if least else "above"
+            lines.append(f"{figure} is {value:.3g} {UNITS[figure]}, {side} its limit of {limit:g}")
+    return lines
+
+
+def resimulate(solution: Solution, rtol: float = 1e-9) -> tuple[np.ndarray, np.ndarray]:
+    """q and v at the mesh's points as its torques and durations make them: (segments, points, nq) each.
+
+    From the solution's own state after the first impact, standing feet held exactly, every landing a perfectly
+    inelastic impact; DOP853, interval by interval, as torques have corners where intervals meet. NaN from where the
+    integrator gives up.
+    """
+    model, stride = PlanarModel.of(solution.problem), solution.problem.stride
+    q, v = (np.full_like(x, math.nan) for x in (solution.trajectory.q, solution.trajectory.v))
+    q_now, v_now = solution.trajectory.q[0, 0], solution.trajectory.v[0, 0]
+    for i in range(len(stride.standing)):
+        if i > 0 and (landing := contact_rows(stride.legs, stride.touchdowns(i))):
+            v_now, _ = model.land(q_now, v_now, landing)
+        q[i], v[i] = _simulate_segment(model, solution, i, q_now, v_now, rtol)
+        q_now, v_now = q[i, -1], v[i, -1]
+    return q, v
+
+
+def summarise(solution: Solution) -> dict[str, float]:
+    """What a stride amounts to: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
+    moments = [moment for _, moment in _fine(solution.problem, solution.trajectory)]
+    return {
+        "period": solution.period,
+        "duty": solution.duty,
+        "peak_torque": float(max(np.max(np.abs(moment.tau)) for moment in moments)),
+        "peak_force": float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
+    }
+
+
+def mesh_change(solution: Solution, finer: Solution) -> dict[str, float]:
+    """Relative change of each figure of `summarise` from one mesh to a finer one."""
+    coarse, fine = summarise(solution), summarise(finer)
+    return {name: abs(coarse[name] / fine[name] - 1.0) for name in fine}
+
+
+def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    trajectory, stride = solution.trajectory, solution.problem.stride
+    residual = speed = drift = 0.0
+    for i, feet in enumerate(stride.standing):
+        rows, feet_at = contact_rows(stride.legs, feet), []
+        for q, v, a, tau, force in zip(*(x[i] for x in _series(trajectory)), strict=True):
+            terms = model.terms(q, v)
+            push = terms.passive + terms.jacobian.T @ force
+            push[model.motors] += tau
+            residual = max(residual, np.max(np.abs(terms.mass @ a + terms.bias - push)))
+            speed = max(speed, np.max(np.abs((terms.jacobian @ v)[rows]), initial=0.0))
+            feet_at.append(terms.contact[rows])
+        away = np.array(feet_at)
+        away[:, 0::2] -= away[0, 0::2]
+        drift = max(drift, np.max(np.abs(away), initial=0.0))
+    return {"dynamics_residual": float(residual), "foot_speed": float(speed), "foot_drift": float(drift)}
+
+
+def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    stride = solution.problem.stride
+    impact = step = kick = 0.0
+    for i, (q_before, v_before) in enumerate(_befores(solution)):
+        q, v = solution.trajectory.q[i, 0], solution.trajectory.v[i, 0]
+        step = max(step, np.max(np.abs(q - q_before)))
+        if stride.touchdowns(i):
+            terms = model.terms(q, v)
+            residual = terms.mass @ (v - v_before) - terms.jacobian.T @ solution.trajectory.impulse[i]
+            impact = max(impact, np.max(np.abs(residual)))
+        else:
+            kick = max(kick, np.max(np.abs(v - v_before)))
+    return {"impact_residual": float(impact), "position_jump": float(step), "velocity_jump": float(kick)}
+
+
+def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    problem, trajectory = solution.problem, solution.trajectory
+    x, w = np.polynomial.legendre.leggauss(QUADRATURE)
+    shares = (np.arange(problem.intervals)[:, None] + (x + 1.0) / 2.0).ravel() / problem.intervals
+    weights = np.tile(w / 2.0, problem.intervals) / problem.intervals
+    net = positive = damped = lost = 0.0
+    impulse = trajectory.impulse.sum(axis=0)
+    for i, (_, v_before) in enumerate(_befores(solution)):
+        moment, dt = sample(problem, trajectory, i, shares), trajectory.durations[i] * weights
+        power = moment.tau * moment.v[:, model.motors]
+        net += dt @ power.sum(axis=1)
+        positive += dt @ np.maximum(power, 0.0).sum(axis=1)
+        damped += problem.hardware.spring_damping * dt @ (moment.v[:, model.springs] ** 2).sum(axis=1)
+        impulse = impulse + dt @ moment.force
+        mass = model.terms(trajectory.q[i, 0], v_before).mass
+        lost += _kinetic(mass, v_before) - _kinetic(mass, trajectory.v[i, 0])
+    weight = model.weight * np.sum(trajectory.durations)
+    return {
+        "energy_residual": float(abs(net - damped - lost) / positive),
+        "impulse_residual_x": float(abs(np.sum(impulse[0::2])) / weight),
+        "impulse_residual_z": float(abs(np.sum(impulse[1::2]) / weight - 1.0)),
+    }
+
+
+def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    problem, trajectory = solution.problem, solution.trajectory
+    stride, actuator = problem.stride, Actuator.from_hardware(problem.hardware)
+    push, clearance, excess, fastest, friction = math.inf, math.inf, 0.0, 0.0, 0.0
+    for i, moment in _fine(problem, trajectory):
+        standing = contact_rows(stride.legs, stride.standing[i])
+        swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
+        push = min(push, np.min(moment.force[:, standing[1::2]], initial=math.inf))
+        heights = [model.terms(q, v).contact[swinging[1::2]] for q, v in zip(moment.q, moment.v, strict=True)]
+        clearance = min(clearance, np.min(heights, initial=math.inf))
+        qd = moment.v[:, model.motors]
+        lower, upper = torque_limits(actuator, qd)
+        excess = max(excess, np.max(moment.tau - upper), np.max(lower - moment.tau))
+        fastest = max(fastest, np.max(np.abs(qd)))
+        for along, down, least in (
+            (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),
+            (trajectory.impulse[i, 0::2], trajectory.impulse[i, 1::2], 0.0),
+        ):
+            slip = np.abs(along[down > least]) / (problem.hardware.friction * down[down > least])
+            friction = max(friction, np.max(slip, initial=0.0))
+    return {
+        "stance_force_min": float(push),
+        "swing_clearance_min": float(clearance),
+        "torque_excess": float(excess),
+        "joint_speed_max": float(fastest),
+        "friction_use": float(friction),
+    }
+
+
+def _against(simulated: tuple[np.ndarray, np.ndarray], solution: Solution) -> dict[str, float]:
+    q, v = simulated
+    return {
+        "position_error": float(np.max(np.abs(q - solution.trajectory.q))),
+        "velocity_error": float(np.max(np.abs(v - solution.trajectory.v))),
+    }
+
+
+def _simulate_segment(
+    model: PlanarModel, solution: Solution, segment: int, q: np.ndarray, v: np.ndarray, rtol: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """q and v at the points of one segment, (points, nq) each, from its beginning."""
+    problem = solution.problem
+    standing = contact_rows(problem.stride.legs, problem.stride.standing[segment])
+    h = solution.trajectory.durations[segment] / problem.intervals
+    steps = (len(problem.points) - 1) // problem.intervals
+    states = np.full((len(problem.points), 2 * len(q)), math.nan)
+    states[0] = np.concatenate([q, v])
+    for k in range(problem.intervals):
+        torque = _torque_polynomial(solution, segment, k)
+
+        def rate(t: float, state: np.ndarray, torque: np.ndarray = torque) -> np.ndarray:
+            q, v = np.split(state, 2)
+            a, _ = model.accelerate(q, v, torque @ (1.0, t / h, (t / h) ** 2), standing)
+            return np.concatenate([v, a])
+
+        begin = states[k * steps]
+        if not np.all(np.isfinite(begin)):
+            break
+        run = solve_ivp(rate, (0.0, h), begin, "DOP853", np.linspace(0.0, h, steps + 1), rtol=rtol, atol=rtol)
+        states[k * steps : k * steps + run.y.shape[1]] = run.y.T
+    q, v = np.split(states, 2, axis=1)
+    return q, v
+
+
+def _torque_polynomial(solution: Solution, segment: int, interval: int) -> np.ndarray:
+    """tau in one interval as (motors, 3) coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
+    s = np.array([0.2, 0.5, 0.8])
+    shares = (interval + s) / solution.problem.intervals
+    tau = sample(solution.problem, solution.trajectory, segment, shares).tau
+    return np.linalg.solve(np.vander(s, increasing=True), tau).T
+
+
+def _befores(solution: Solution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
+    problem, trajectory, order = solution.problem, solution.trajectory, solution.problem.stride.next_coordinates
+    q, v = trajectory.q[-1, -1, order].copy(), trajectory.v[-1, -1, order]
+    q[0] -= problem.speed * np.sum(trajectory.durations)
+    yield q, v
+    yield from zip(trajectory.q[:-1, -1], trajectory.v[:-1, -1], strict=True)
+
+
+def _fine(problem: Problem, trajectory: Trajectory) -> Iterator[tuple[int, Moment]]:
+    """Each segment on a grid `FINER` times as fine as the mesh."""
+    shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
+    for segment in range(len(trajectory.durations)):
+        yield segment, sample(problem, trajectory, segment, shares)
+
+
+def _series(trajectory: Trajectory) -> tuple[np.ndarray, ...]:
+    return trajectory.q, trajectory.v, trajectory.a, trajectory.tau, trajectory.force
+
+
+def _kinetic(mass: np.ndarray, v: np.ndarray) -> float:
+    """Kinetic energy, J."""
+    return float(v @ mass @ v) / 2.0
