@@ -11,7 +11,7 @@ inverse dynamics, and the scheme ties the points of an interval together:
 
 A standing foot lands at height zero and with velocity zero, and its acceleration is zero at every point. Beyond the
 paper's constraints, forces vanish at lift-off, torques do not jump between segments, and a swinging foot clears a
-parabola of height `clearance`. As in the paper, every segment counts alike in the cost, however long it is; within one,
+bump of height `clearance`. As in the paper, every segment counts alike in the cost, however long it is; within one,
 the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
 """
 
@@ -171,7 +171,7 @@ class Program:
                 "linear_solver": "mumps",
                 "mu_strategy": "adaptive",
                 "tol": 1e-7,
-                "constr_viol_tol": 1e-8,
+                "constr_viol_tol": 1e-9,
                 "max_iter": 2000,
                 "max_wall_time": time_limit,
             },
@@ -252,15 +252,14 @@ def transcribe(
         height = model.contact.map(points)(q[i], p)
         for leg in set(legs) - set(stride.standing[i]):
             share = _swing_share(stride, leg, i, T, problem.points)
-            bump = 4.0 * problem.clearance * share * (1.0 - share)
+            bump = problem.clearance * (4.0 * share * (1.0 - share)) ** 2  # no slope at lift-off: feet leave at rest
             program.at_least_zero(height[2 * legs.index(leg) + 1, :] - bump, POSITION)
-        qd = v[i][motors, :]
-        program.within(qd, ca.repmat(problem.speed_margin * no_load, *qd.shape), VELOCITY)
-        program.within(tau[i], ca.repmat(peak, *tau[i].shape), TORQUE)
-        if hardware.corner_speed < hardware.no_load_speed:
+        for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
+            program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
+            program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
             stall = peak / (1.0 - hardware.corner_speed / hardware.no_load_speed)
-            program.at_least_zero(stall * (1.0 - qd / no_load) - tau[i], TORQUE)
-            program.at_least_zero(stall * (1.0 + qd / no_load) + tau[i], TORQUE)
+            program.at_least_zero(stall * (1.0 - speed_at / no_load) - torque_at, TORQUE)
+            program.at_least_zero(stall * (1.0 + speed_at / no_load) + torque_at, TORQUE)
         dt = T[i] / (points - 1)
         steps = ca.repmat(problem.torque_rate * dt, len(motors), points - 1)
         program.within(tau[i][:, 1:] - tau[i][:, :-1], steps, TORQUE)
@@ -325,6 +324,20 @@ def _defects(scheme: Scheme, h: ca.MX, q: ca.MX, v: ca.MX, a: ca.MX) -> list[tup
         (q[:, 1:] - q[:, :-1] - h / 2.0 * (v[:, :-1] + v[:, 1:]), POSITION),
         (v[:, 1:] - v[:, :-1] - h * mean_a, VELOCITY),
     ]
+
+
+def _motor_states(problem: Problem, T: ca.MX, qd: ca.MX, qdd: ca.MX, tau: ca.MX) -> list[tuple[ca.MX, ca.MX]]:
+    """Speeds and torques of the motors at the points and, where the polynomials bend in between, halfway as well."""
+    states = [(qd, tau)]
+    if problem.scheme == "hermite-simpson":
+        h = T / problem.intervals
+        left, middle, right = tau[:, :-1:2], tau[:, 1::2], tau[:, 2::2]
+        for s in (0.25, 0.75):
+            torque = left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
+            speed = qd[:, :-1:2] * (1 + 2 * s) * (1 - s) ** 2 + qd[:, 2::2] * s**2 * (3 - 2 * s)
+            speed += h * (qdd[:, :-1:2] * s * (1 - s) ** 2 - qdd[:, 2::2] * s**2 * (1 - s))
+            states.append((speed, torque))
+    return states
 
 
 def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX) -> ca.MX:

@@ -13,9 +13,8 @@ import numpy as np
 
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.problem import Problem, motor_coordinates, spring_coordinates
+from bp2_rl.trajopt.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
 
-STOP_ROUNDING = 1e-3  # m, of the corner where a stop begins to push; as in `sagittal`
 Y_AXIS = (0.0, 1.0, 0.0)
 
 

@@ -12,6 +12,7 @@ from bp2_rl.robot.specs import BP2, HardwareSpec
 
 TRUNK = 3  # coordinates of the trunk: x, z, pitch
 PER_LEG = 3  # coordinates of a leg: hip, knee, spring
+STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
 
 Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
 Gait = Literal["trot", "two-leg"]

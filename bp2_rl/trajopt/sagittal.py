@@ -8,7 +8,8 @@ those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angle
 positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in v_i v_j).
 
 Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A spring's stops push one
-way each, as in the MuJoCo model, but with a corner rounded over `STOP_ROUNDING`, so that Newton's method can pass it.
+way each, as in the MuJoCo model, but take hold over `STOP_ROUNDING`, as polynomials of some milliseconds cannot follow
+a corner.
 
 A foot is a sphere: it rolls. Its contact coordinates are phi = (x_c - r alpha, z_c - r) with the sphere's centre c and
 the lower leg's angle alpha, so phi fixed is rolling without slip; `foot_radius = 0` is the paper's point foot.
@@ -25,14 +26,13 @@ import numpy as np
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.problem import PER_LEG, TRUNK, motor_coordinates, spring_coordinates
+from bp2_rl.trajopt.problem import PER_LEG, STOP_ROUNDING, TRUNK, motor_coordinates, spring_coordinates
 
 try:
     import casadi as ca
 except ImportError as missing:
     raise UserError('trajectory optimisation needs CasADi: pip install "bp2_rl[trajopt]"') from missing
 
-STOP_ROUNDING = 1e-3  # m
 
 DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # fields of HardwareSpec that the model takes as arguments
 
