@@ -13,6 +13,7 @@ the hash of its chain, so whatever was interrupted goes on where it stood.
 
 import contextlib
 import dataclasses
+import functools
 import math
 import multiprocessing
 from collections.abc import Iterable, Sequence
@@ -35,7 +36,8 @@ from bp2_rl.trajopt.solution import Solution, load_solution, resample, save_solu
 Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 UNITS: dict[Parameter, str] = {"gear_ratio": "1", "leg_length": "m", "spring_stiffness": "N/m"}
-NUMBERS, TEXT, PICTURE = "codesign.json", "codesign.txt", "codesign.png"
+NUMBERS, TEXT = "codesign.json", "codesign.txt"
+PATIENCE = 8.0  # s for each interval; a solution takes a quarter of it, and what has none would go on for long
 AT_BOUND = 1e-3  # of a parameter's range: closer than this, the bound made the value
 FLAT = 0.02  # a parameter is as good as its optimum where it costs at most this share more
 
@@ -111,11 +113,11 @@ class CodesignSettings:
     starts: int = 4  # of the optimum
     starts_elsewhere: int = 1  # of every other setting, besides the optimum itself
     grid: int = 7  # values in a scan
-    confirm: int = 16  # intervals on which the optimum is solved again
+    confirm: tuple[int, ...] = (16, 24, 32, 48)  # intervals on which the optimum is solved again, one after another
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        for name, least in (("starts", 1), ("starts_elsewhere", 0), ("grid", 3), ("confirm", 2)):
+        for name, least in (("starts", 1), ("starts_elsewhere", 0), ("grid", 3)):
             if getattr(self, name) < least:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 
@@ -170,7 +172,9 @@ def solve_chain(chain: Chain, folder: Path) -> Solution | None:
         guess = resample(last.problem, last.trajectory, problem)
     path = _path(chain, folder)
     try:
-        solution = collocation.solve(problem, guess, free=chain.bounds.of(chain.free))
+        solution = collocation.solve(
+            problem, guess, free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals
+        )
     except collocation.NotSolved as failure:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path.with_suffix(".failed"), f"{failure}\n")
@@ -278,17 +282,22 @@ def find_designs(
 def optimise_design(
     settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
 ) -> Solution:
-    """The cheapest of `find_designs`, solved again on `settings.confirm` intervals with the parameters still free.
+    """The cheapest of `find_designs`, solved again on the meshes of `settings.confirm`, the parameters still free.
 
     Raises:
-        NotSolved: no start led to a trajectory, or the finer mesh lost it.
+        NotSolved: no start led to a trajectory, or the finest mesh lost it.
     """
-    best, coarse = find_designs(settings, folder, workers, console)[0]
-    fine = best.then(settings.problem.on_mesh(settings.confirm))
-    solution = solve_chain(fine, folder)
+    chain = _refined(settings, find_designs(settings, folder, workers, console)[0][0])
+    solve_chains([chain], folder, workers, "finer meshes", console or Console())
+    solution = read_solution(chain, folder)
     if solution is None:
-        raise _not_solved(f"the design of cost {coarse.cost:.4f} was lost on {settings.confirm} intervals")
+        raise _not_solved(f"the design was lost on {chain.problems[-1].intervals} intervals")
     return solution
+
+
+def _refined(settings: CodesignSettings, chain: Chain) -> Chain:
+    """The chain, then its last problem on finer and finer meshes."""
+    return functools.reduce(Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain)
 
 
 def _start(settings: CodesignSettings, seed: int) -> Chain:
@@ -466,7 +475,7 @@ class Codesign:
     """What a whole study found."""
 
     settings: CodesignSettings
-    optimum: Row  # on the finer mesh
+    meshes: tuple[Row, ...]  # the optimum on finer and finer meshes
     sensitivity: tuple[Row, ...]
     scans: tuple[Scan, ...]
 
@@ -484,16 +493,15 @@ def study_codesign(
     folder.mkdir(parents=True, exist_ok=True)
     console = console or Console()
     optimise_design(settings, folder, workers, console)
-    best = find_designs(settings, folder, workers, console)[0][0]
-    optimum = _row("optimum", [best.then(settings.problem.on_mesh(settings.confirm))], folder)
-    assert optimum is not None
+    best = _refined(settings, find_designs(settings, folder, workers, console)[0][0])
+    meshes = [_row(f"on {part.problems[-1].intervals} intervals", [part], folder) for part in best.parts[1:]]
     sensitivity = vary_settings(settings, folder, workers, console)
     scans = [
         scan_design(settings, name, others, folder, workers, console)
         for others in ("BP2", "free")
         for name in PARAMETERS
     ]
-    study = Codesign(settings, optimum, tuple(sensitivity), tuple(scans))
+    study = Codesign(settings, tuple(row for row in meshes if row), tuple(sensitivity), tuple(scans))
     save_config(folder / NUMBERS, study)
     with (folder / TEXT).open("w", encoding="utf-8") as file:
         print_study(study, Console(file=file, width=120))
@@ -503,7 +511,7 @@ def study_codesign(
 
 def print_study(study: Codesign, console: Console) -> None:
     """The optimum beside BP2, the optimum under other settings, and what the scans say of each parameter."""
-    console.print(_table("Optimum", (study.optimum, *study.sensitivity)))
+    console.print(_table("Optimum", (*study.meshes, *study.sensitivity)))
     console.print(_scan_table(study.scans))
     for line in remarks(study):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
