@@ -35,6 +35,7 @@ from bp2_rl.trajopt.solution import Solution, load_solution, resample, save_solu
 
 Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
+Others = Literal["BP2", "free"]
 UNITS: dict[Parameter, str] = {"gear_ratio": "1", "leg_length": "m", "spring_stiffness": "N/m"}
 NUMBERS, TEXT = "codesign.json", "codesign.txt"
 PATIENCE = 8.0  # s for each interval; a solution takes a quarter of it, and what has none would go on for long
@@ -109,7 +110,8 @@ class CodesignSettings:
         intervals=8, speed_margin=0.6, weights=Weights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
     )
     bounds: Bounds = Bounds()
-    scanned: Bounds = Bounds(leg_length=(0.29, 0.45))  # between which a scan goes; free parameters keep to `bounds`
+    # Where scans go; free parameters keep to `bounds`. Behind higher gears the speed margin leaves no gait.
+    scanned: Bounds = Bounds(gear_ratio=(5.5, 10.0), leg_length=(0.29, 0.45))
     starts: int = 4  # of the optimum
     starts_elsewhere: int = 1  # of every other setting, besides the optimum itself
     grid: int = 7  # values in a scan
@@ -347,7 +349,7 @@ class Scan:
     """The cheapest trajectory for every value of one parameter that could be solved, in order of the value."""
 
     parameter: Parameter
-    others: Literal["BP2", "free"]
+    others: Others
     rows: tuple[Row, ...]
 
     @property
@@ -372,7 +374,7 @@ class Scan:
         return min(good), max(good)
 
 
-def scan_chains(settings: CodesignSettings, parameter: str, others: Literal["BP2", "free"]) -> tuple[Chain, Chain]:
+def scan_chains(settings: CodesignSettings, parameter: str, others: Others) -> tuple[Chain, Chain]:
     """One parameter over a grid, upwards and downwards, the others at the problem's values or free.
 
     Raises:
@@ -388,7 +390,7 @@ def scan_chains(settings: CodesignSettings, parameter: str, others: Literal["BP2
 def scan_design(
     settings: CodesignSettings,
     parameter: str,
-    others: Literal["BP2", "free"],
+    others: Others,
     folder: Path,
     workers: int = 1,
     console: Console | None = None,
@@ -496,11 +498,10 @@ def study_codesign(
     best = _refined(settings, find_designs(settings, folder, workers, console)[0][0])
     meshes = [_row(f"on {part.problems[-1].intervals} intervals", [part], folder) for part in best.parts[1:]]
     sensitivity = vary_settings(settings, folder, workers, console)
-    scans = [
-        scan_design(settings, name, others, folder, workers, console)
-        for others in ("BP2", "free")
-        for name in PARAMETERS
-    ]
+    wanted: list[tuple[Parameter, Others]] = [(name, others) for others in get_args(Others) for name in PARAMETERS]
+    ways = [chain for name, others in wanted for chain in scan_chains(settings, name, others)]
+    solve_chains(ways, folder, workers, "scans", console)
+    scans = [scan_design(settings, name, others, folder, workers, console) for name, others in wanted]
     study = Codesign(settings, tuple(row for row in meshes if row), tuple(sensitivity), tuple(scans))
     save_config(folder / NUMBERS, study)
     with (folder / TEXT).open("w", encoding="utf-8") as file:
