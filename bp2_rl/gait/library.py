@@ -9,8 +9,8 @@ Beyond the library's greatest speed its motion stays what it is there. Below the
 turning, the motion is that of the nearest speed with every foot displaced by what the ground moves otherwise in its
 stance: p' = -v - omega x p, measured from mid-stance; a cubic brings the foot back during the swing. Around standing
 still, steps shrink to nothing. All this happens to the centres of the spherical feet, with the trunk's pitch taken
-out, so that no foot leaves the ground or enters it; only a leg that would have to be straighter than its joints allow
-stays short of it, by millimetres. Torques are those of straight running.
+out, so that no foot leaves the ground or enters it; only a leg that is all but straight cannot follow and stays above
+it. Torques are those of straight running.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ FORMAT = 1
 SHIPPED = "reference_motions/bp2_trot.npz"  # below assets/
 MEND = "make it anew with `bp2 trajopt library build`"
 
-TRUNK, COORDINATES, MOTORS = 3, 15, 8  # x, z, pitch; these and hip, knee, spring of each leg; hip, knee of each leg
+TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
 PERIODIC = 1e-4  # m or rad, by which segments may fail to join
 ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
@@ -287,22 +287,18 @@ class CollocationGait:
     def _joints(
         self, stepping: Float[Array, "..."], moment: "_Moment", displaced: Float[Array, "... 4 2"]
     ) -> Float[Array, "... 4 3"]:
-        """Joint angles that put the feet between standing and the library's motion, and `displaced`.
-
-        For that a knee gets no straighter than its range allows, or than it is anyway.
-        """
+        """Joint angles that put the feet between standing and the library's motion, and `displaced`, within reach."""
         stand, length = _stand(self.hardware), self.hardware.leg_length
         x, z = moment.feet[..., 0], moment.feet[..., 1]
         at_rest = jnp.asarray(stand.feet, x.dtype)
         feet = jnp.stack([x, jnp.broadcast_to(at_rest[:, 1], x.shape), z], axis=-1)
         feet = _mix(stepping[..., None, None], at_rest, feet)
         displaced = jnp.pad(displaced, [(0, 0)] * (displaced.ndim - 1) + [(0, 1)])
-        both = _from_level(jnp.stack([feet, feet + displaced]), stepping * moment.pitch)
+        anyway, wanted = _from_level(jnp.stack([feet, feet + displaced]), stepping * moment.pitch)
         centre = _mix(stepping[..., None], stand.sag, moment.spring) + specs.FOOT_RADIUS  # short of the lower leg's end
-        anyway, q = kinematics.joint_angles(both, centre, leg_length=length)
-        excess = jnp.maximum(q[..., 2] - jnp.maximum(anyway[..., 2], specs.KNEE_RANGE[1]), 0.0)
-        turn = excess * (length - centre) / (2.0 * length - centre)  # keeps the direction of a leg almost straight
-        return q + jnp.stack([jnp.zeros_like(turn), turn, -excess], axis=-1)
+        return kinematics.joint_angles(
+            _within_reach(anyway, wanted, length, length - centre), centre, leg_length=length
+        )
 
 
 class _Table(NamedTuple):
@@ -432,6 +428,24 @@ def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _Mo
     legs = placed(_by_leg(values[..., TRUNK:COORDINATES]))
     torque = placed(values[..., COORDINATES:].reshape(*values.shape[:-1], 4, 2))
     return _Moment(values[..., 0], values[..., 1], values[..., 2], legs[..., :2], legs[..., 2], torque)
+
+
+def _within_reach(
+    anyway: Float[Array, "... 4 3"], wanted: Float[Array, "... 4 3"], thigh: float, lower: Float[Array, "... 4"]
+) -> Float[Array, "... 4 3"]:
+    """Feet displaced from `anyway` towards `wanted`, from the trunk's centre, with no knee beyond its range.
+
+    A displacement that takes more than half of what is left of the reach gets the other half only by and by; so no
+    leg straightens in a jerk. Legs that have no reach left keep their length.
+    """
+    hip = jnp.asarray(kinematics.LEG_ORIGINS, wanted.dtype)
+    now, then = (jnp.sqrt(jnp.sum((feet - hip) ** 2, axis=-1)) for feet in (anyway, wanted))
+    straight = thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(specs.KNEE_RANGE[1]) + specs.THIGH_LATERAL**2
+    half_left = jnp.maximum((jnp.sqrt(straight) - now) / 2.0, 1e-7)
+    longer = then - now
+    beyond = jnp.maximum(longer - half_left, 0.0)
+    reached = now + jnp.minimum(longer, half_left) + half_left * (1.0 - jnp.exp(-beyond / half_left))
+    return hip + (reached / then)[..., None] * (wanted - hip)
 
 
 def _joining_cubic(

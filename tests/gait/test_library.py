@@ -268,16 +268,16 @@ def test_sideways_and_turning_add_the_same_to_a_rolling_foot(solved):
     np.testing.assert_allclose((velocity - own)[bent][:, :2], ground[bent], atol=0.5 * 0.02)
 
 
-def test_a_leg_is_never_straighter_than_its_range_allows(solved):
-    """Sideways at 10 m/s it lands with its knee straight, and that keeps it off the ground by no more than 4 mm."""
+def test_a_leg_without_reach_left_is_not_jerked_straight(solved):
+    """Sideways at 10 m/s it lands all but straight: 1 mm above the ground, at 26 rad/s where it would at 21.4."""
     command = np.array([[9.8, 0.5, 0.0], [10.0, -0.5, 0.3], [9.5, 0.5, -0.3]])
-    reference = sample(solved, command, np.linspace(0.0, 1.0, 2001)[:, None])
-    straight = sample(solved, command * [1.0, 0.0, 0.0], np.linspace(0.0, 1.0, 2001)[:, None])
+    phase = np.linspace(0.0, 1.0, 2001)[:, None]
+    reference, straight = sample(solved, command, phase), sample(solved, command * [1.0, 0.0, 0.0], phase)
     straightest = np.maximum(straight.joint_position[..., 2], specs.KNEE_RANGE[1])
-    assert (reference.joint_position[..., 2] <= straightest + 1e-9).all()
-    assert (reference.joint_position[..., 2] >= straightest - 1e-9).any()
+    assert (reference.joint_position[..., 2] <= straightest + 1e-4).all()
     stands = reference.contact == 1
-    assert -1e-5 < clearance(reference)[stands].min() < clearance(reference)[stands].max() < 4e-3
+    assert -1e-5 < clearance(reference)[stands].min() < clearance(reference)[stands].max() < 2e-3
+    assert np.abs(reference.joint_velocity).max() < 1.35 * np.abs(straight.joint_velocity).max()
 
 
 # --- Time --------------------------------------------------------------------------------------------------------
@@ -358,7 +358,8 @@ def test_no_command_gives_nan_or_leaves_the_joints_ranges(name, request):
         assert np.isfinite(leaf).all(), field
     for joint, (low, high) in enumerate((specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE)):
         angle = reference.joint_position[..., joint]
-        assert low < angle.min() <= angle.max() < high + 0.01  # coarse cubics pass a straight knee by 0.009 rad
+        beyond = 0.02 if name == "solved" else 0.0  # between coarse points the trajectory itself exceeds its range
+        assert low < angle.min() <= angle.max() < high + beyond
     assert set(np.unique(reference.contact)) <= {0.0, 1.0}
 
 
