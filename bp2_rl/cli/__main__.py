@@ -4,9 +4,12 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from bp2_rl.errors import UserError
+
 COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
+    "trajopt": "find trajectories, verify them, build the library of reference motions",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
 }
@@ -27,7 +30,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: no command {name!r}; bp2 has: {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     # Only now: a command's imports take seconds, the help above none.
-    return importlib.import_module(f"bp2_rl.cli.{name}").main(rest)
+    try:
+        command = importlib.import_module(f"bp2_rl.cli.{name}")
+    except UserError as missing:
+        print(f"error: {missing}", file=sys.stderr)
+        return 2
+    return command.main(rest)
 
 
 if __name__ == "__main__":

@@ -163,7 +163,7 @@ class Program:
         """The unknowns at the optimum, each group stacked with its columns first; statistics; largest violation."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {
-            "expand": True,
+            # Not expanded: to unroll the points costs more than the faster iterations bring.
             "print_time": False,
             "ipopt": {
                 "print_level": 0,

@@ -66,6 +66,11 @@ class Decomposition:
         """When the velocities jump, (K,) s: as each segment begins, with no impulse if nothing lands."""
         return self.cycle.starts
 
+    @property
+    def closure(self) -> float:
+        """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but for the solver's tolerance."""
+        return float(np.max(np.abs(np.einsum("t,tki->ki", BALANCE, self.forces))))
+
     def along(self, term: str, coordinate: str) -> np.ndarray:
         """One term of one coordinate, (N,) N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
@@ -215,6 +220,21 @@ def turning_speeds(speeds: np.ndarray, values: np.ndarray) -> list[float]:
     return [
         float(speed) for speed, before, after in zip(speeds[1:-1], rise, rise[1:], strict=False) if before * after < 0
     ]
+
+
+def remarks(trends: Trends) -> list[str]:
+    """What the shares of the hip and the knee do over speed, with the speeds at which they turn, as found."""
+    first, last = trends.speeds[[0, -1]]
+    lines = []
+    for term in ("active", "coupled inertial"):
+        for kind in ("hip", "knee"):
+            share = trends.share[:, TERMS.index(term), KINDS.index(kind)]
+            turns = ", ".join(f"{speed:g}" for speed in turning_speeds(trends.speeds, share))
+            lines.append(
+                f"{kind}, share of the {term} term: {share[0]:.3f} at {first:g} m/s, {share[-1]:.3f} at {last:g} m/s; "
+                + (f"turns at {turns} m/s" if turns else "never turns")
+            )
+    return lines
 
 
 def comparable(solutions: Sequence[Solution]) -> list[Solution]:

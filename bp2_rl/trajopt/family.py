@@ -47,7 +47,7 @@ class FamilyConfig:
     starts: int = 3  # guesses at the anchor
     coarse: int = 8  # intervals a segment, for those
     proximity: float = 10.0  # weight of staying near the neighbour
-    problem: Problem = Problem(hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
+    problem: Problem = Problem(intervals=32, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -114,7 +114,7 @@ def build_family(
 def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> None:
     """Write the library: one .npz with the arrays of `bp2_rl.gait.library` and their provenance as JSON."""
     arrays: dict[str, Any] = {
-        field.name: np.stack([getattr(solution.trajectory, field.name) for solution in family]).astype(np.float32)
+        field.name: np.stack([getattr(solution.trajectory, field.name) for solution in family])
         for field in dataclasses.fields(Trajectory)
     }
     speeds = [solution.problem.speed for solution in family]
@@ -134,7 +134,7 @@ def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> N
     np.savez_compressed(
         temporary,
         format=np.asarray(FORMAT),
-        speeds=np.asarray(speeds, np.float32),
+        speeds=np.asarray(speeds),
         provenance=np.asarray(json.dumps(provenance)),
         **arrays,
     )
@@ -142,7 +142,7 @@ def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> N
 
 
 def load_family(path: Path) -> list[Solution]:
-    """The solutions in a library file, in its own precision, for verification and figures.
+    """The solutions in a library file, for verification and figures.
 
     Raises:
         UserError: the file is missing, broken, or of another format.
@@ -154,8 +154,8 @@ def load_family(path: Path) -> list[Solution]:
             raise UserError(f"library {path} has format {int(arrays['format'])}, this version reads {FORMAT}")
         provenance: dict[str, Any] = json.loads(str(arrays["provenance"]))
         settings = config.from_json(FamilyConfig, provenance["settings"])
-        parts = {field.name: arrays[field.name].astype(float) for field in dataclasses.fields(Trajectory)}
-        speeds = [round(float(speed), 6) for speed in arrays["speeds"]]
+        parts = {field.name: arrays[field.name] for field in dataclasses.fields(Trajectory)}
+        speeds = [float(speed) for speed in arrays["speeds"]]
         return [
             Solution(
                 settings.problem.at(speed),

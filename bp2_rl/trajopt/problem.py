@@ -93,8 +93,17 @@ class Weights:
     power: float = 1.0  # omega_p
     load: float = 1.0  # omega_f
     smoothness: float = 1.0  # omega_s, on changes within `smoothness_time`
-    force: float = round(specs.TOTAL_MASS * specs.GRAVITY)  # N, F bar: one body weight
+    force: float = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
     smoothness_time: float = specs.CONTROL_STEP  # s
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        for field in dataclasses.fields(self):
+            value, divides = getattr(self, field.name), field.name == "force"
+            if not (math.isfinite(value) and (value > 0 if divides else value >= 0)):
+                raise UserError(
+                    f"weights.{field.name} must be a finite number {'>' if divides else '>='} 0, got {value}"
+                )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +134,6 @@ class Problem:
                 raise UserError(f"{name} must be greater than 0")
         if self.intervals < 2:
             raise UserError(f"intervals must be an integer >= 2, got {self.intervals}")
-        if self.gait not in STRIDES:
-            raise UserError(f"gait must be one of {', '.join(STRIDES)}, got {self.gait!r}")
 
     @property
     def stride(self) -> Stride:

@@ -1,0 +1,240 @@
+"""The nonlinear program and how it is solved; whether its solutions are true is test_verify's business."""
+
+import dataclasses
+import importlib
+import re
+import sys
+
+import casadi
+import numpy as np
+import pytest
+
+from bp2_rl.errors import UserError
+from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.trajopt.collocation import NotSolved, cold_guess, fastest, refine, solve, solve_best
+from bp2_rl.trajopt.problem import STRIDES, Problem, Weights
+from bp2_rl.trajopt.solution import Trajectory, load_solution, resample, sample, save_solution
+
+TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
+
+
+# --- The sequence of contacts ---------------------------------------------------------------------------------
+def test_a_trot_is_half_a_cycle_and_its_mirror_image():
+    assert TROT.cycles == 0.5
+    assert TROT.touchdowns(0) == ("FL", "RR")
+    assert TROT.liftoffs(0) == ("FL", "RR")
+    assert TROT.touchdowns(1) == TROT.liftoffs(1) == ()
+    names = ["x", "z", "pitch", *(f"{leg} {part}" for leg in TROT.legs for part in ("hip", "knee", "spring"))]
+    follows = dict(zip(names, np.array(names)[TROT.next_coordinates], strict=True))
+    assert follows["FR knee"] == "FL knee"
+    assert follows["RR spring"] == "RL spring"
+    assert follows["pitch"] == "pitch"
+
+
+def test_the_two_leg_reading_is_a_whole_cycle():
+    assert TWO_LEG.cycles == 1.0
+    assert [TWO_LEG.touchdowns(i) for i in range(4)] == [("F",), (), ("H",), ()]
+    assert np.array_equal(TWO_LEG.next_coordinates, np.arange(TWO_LEG.nq))
+
+
+def test_feet_that_stay_down_do_not_land_again():
+    grounded = dataclasses.replace(TWO_LEG, standing=(("F",), ("F", "H"), ("H",), ("F", "H")))
+    assert [grounded.touchdowns(i) for i in range(4)] == [(), ("H",), (), ("F",)]
+    assert [grounded.liftoffs(i) for i in range(4)] == [(), ("F",), (), ("H",)]
+
+
+# --- Solutions ------------------------------------------------------------------------------------------------
+def test_a_cold_start_finds_a_trot(trot):
+    assert trot.violation <= 1e-6
+    assert trot.problem.speed * trot.period / 2 == pytest.approx(trot.trajectory.q[-1, -1, 0], rel=1e-6)
+    # Wide: six intervals move the optimum. On 16 it is held to .25-.38 s and .16-.22.
+    assert 0.2 < trot.period < 0.5
+    assert 0.1 < trot.duty < 0.25
+
+
+def test_swinging_feet_carry_nothing_and_standing_ones_let_go(trot):
+    force = trot.trajectory.force
+    right_fore_and_left_hind = [0, 1, 6, 7]
+    assert np.all(force[0][:, right_fore_and_left_hind] == 0.0)
+    assert np.all(force[1] == 0.0)
+    assert force[0, -1] == pytest.approx(0.0, abs=1e-4)
+    assert force[0].max() > 300.0
+
+
+def test_torques_do_not_jump_between_segments(trot):
+    tau = trot.trajectory.tau
+    assert tau[1, 0] == pytest.approx(tau[0, -1], abs=1e-5)
+    assert tau[0, 0] == pytest.approx(tau[1, -1][TROT.next_motors], abs=1e-5)
+
+
+def test_a_finer_mesh_hardly_changes_the_cost(trot):
+    finer = refine(trot, 9)
+    assert finer.problem.intervals == 9
+    # Forces are quadratures of six and nine intervals; the mesh's share of the cost is within some per cent.
+    assert finer.cost == pytest.approx(trot.cost, rel=0.05)
+
+
+def test_the_two_leg_reading_pitches_more(trot):
+    two_leg = solve(Problem(gait="two-leg", intervals=5))
+    assert two_leg.trajectory.q.shape == (4, 11, 9)
+    assert np.ptp(two_leg.trajectory.q[..., 2]) > np.ptp(trot.trajectory.q[..., 2])
+
+
+def test_less_torque_is_less_speed(trot):
+    weaker = dataclasses.replace(trot, problem=trot.problem.on(peak_torque=60.0, corner_speed=0.0))
+    strong, weak = fastest(trot), fastest(weaker)
+    assert 13.2 < strong.problem.speed < 25.0
+    assert weak.problem.speed < strong.problem.speed - 0.5
+
+
+def test_the_best_of_several_starts_is_none_the_worse(trot):
+    best = solve_best(trot.problem, starts=1, near=[trot])
+    assert best.cost <= trot.cost + 1e-6
+
+
+def test_staying_near_the_start_is_worth_something(trot):
+    slower = trot.problem.at(9.5)
+    near, free = (solve(slower, trot.trajectory, proximity=proximity) for proximity in (1e3, 0.0))
+
+    def distance(solution):
+        return np.mean((solution.trajectory.q - trot.trajectory.q)[..., 1:] ** 2)
+
+    assert distance(near) < 0.5 * distance(free)
+    assert near.cost >= free.cost - 1e-6  # without the term
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2])
+@pytest.mark.parametrize("gait", ["trot", "two-leg"])
+def test_guesses_are_runs_at_the_speed_asked_for(gait, seed):
+    problem = Problem(speed=7.0, gait=gait, intervals=4)
+    guess = cold_guess(problem, seed)
+    assert guess.q[-1, -1, 0] == pytest.approx(7.0 * guess.durations.sum())
+    again = guess.q[-1, -1][problem.stride.next_coordinates]
+    assert again[1:] == pytest.approx(guess.q[0, 0, 1:], abs=1e-6)
+    assert guess.force[..., 1::2].max() > 0.0
+
+
+# --- No solution ----------------------------------------------------------------------------------------------
+def test_an_impossible_speed_is_said_so():
+    with pytest.raises(NotSolved, match=r"no trajectory at 60 m/s: IPOPT ended with .*; lower the speed"):
+        solve(Problem(speed=60.0, intervals=2))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed": 0.0}, "speed must be greater than 0"),
+        ({"speed": -3.0}, "speed must be a finite number >= 0, got -3.0"),
+        ({"speed": float("nan")}, "speed must be a finite number >= 0, got nan"),
+        ({"intervals": 1}, "intervals must be an integer >= 2, got 1"),
+        ({"clearance": -0.01}, "clearance must be a finite number >= 0"),
+        ({"weights": {"force": 0.0}}, "weights.force must be a finite number > 0, got 0.0"),
+        ({"weights": {"power": -1.0}}, "weights.power must be a finite number >= 0, got -1.0"),
+    ],
+)
+def test_impossible_problems_are_refused(change, message):
+    if "weights" in change:
+        with pytest.raises(UserError, match=re.escape(message)):
+            Weights(**change["weights"])
+        return
+    with pytest.raises(UserError, match=re.escape(message)):
+        dataclasses.replace(Problem(), **change)
+
+
+def test_a_spring_that_pulls_is_refused():
+    with pytest.raises(UserError, match="spring_stiffness must be a finite number >= 0"):
+        HardwareSpec(spring_stiffness=-1.0)
+
+
+def test_without_ipopt_there_is_a_line_that_says_so(monkeypatch):
+    monkeypatch.setattr(casadi, "has_nlpsol", lambda name: False)
+    with pytest.raises(UserError, match="no IPOPT: pip install"):
+        solve(Problem(intervals=2))
+
+
+def test_without_casadi_there_is_a_line_that_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    monkeypatch.delitem(sys.modules, "bp2_rl.trajopt.sagittal")
+    with pytest.raises(UserError, match=r'needs CasADi: pip install "bp2_rl\[trajopt\]"'):
+        importlib.import_module("bp2_rl.trajopt.sagittal")
+
+
+# --- Between the points, and on disk --------------------------------------------------------------------------
+def test_samples_at_the_points_are_the_points(trot):
+    for segment in range(2):
+        moment = sample(trot.problem, trot.trajectory, segment, trot.problem.points)
+        for name in ("tau", "force", "a"):
+            assert getattr(moment, name) == pytest.approx(getattr(trot.trajectory, name)[segment])
+        # The middle of an interval is on the cubic of its ends as exactly as the defects are zero.
+        assert moment.q == pytest.approx(trot.trajectory.q[segment], abs=1e-7)
+        assert moment.v == pytest.approx(trot.trajectory.v[segment], abs=1e-5)
+
+
+@pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
+def test_samples_are_exact_for_what_the_scheme_integrates_exactly(scheme):
+    # Constant acceleration: exact for the first two schemes, and for the third in velocity and at the points.
+    problem = Problem(scheme=scheme, intervals=3)
+    t = 0.2 * problem.points
+    nq, speed, acceleration = 15, 3.0, -9.81
+    shape = (2, t.size)
+    q = np.broadcast_to((speed * t + 0.5 * acceleration * t**2)[:, None], (*shape, nq))
+    v = np.broadcast_to((speed + acceleration * t)[:, None], (*shape, nq))
+    a = np.full((*shape, nq), acceleration)
+    motors = np.broadcast_to((1.0 + 0.0 * t)[:, None], (*shape, 8))
+    trajectory = Trajectory(np.array([0.2, 0.2]), q, v, a, motors, motors, np.zeros((2, 8)))
+    share = np.linspace(0.0, 1.0, 23)
+    moment = sample(problem, trajectory, 1, share)
+    t = 0.2 * share[:, None]
+    assert moment.q == pytest.approx(np.broadcast_to(speed * t + 0.5 * acceleration * t**2, moment.q.shape))
+    assert moment.v == pytest.approx(np.broadcast_to(speed + acceleration * t, moment.v.shape))
+    assert moment.tau == pytest.approx(1.0)
+
+
+def test_resampling_onto_the_same_mesh_changes_nothing(trot):
+    again = resample(trot.problem, trot.trajectory, trot.problem)
+    assert again.q == pytest.approx(trot.trajectory.q, abs=1e-7)
+    assert again.tau == pytest.approx(trot.trajectory.tau)
+
+
+def test_a_solution_survives_the_disk(trot, tmp_path):
+    checked = dataclasses.replace(trot, checks={"energy_residual": 1e-4})
+    save_solution(tmp_path / "deep" / "speed-10.00", checked)
+    again = load_solution(tmp_path / "deep" / "speed-10.00")
+    assert again.problem == trot.problem
+    assert again.checks == checked.checks
+    assert again.cost == trot.cost
+    for field in dataclasses.fields(Trajectory):
+        assert np.array_equal(getattr(again.trajectory, field.name), getattr(trot.trajectory, field.name))
+
+
+def test_broken_solutions_are_refused(trot, tmp_path):
+    path = tmp_path / "speed"
+    with pytest.raises(UserError, match=r"cannot be read .*: solve it again"):
+        load_solution(path)
+    save_solution(path, trot)
+    arrays = path.with_name("speed.npz").read_bytes()
+    path.with_name("speed.npz").write_bytes(arrays[: len(arrays) // 2])
+    with pytest.raises(UserError, match="cannot be read"):
+        load_solution(path)
+    path.with_name("speed.npz").write_bytes(arrays)
+    card = path.with_name("speed.json").read_text()
+    path.with_name("speed.json").write_text(card.replace('"format": 1', '"format": 99'))
+    with pytest.raises(UserError, match="has format 99, this version reads 1"):
+        load_solution(path)
+    path.with_name("speed.json").write_text(card.replace('"speed": 10.0', '"speed": -10.0'))
+    with pytest.raises(UserError, match="speed must be a finite number"):
+        load_solution(path)
+
+
+def test_the_model_of_other_hardware_is_another_model():
+    # Cached by hardware: a stale entry would be a silent error.
+    from bp2_rl.trajopt import sagittal
+
+    q, v = np.full(15, 0.1), np.zeros(15)
+    stiff, soft = (
+        np.array(sagittal.build_model(hardware=BP2).passive(q, v, sagittal.design_vector(hardware))).ravel()
+        for hardware in (BP2, HardwareSpec(spring_stiffness=3000.0))
+    )
+    assert stiff[5] - soft[5] == pytest.approx(-300.0)
+    damped = sagittal.build_model(hardware=HardwareSpec(spring_damping=0.0))
+    assert damped.passive(q, v + 1.0, sagittal.design_vector(BP2))[5] - stiff[5] == pytest.approx(0.0, abs=1e-9)
