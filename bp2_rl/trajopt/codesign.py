@@ -582,9 +582,9 @@ def _scan_table(scans: Iterable[Scan]) -> Table:
         table.add_row(
             f"{scan.parameter} [{UNITS[scan.parameter]}]".replace("[", r"\["),
             scan.others,
-            f"{getattr(scan.best, scan.parameter):.4g}",
+            f"{getattr(scan.best, scan.parameter):.5g}",
             "inside" if scan.interior else "at an end",
-            "{:.4g} to {:.4g}".format(*scan.flat),
-            f"{scan.values[0]:.4g} to {scan.values[-1]:.4g}",
+            "{:.5g} to {:.5g}".format(*scan.flat),
+            f"{scan.values[0]:.5g} to {scan.values[-1]:.5g}",
         )
     return table

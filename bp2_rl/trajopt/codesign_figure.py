@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bp2_rl.evaluation.figures import FAINT, INK, LEG_COLORS, STYLE, WIDTH
 from bp2_rl.robot.specs import BP2
@@ -21,7 +22,7 @@ ROWS: tuple[tuple[str, Callable[[Row], float]], ...] = (
     ("Cost [1]", lambda row: row.cost),
     ("Period [s]", lambda row: row.period),
     ("Peak torque [Nm]", lambda row: row.peak_torque),
-    ("Speed / no-load [%]", lambda row: 100.0 * row.speed_share),
+    ("Joint speed [rad/s]", lambda row: row.peak_speed),
 )
 """What is drawn over each parameter."""
 
@@ -38,9 +39,13 @@ def codesign_figure(study: Codesign) -> Figure:
             scans = [scan for scan in study.scans if scan.parameter == name]
             for (label, figure_of), axes in zip(ROWS, column, strict=True):
                 _draw(axes, scans, figure_of)
+                axes.yaxis.set_major_locator(MaxNLocator(5))
                 axes.axvline(_shown(name, getattr(BP2, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
                 if axes in panels[:, 0]:
                     axes.set_ylabel(label)
+            for scan in scans:
+                low, high = (_shown(name, value) for value in scan.flat)
+                column[0].axvspan(low, high, color=COLORS[scan.others], alpha=0.15, linewidth=0)
             column[0].set_title(TITLES[name].split(" [")[0])
             column[-1].set_xlabel(TITLES[name])
         handles = [axes_line for axes_line in panels[0, 0].get_lines() if axes_line.get_label() in LABELS.values()]
@@ -53,8 +58,7 @@ def codesign_figure(study: Codesign) -> Figure:
 def _draw(axes: Axes, scans: Sequence[Scan], figure_of: Callable[[Row], float]) -> None:
     """One figure of every scan over the same parameter."""
     for scan in scans:
-        color, low_high = COLORS[scan.others], [_shown(scan.parameter, value) for value in scan.flat]
-        axes.axvspan(*low_high, color=color, alpha=0.12, linewidth=0)
+        color = COLORS[scan.others]
         values = [_shown(scan.parameter, value) for value in scan.values]
         axes.plot(values, [figure_of(row) for row in scan.rows], "o-", ms=3, color=color, label=LABELS[scan.others])
         best = scan.best
