@@ -38,7 +38,7 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 Others = Literal["BP2", "free"]
 UNITS: dict[Parameter, str] = {"gear_ratio": "1", "leg_length": "m", "spring_stiffness": "N/m"}
 NUMBERS, TEXT = "codesign.json", "codesign.txt"
-PATIENCE = 8.0  # s for each interval; a solution takes a quarter of it, and what has none would go on for long
+PATIENCE = 20.0  # s for each interval, several times what a solution takes; what has none would go on for longer
 AT_BOUND = 1e-3  # of a parameter's range: closer than this, the bound made the value
 FLAT = 0.02  # a parameter is as good as its optimum where it costs at most this share more
 
