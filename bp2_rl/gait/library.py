@@ -76,8 +76,8 @@ def load_library(path: Path) -> MotionLibrary:
         raise _broken(path, f"needs two speeds and two points a segment, has {sizes['S']} and {sizes['K']}")
     for name, wanted in shapes.items():
         array, shape = contents[name], tuple(sizes.get(size) or int(size) for size in wanted.split())
-        if array.dtype != np.float32 or array.shape != shape:
-            raise _broken(path, f"holds {name} as {array.dtype} {array.shape}, not as float32 {shape}")
+        if not np.issubdtype(array.dtype, np.floating) or array.shape != shape:
+            raise _broken(path, f"holds {name} as {array.dtype} {array.shape}, not as floats {shape}")
         if not np.isfinite(array).all():
             raise _broken(path, f"holds numbers in {name} that are not finite")
     library = MotionLibrary(**{name: contents[name] for name in shapes}, provenance=_provenance(path, contents))

@@ -47,7 +47,7 @@ class FamilyConfig:
     starts: int = 3  # guesses at the anchor
     coarse: int = 8  # intervals a segment, for those
     proximity: float = 10.0  # weight of staying near the neighbour
-    problem: Problem = Problem(intervals=32, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
+    problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

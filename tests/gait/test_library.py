@@ -513,10 +513,10 @@ def _moved(name, index, by):
         (_replaced("format", lambda _: np.array(2)), "has format 2, this version reads 1"),
         (_replaced("provenance", lambda _: np.array("{")), "provenance that is not JSON"),
         (_replaced("provenance", lambda _: np.array("[]")), "provenance that is not a JSON object"),
-        (_replaced("q", lambda q: q.astype(float)), "holds q as float64"),
+        (_replaced("q", lambda q: q.astype(int)), "holds q as int64"),
         (
             _replaced("v", lambda v: v[..., :14]),
-            r"holds v as float32 \(2, 2, 13, 14\), not as float32 \(2, 2, 13, 15\)",
+            r"holds v as float32 \(2, 2, 13, 14\), not as floats \(2, 2, 13, 15\)",
         ),
         (_replaced("q", lambda q: q[0]), r"holds q as float32 \(2, 13, 15\)"),
         (_replaced("speeds", lambda v: v[:1]), "needs two speeds"),
