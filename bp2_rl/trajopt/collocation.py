@@ -209,8 +209,12 @@ def transcribe(
     v = [program.unknown(guess.v[i].T, VELOCITY) for i in segments]
     a = [program.unknown(guess.a[i].T, ACCELERATION) for i in segments]
     tau = [program.unknown(guess.tau[i].T, TORQUE) for i in segments]
-    force = [_on_feet(program, legs, stride.standing[i], guess.force[i].T, FORCE) for i in segments]
-    impulse = [_on_feet(program, legs, stride.touchdowns(i), guess.impulse[i][:, None], IMPULSE) for i in segments]
+    force = [
+        _on_feet(program, stride, stride.standing[i], stride.liftoffs(i), guess.force[i].T, FORCE) for i in segments
+    ]
+    impulse = [
+        _on_feet(program, stride, stride.touchdowns(i), (), guess.impulse[i][:, None], IMPULSE) for i in segments
+    ]
 
     # --- The equations of motion, and standing feet that stand ---
     residual, acceleration = model.residual.map(points), model.contact_acceleration.map(points)
@@ -238,22 +242,23 @@ def transcribe(
             program.require((model.contact_jacobian(q[i][:, 0], p) @ v[i][:, 0])[landing], VELOCITY)
         else:
             program.require(v[i][:, 0] - v_before, VELOCITY)
-        if lifting := contact_rows(legs, stride.liftoffs(i)):
-            program.require(force[i][lifting, -1], FORCE)
 
     # --- Friction, swing, motors, smoothness ---
     for i in segments:
-        for feet, push, scale in (
-            (stride.standing[i], force[i], FORCE),
-            (stride.touchdowns(i), impulse[i], IMPULSE),
-        ):
-            if rows := contact_rows(legs, feet):
-                program.within(push[rows[0::2], :], hardware.friction * push[rows[1::2], :], scale)
+        for leg in stride.standing[i]:
+            x, z = contact_rows(legs, (leg,))
+            end = -1 if leg in stride.liftoffs(i) else None  # where the force is zero, there is no cone
+            program.within(force[i][x, :end], hardware.friction * force[i][z, :end], FORCE)
+            if leg in stride.touchdowns(i):
+                program.within(impulse[i][x], hardware.friction * impulse[i][z], IMPULSE)
         height = model.contact.map(points)(q[i], p)
-        for leg in set(legs) - set(stride.standing[i]):
+        for leg in (leg for leg in legs if leg not in stride.standing[i]):
             share = _swing_share(stride, leg, i, T, problem.points)
             bump = problem.clearance * (4.0 * share * (1.0 - share)) ** 2  # no slope at lift-off: feet leave at rest
-            program.at_least_zero(height[2 * legs.index(leg) + 1, :] - bump, POSITION)
+            # Where it has just left or is about to land, its height is zero anyway.
+            begin = 1 if stride.stands(leg, i - 1) else 0
+            end = -1 if stride.stands(leg, i + 1) else None
+            program.at_least_zero((height[2 * legs.index(leg) + 1, :] - bump)[begin:end], POSITION)
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
             program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
             program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
@@ -297,16 +302,27 @@ def _range_of_motion(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return np.array(lower), np.array(upper)
 
 
-def _on_feet(program: Program, legs: tuple[str, ...], feet: tuple[str, ...], guess: np.ndarray, scale: float) -> ca.MX:
-    """Forces or impulses of all legs: unknown for `feet`, where the vertical one pushes, and zero for the others."""
-    rows = [guess[contact_rows(legs, (leg,))] for leg in legs]
-    lower = np.array([[-np.inf], [0.0]])
-    return ca.vertcat(
-        *(
-            program.unknown(row, scale, lower) if leg in feet else ca.MX.zeros(*row.shape)
-            for leg, row in zip(legs, rows, strict=True)
-        )
-    )
+def _on_feet(
+    program: Program,
+    stride: Stride,
+    feet: tuple[str, ...],
+    lifting: tuple[str, ...],
+    guess: np.ndarray,
+    scale: float,
+) -> ca.MX:
+    """Forces or impulses of all legs: zero but for those of `feet`, which push up, and end at zero if `lifting`."""
+    rows = []
+    for leg in stride.legs:
+        row = guess[contact_rows(stride.legs, (leg,))]
+        if leg not in feet:
+            rows.append(ca.MX.zeros(*row.shape))
+            continue
+        lower, upper = np.full(row.shape, -np.inf), np.full(row.shape, np.inf)
+        lower[1] = 0.0
+        if leg in lifting:
+            lower[:, -1] = upper[:, -1] = 0.0
+        rows.append(program.unknown(row, scale, lower, upper))
+    return ca.vertcat(*rows)
 
 
 def _defects(scheme: Scheme, h: ca.MX, q: ca.MX, v: ca.MX, a: ca.MX) -> list[tuple[ca.MX, float]]:
@@ -366,17 +382,13 @@ def _quadrature(problem: Problem) -> np.ndarray:
 
 def _swing_share(stride: Stride, leg: str, segment: int, T: list[ca.MX], points: np.ndarray) -> ca.MX:
     """How much of a swing has gone by at each point of a segment in the midst of it, from 0 to 1."""
-    renamed = dict(zip(stride.legs, stride.then, strict=True))
-    last = len(T) - 1
 
-    def rest(name: str, i: int, step: int) -> ca.MX:
+    def rest(i: int, step: int) -> ca.MX:
         """Time for which the leg goes on swinging, walking from segment to segment."""
         i += step
-        if not 0 <= i <= last:
-            name, i = renamed[name], i % (last + 1)
-        return ca.MX(0) if name in stride.standing[i] else T[i] + rest(name, i, step)
+        return ca.MX(0) if stride.stands(leg, i) else T[i % len(T)] + rest(i, step)
 
-    before, after = rest(leg, segment, -1), rest(leg, segment, +1)
+    before, after = rest(segment, -1), rest(segment, +1)
     return (before + T[segment] * ca.DM(points).T) / (before + T[segment] + after)
 
 

@@ -51,16 +51,20 @@ class Stride:
         """Share of a gait cycle that the segments cover."""
         return 1.0 if self.then == self.legs else 0.5
 
+    def stands(self, leg: str, segment: int) -> bool:
+        """Whether a leg is on the ground in a segment; those before the first and after the last are other strides'."""
+        strides, segment = divmod(segment, len(self.standing))
+        # The next stride's feet have other names; at most left and right change places, so also on the way back.
+        name = self.then[self.legs.index(leg)] if strides % 2 else leg
+        return name in self.standing[segment]
+
     def touchdowns(self, segment: int) -> tuple[str, ...]:
         """Feet that land as a segment begins."""
-        before = self.standing[segment - 1] if segment > 0 else self._renamed(self.standing[-1])
-        return tuple(leg for leg in self.standing[segment] if leg not in before)
+        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment - 1))
 
     def liftoffs(self, segment: int) -> tuple[str, ...]:
         """Feet that leave the ground as a segment ends."""
-        last = segment == len(self.standing) - 1
-        after = self._renamed(self.standing[0]) if last else self.standing[segment + 1]
-        return tuple(leg for leg in self.standing[segment] if leg not in after)
+        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment + 1))
 
     @property
     def next_coordinates(self) -> np.ndarray:
@@ -72,10 +76,6 @@ class Stride:
     def next_motors(self) -> np.ndarray:
         """Likewise for the motors, and for contact coordinates and forces."""
         return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
-
-    def _renamed(self, feet: tuple[str, ...]) -> tuple[str, ...]:
-        """What the next stride calls `feet`; left and right at most change places, so also the way back."""
-        return tuple(self.then[self.legs.index(foot)] for foot in feet)
 
 
 STRIDES: dict[Gait, Stride] = {
