@@ -2,13 +2,19 @@
 
 import dataclasses
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+import tyro
 
 from bp2_rl.errors import UserError
 from bp2_rl.gait.kinematic import KinematicGait
+from bp2_rl.gait.library import CollocationGait
+from bp2_rl.gait.reference import ReferenceMotion
+from bp2_rl.gait.standing import Standing
 from bp2_rl.robot.specs import HardwareSpec
 
 Range = tuple[float, float]
+ReferenceName = Literal["collocation", "kinematic", "none"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,6 +26,7 @@ class ControlConfig:
     action_limit: float = 3.0  # actions are clipped to +- this
     stiffness: float = 250.0  # Nm/rad
     damping: float = 3.0  # Nm s/rad
+    feedforward: float = 0.0  # share of the reference's torque that is added, in `residual` mode
     current_lag: float = 0.0  # s, first-order torque lag of the drive; 0 = none
     torque_rate: float = float("inf")  # Nm/s
 
@@ -112,8 +119,11 @@ class RewardConfig:
 class EnvConfig:
     """Everything that BP2Env depends on."""
 
+    reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "kinematic"
+    """the motion that residual actions, imitation rewards and episode starts are about; none: standing still"""
     hardware: HardwareSpec = HardwareSpec()
     gait: KinematicGait = KinematicGait()
+    library: CollocationGait = CollocationGait()
     control: ControlConfig = ControlConfig()
     commands: CommandConfig = CommandConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
@@ -123,8 +133,9 @@ class EnvConfig:
     reward: RewardConfig = RewardConfig()
 
     def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field; the gait is that of this hardware's legs."""
+        """Refuse impossible values with a line that names the field; gaits are those of this hardware's legs."""
         object.__setattr__(self, "gait", dataclasses.replace(self.gait, hardware=self.hardware))
+        object.__setattr__(self, "library", dataclasses.replace(self.library, hardware=self.hardware))
         _check_finite(self, "")
         for name, group in (("commands", self.commands), ("randomization", self.randomization), ("reset", self.reset)):
             for field in dataclasses.fields(group):
@@ -170,10 +181,20 @@ class EnvConfig:
             "curriculum.start_speed must lie between 0 and commands.max_forward",
         )
         _require(
-            0 <= self.termination.min_height < self.gait.height,
-            f"termination.min_height must lie between 0 and the gait's height of {self.gait.height} m",
+            0 <= self.termination.min_height < self.motion.height,
+            f"termination.min_height must lie between 0 and the reference's height of {self.motion.height:.3f} m",
         )
         _require(randomization.latency[1] <= 0.010, "randomization.latency may be at most 0.010 s")
+
+    @property
+    def motion(self) -> ReferenceMotion:
+        """The reference motion that `reference` names."""
+        motions: dict[str, ReferenceMotion] = {
+            "kinematic": self.gait,
+            "collocation": self.library,
+            "none": Standing(self.hardware),
+        }
+        return motions[self.reference]
 
 
 MAY_BE_INFINITE = ("control.torque_rate", "reward.tracking_width")

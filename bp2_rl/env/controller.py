@@ -39,7 +39,7 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
-        self.reference: ReferenceMotion = config.gait
+        self.reference: ReferenceMotion = config.motion
 
     def init(self, command: Float[Array, "... 3"], phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
         """The state at the start of an episode."""
@@ -59,14 +59,16 @@ class Controller:
         """Advance the phase by one control step under the present command and turn the action into joint targets.
 
         `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
-        reference's velocity. `absolute`: standing pose plus action_scale x action, with zero velocity.
+        reference's velocity; a share `feedforward` of its torque comes in as the offset that the PD law turns into it.
+        `absolute`: standing pose plus action_scale x action, with zero velocity.
         """
         control = self._control
         phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(state.command)) % 1.0
         reference = self.reference(state.command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
         if control.mode == "residual":
-            centre, velocity = reference.joint_position, reference.joint_velocity
+            centre = reference.joint_position + control.feedforward / control.stiffness * reference.torque
+            velocity = reference.joint_velocity
         else:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity, reference=reference)

@@ -1,6 +1,6 @@
 """What a reference motion is: a function from (command, phase) to what the whole body should be doing."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from flax import struct
 from jaxtyping import Array, Float
@@ -27,8 +27,14 @@ class Reference(struct.PyTreeNode):
     torque: Float[Array, "... 12"]  # Nm, feed-forward
 
 
+@runtime_checkable
 class ReferenceMotion(Protocol):
     """A family of periodic motions indexed by the command (vx, vy in m/s, yaw rate in rad/s)."""
+
+    @property
+    def height(self) -> float:
+        """Mean height of the trunk's centre above the ground, m; the least where it depends on the command."""
+        ...
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""
