@@ -148,7 +148,8 @@ def load_family(path: Path) -> list[Solution]:
         UserError: the file is missing, broken, or of another format.
     """
     try:
-        with np.load(path) as file:
+        # Opened here, as np.load leaves what it cannot read open.
+        with path.open("rb") as stream, np.load(stream) as file:
             arrays = {name: file[name] for name in file.files}
         if int(arrays["format"]) != FORMAT:
             raise UserError(f"library {path} has format {int(arrays['format'])}, this version reads {FORMAT}")

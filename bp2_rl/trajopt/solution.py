@@ -143,7 +143,8 @@ def load_solution(path: Path) -> Solution:
     """
     try:
         card = json.loads(path.with_name(path.name + ".json").read_text(encoding="utf-8"))
-        with np.load(path.with_name(path.name + ".npz")) as arrays:
+        # Opened here, as np.load leaves what it cannot read open.
+        with path.with_name(path.name + ".npz").open("rb") as stream, np.load(stream) as arrays:
             trajectory = Trajectory(**{field.name: arrays[field.name] for field in dataclasses.fields(Trajectory)})
         if card["format"] != FORMAT:
             raise UserError(f"solution {path} has format {card['format']}, this version reads {FORMAT}: solve it again")

@@ -25,7 +25,7 @@ from bp2_rl.trajopt.verify import (
 @pytest.fixture(scope="module")
 def smooth() -> Solution:
     """A trot of a robot whose springs have no stops and are well damped, so smooth that a coarse mesh is enough."""
-    problem = Problem(speed=10.0, intervals=12, clearance=0.0)
+    problem = Problem(speed=10.0, intervals=16, clearance=0.0)
     return solve(problem.on(spring_stop_stiffness=0.0, spring_damping=50.0, spring_stiffness=4000.0))
 
 
