@@ -46,6 +46,9 @@ def solve(config: Solve) -> None:
     from bp2_rl.trajopt.solution import save_solution
     from bp2_rl.trajopt.verify import verify
 
+    if config.refine == 1 or config.refine < 0:
+        raise UserError(f"--refine must be 0 or at least 2 intervals, got {config.refine}")
+    _open(config.out)
     with _spinner(f"solving at {config.problem.speed:g} m/s from {config.starts} starts"):
         found = solve_best(config.problem, config.starts)
         if config.refine:
@@ -89,6 +92,9 @@ def sweep(config: Sweep) -> None:
 
     if not 0 < config.slowest <= config.fastest or config.step <= 0:
         raise UserError("a sweep goes from --slowest up to --fastest by a positive --step, all above 0 m/s")
+    if config.starts < 1:
+        raise UserError(f"--starts must be at least 1, got {config.starts}")
+    _open(config.out)
     speeds = np.arange(config.slowest, config.fastest + 1e-9, config.step).round(9).tolist()
     speeds += [config.fastest] if config.fastest > speeds[-1] + 1e-9 else []
     attempts = []
@@ -215,6 +221,8 @@ def library(config: Library) -> None:
 
     if config.to.suffix != ".npz":
         raise UserError(f"--to {config.to}: a library is an .npz file")
+    _open(config.out)
+    _open(config.to.parent)
     with _progress() as progress:
         task = progress.add_task("speeds", total=len(config.family.speeds))
         family = build_family(
@@ -376,9 +384,17 @@ def _judge(solutions: "Sequence[Solution]", *, strict: bool = False) -> None:
     for line in lines:
         print(line)
     if lines and strict:
-        raise UserError(f"{len(lines)} figures are beyond their limits: refine the mesh (--intervals), or solve again")
+        raise UserError(f"{len(lines)} figures are beyond their limits: solve again on a finer mesh, into a new folder")
     if not lines:
         print("verified: every figure is within its limit")
+
+
+def _open(folder: Path) -> None:
+    """Make a folder, before anything is solved for it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
 
 
 def _progress() -> "Progress":

@@ -19,19 +19,19 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.trajopt import sagittal
 from bp2_rl.trajopt.problem import PER_LEG, TRUNK, Problem, Scheme, Stride, contact_rows, motor_coordinates
-from bp2_rl.trajopt.sagittal import DESIGN
+from bp2_rl.trajopt.sagittal import DESIGN, ca
 from bp2_rl.trajopt.solution import Solution, Trajectory, resample
 
 # What a quantity is divided by inside the program.
 TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, FORCE, IMPULSE = 0.1, 1.0, 10.0, 1000.0, 100.0, 500.0, 10.0
 SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
+INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # what CasADi makes of Ctrl-C within IPOPT
 SLACK = 0.03  # m, by which a spring may press into its stops
 
 
@@ -70,6 +70,8 @@ def solve(
     guess = cold_guess(problem) if start is None else start
     program, unknowns = transcribe(problem, guess, proximity=proximity, free=free or {}, haste=haste)
     values, stats, violation = program.solve(unknowns, time_limit)
+    if stats["return_status"] in INTERRUPTED:
+        raise KeyboardInterrupt
     if not stats["success"]:
         how = stats["return_status"].replace("_", " ").lower()
         raise NotSolved(
@@ -90,6 +92,8 @@ def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ())
     Raises:
         NotSolved: none of them succeeded; the message is the cold guess's.
     """
+    if starts < 1 and not near:
+        raise UserError(f"starts must be at least 1, got {starts}")
     guesses = [cold_guess(problem, seed=seed or None) for seed in range(starts)]
     guesses += [resample(other.problem, other.trajectory, problem) for other in near]
     solved, failures = [], []

@@ -12,7 +12,6 @@ import concurrent.futures
 import dataclasses
 import itertools
 import json
-import multiprocessing
 import os
 import zipfile
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from bp2_rl import config
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.trajopt.pool import solvers
 from bp2_rl.trajopt.problem import Problem, motor_coordinates
 from bp2_rl.trajopt.solution import Solution, Trajectory, load_solution, save_solution, versions
 from bp2_rl.trajopt.verify import verify
@@ -95,10 +95,8 @@ def build_family(
         UserError: the folder belongs to another family.
     """
     _claim(folder, settings)
-    _solve_anchor(settings, folder)
-    # Fresh processes: one forked beside JAX's threads can hang.
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(min(workers, 2), mp_context=context) as pool:
+    with solvers(min(workers, 2)) as pool:
+        _solve_anchor(settings, folder)
         walks = [pool.submit(_walk, settings, folder, speeds) for speeds in settings.walks()]
         while True:
             waiting = concurrent.futures.wait(walks, timeout=0.5, return_when="FIRST_EXCEPTION")

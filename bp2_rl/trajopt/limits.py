@@ -2,10 +2,10 @@
 
 import concurrent.futures
 import dataclasses
-import multiprocessing
 from collections.abc import Iterator
 from typing import Any
 
+from bp2_rl.trajopt.pool import solvers
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution
 
@@ -39,9 +39,7 @@ def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
     """
     variants = {name: problem.on(**change) for name, change in CHANGES.items()}
     variants[NO_SPEED_LIMIT] = dataclasses.replace(problem, speed_margin=2.0)
-    # Fresh processes: one forked beside JAX's threads can hang.
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with solvers(workers) as pool:
         searches = {pool.submit(_search, variant): name for name, variant in variants.items()}
         for search in concurrent.futures.as_completed(searches):
             yield Limit(searches[search], search.result())

@@ -148,6 +148,8 @@ def load_solution(path: Path) -> Solution:
             trajectory = Trajectory(**{field.name: arrays[field.name] for field in dataclasses.fields(Trajectory)})
         if card["format"] != FORMAT:
             raise UserError(f"solution {path} has format {card['format']}, this version reads {FORMAT}: solve it again")
+        if not all(np.isfinite(getattr(trajectory, field.name)).all() for field in dataclasses.fields(Trajectory)):
+            raise UserError(f"solution {path} holds numbers that are not finite: solve it again")
         facts: dict[str, Any] = {name: card[name] for name in ("cost", "violation", "iterations", "seconds", "checks")}
         return Solution(config.from_json(Problem, card["problem"]), trajectory, **facts)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

@@ -23,6 +23,12 @@ def test_the_commands_are_listed(capsys):
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be a finite number >= 0"),
         (["solve", "--speed", "60", "--intervals", "2", "--starts", "1"], "no trajectory at 60 m/s"),
         (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest up to --fastest"),
+        (["solve", "--starts", "0"], "starts must be at least 1, got 0"),
+        (["solve", "--refine", "1"], "--refine must be 0 or at least 2"),
+        (["solve", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
+        (["sweep", "--starts", "0"], "--starts must be at least 1"),
+        (["sweep", "--workers", "0"], "workers must be at least 1, got 0"),
+        (["library", "build", "--workers", "0"], "workers must be at least 1, got 0"),
         (["schemes", "--meshes", "16", "8"], "give the coarsest first"),
         (["library", "build", "--to", "library.json"], "a library is an .npz file"),
         (["library", "burn"], "burn"),
@@ -51,6 +57,6 @@ def test_solve_verify_and_draw(tmp_path, monkeypatch, capsys):
     assert trajopt.main(["verify", "here/speed-10.00.json"]) == 2
     captured = capsys.readouterr()
     assert "velocity_error is" in captured.out
-    assert "refine the mesh" in captured.err
+    assert "finer mesh" in captured.err
     assert trajopt.main(["figures", "here", "--speed", "3"]) == 2
     assert "there are only 10 m/s" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import BP2, HardwareSpec
-from bp2_rl.trajopt.collocation import NotSolved, cold_guess, fastest, refine, solve, solve_best
+from bp2_rl.trajopt.collocation import NotSolved, Program, cold_guess, fastest, refine, solve, solve_best
 from bp2_rl.trajopt.problem import STRIDES, Problem, Weights
 from bp2_rl.trajopt.solution import Trajectory, load_solution, resample, sample, save_solution
 
@@ -118,6 +118,19 @@ def test_guesses_are_runs_at_the_speed_asked_for(gait, seed):
 def test_an_impossible_speed_is_said_so():
     with pytest.raises(NotSolved, match=r"no trajectory at 60 m/s: IPOPT ended with .*; lower the speed"):
         solve(Problem(speed=60.0, intervals=2))
+
+
+def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
+    # As CasADi reports Ctrl-C within IPOPT: it must not be kept as a problem without a solution.
+    found = Program.solve
+
+    def interrupted(self, unknowns, time_limit):
+        values, stats, violation = found(self, unknowns, 0.01)
+        return values, {**stats, "success": False, "return_status": "NonIpopt_Exception_Thrown"}, violation
+
+    monkeypatch.setattr(Program, "solve", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        solve(Problem(intervals=2))
 
 
 @pytest.mark.parametrize(
