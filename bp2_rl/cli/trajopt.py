@@ -176,7 +176,7 @@ class Schemes:
 
     speed: float = 10.0
     """m/s"""
-    meshes: tuple[int, ...] = (8, 16, 32, 64)
+    meshes: tuple[int, ...] = (8, 16, 32)
     """intervals a segment"""
 
 
@@ -190,12 +190,15 @@ def schemes(config: Schemes) -> None:
     if not config.meshes or sorted(config.meshes) != list(config.meshes):
         raise UserError("--meshes: give the coarsest first, as each solve starts from the one before")
     rows = []
-    with _progress() as progress:
-        task = progress.add_task("solves", total=len(SCHEMES) * len(config.meshes))
-        for row in compare_schemes(solve, Problem(speed=config.speed), config.meshes):
-            rows.append(row)
-            progress.advance(task)
-    Console().print(tabulate_schemes(rows))
+    try:
+        with _progress() as progress:
+            task = progress.add_task("solves", total=len(SCHEMES) * len(config.meshes))
+            for row in compare_schemes(solve, Problem(speed=config.speed), config.meshes):
+                rows.append(row)
+                progress.advance(task)
+    finally:  # also what there is when a scheme fails on one of the meshes
+        # A number that is cut off is worse than a line that is folded.
+        Console(width=max(Console().width, 110)).print(tabulate_schemes(rows))
 
 
 @dataclasses.dataclass(frozen=True)
