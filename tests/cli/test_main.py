@@ -17,9 +17,11 @@ def test_a_command_gets_the_rest_of_the_line_and_its_status_is_ours(monkeypatch:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as end:
-        main([name, "--help"])
-    assert end.value.code == 0
+    try:  # commands of one config end in tyro, those with commands of their own return
+        status = main([name, "--help"])
+    except SystemExit as end:
+        status = end.code
+    assert status == 0
     assert "usage" in capsys.readouterr().out.lower()
 
 
