@@ -286,7 +286,7 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(faults, tmp_path, mon
     real = getattr(owner, name)
 
     def full(*arguments):
-        if latest_step(run) == 2:
+        if (latest_step(run) or 0) >= 2:  # saves go on beside the training: it may be 4 already when the next is asked
             raise OSError(28, "No space left on device")
         return real(*arguments)
 
