@@ -132,7 +132,7 @@ def rollout_mujoco(
     model = converged_model(config)
     data = standing_start(model, config)
     motors = motors_of(config)
-    commands = _commands(schedule)
+    commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
     torque = data.ctrl.copy()
 
@@ -170,7 +170,7 @@ def rollout_mjx(
     """
     model = converged_model(config)
     start = standing_start(model, config)
-    commands = _commands(schedule)
+    commands = sampled_commands(schedule)
     state = Controller(config).init(commands[0])
     with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
         run = _compiled_mjx_run(policy, config, operator)
@@ -291,7 +291,7 @@ def _compiled_mjx_run(policy: ActionFunction, config: EnvConfig, operator: Headi
     return jax.jit(mjx_run(policy, config, operator))
 
 
-def _commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
+def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
     """The scheduled command at every control step and at the end of the last."""
     steps = math.ceil(schedule.duration * specs.POLICY_RATE - 1e-9)
     return np.stack([schedule.command(k * specs.CONTROL_STEP) for k in range(steps + 1)])
