@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.bp2_env import BP2Env, PipelineState
 from bp2_rl.env.config import EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.env.observations import heading
-from bp2_rl.evaluation.rollout import HEADING_HOLD, ActionFunction, HeadingHold, Schedule, sampled_commands
+from bp2_rl.evaluation.rollout import ActionFunction, Schedule, sampled_commands
+from bp2_rl.evaluation.steering import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.trajectory import heading as yaw
 from bp2_rl.robot import specs
 
@@ -73,7 +74,8 @@ def rollout_fleet(
         actions = jax.vmap(policy)(state.obs["state"])
         state = jax.vmap(lambda state: _command(state, command, operator))(state)
         state = jax.vmap(env.step)(state, actions)
-        physics = state.pipeline_state.physics
+        after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
+        physics = after.physics
         speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
         return state, (speed, physics.qpos[:, 1], state.done)
 

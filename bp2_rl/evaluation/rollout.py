@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from bp2_rl.env.config import EnvConfig, TerminationConfig
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation.steering import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import joint_torque
@@ -90,30 +91,28 @@ class Ramp:
         return share * np.array(self.target)
 
 
-@dataclasses.dataclass(frozen=True)
-class HeadingHold:
-    """The operator's stick: a policy sees neither where it is nor where north is, so someone must steer.
-
-    yaw-rate command = -heading_gain x yaw - lane_gain x y, clipped; y is the distance to the left of the line through
-    the start. Added only to commands that ask for straight running (no lateral and no yaw part).
-    """
-
-    heading_gain: float = 2.0  # 1/s
-    lane_gain: float = 0.1  # 1/(m s): critically damped with the heading gain at 10 m/s
-    limit: float = 0.3  # rad/s
-
-    def steer(self, command: Array, y: Array, yaw: Array) -> Array:
-        """The command (3) with the operator's yaw rate; numpy and jax alike."""
-        xp = command.__array_namespace__()
-        rate = xp.clip(-self.heading_gain * yaw - self.lane_gain * y, -self.limit, self.limit)
-        straight = (command[1] == 0.0) & (command[2] == 0.0)
-        return command + xp.where(straight, rate, 0.0) * xp.asarray([0.0, 0.0, 1.0], dtype=command.dtype)
-
-
-HEADING_HOLD = HeadingHold()
-
-
 # --- The simulators ------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How C MuJoCo computes a millisecond; the defaults are how a run is judged."""
+
+    steps: int = 1  # physics steps under the same motor torques
+    iterations: int = 100  # of the constraint solver, at most
+    line_search_iterations: int = 50  # likewise, in each of them
+    tolerance: float = 1e-10  # scaled residual at which the solver is done
+    integrator: Literal["Euler", "implicitfast"] = "Euler"
+
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Set the model's options; the physics alone changes, not the robot."""
+        model.opt.timestep = DT / self.steps
+        model.opt.iterations, model.opt.ls_iterations = self.iterations, self.line_search_iterations
+        model.opt.tolerance = self.tolerance
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
+
+
+JUDGE = Numerics()
 
 
 def rollout_mujoco(
@@ -123,14 +122,17 @@ def rollout_mujoco(
     *,
     operator: HeadingHold = HEADING_HOLD,
     name: str = "policy",
+    finish: float = math.inf,
+    numerics: Numerics = JUDGE,
 ) -> Trajectory:
-    """Run one robot in C MuJoCo until the schedule ends or it falls.
+    """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot.
+    CPU, as on the robot. Whatever the `numerics`, the start is the same, torques change and samples are taken each ms.
     """
     model = converged_model(config)
     data = standing_start(model, config)
+    numerics.apply(model)
     motors = motors_of(config)
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
@@ -149,10 +151,11 @@ def rollout_mujoco(
                 data.ctrl[:] = torque
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
                 recording.torque[step], recording.target[step], recording.command[step] = torque, position, command
-                mujoco.mj_step(model, data)
+                mujoco.mj_step(model, data, nstep=numerics.steps)
                 recording.foot_force[step] = foot_forces(model, data)
-                if fallen(data.qpos, data.qvel, config.termination):
-                    return recording.trajectory(step + 1, True, schedule, model, config, name, "C MuJoCo")
+                fell = fallen(data.qpos, data.qvel, config.termination)
+                if fell or recording.qpos[step, 0] >= finish:
+                    return recording.trajectory(step + 1, fell, schedule, model, config, name, "C MuJoCo")
     return recording.trajectory(len(recording.qpos), False, schedule, model, config, name, "C MuJoCo")
 
 
@@ -163,6 +166,7 @@ def rollout_mjx(
     *,
     operator: HeadingHold = HEADING_HOLD,
     name: str = "policy",
+    finish: float = math.inf,
 ) -> Trajectory:
     """The same run in MJX on JAX's default device, with the solver settings and the float32 of training.
 
@@ -180,12 +184,16 @@ def rollout_mjx(
     )
     down = np.flatnonzero([fallen(*state, config.termination) for state in zip(qpos, qvel, strict=True)])
     length = int(down[0]) if len(down) else len(qpos)
+    fell = len(down) > 0
+    there = np.flatnonzero(qpos[:length, 0] >= finish)
+    if len(there):
+        length, fell = int(there[0]) + 1, False
     recording = _Recording(qpos, qvel, torque, target, command, np.zeros((len(qpos), 4, 3)))
     for step in range(length):
         start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, start)
         recording.foot_force[step] = foot_forces(model, start)
-    return recording.trajectory(length, len(down) > 0, schedule, model, config, name, "MJX")
+    return recording.trajectory(length, fell, schedule, model, config, name, "MJX")
 
 
 def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., tuple[Array, ...]]:
@@ -227,7 +235,7 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
 def converged_model(config: EnvConfig) -> mujoco.MjModel:
     """BP2 for C MuJoCo with the solver run to convergence; a state gone bad stays visible instead of being reset."""
     model = load_model(config.hardware, visual=False)
-    model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance = 100, 50, 1e-10
+    JUDGE.apply(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
 

@@ -11,7 +11,7 @@ from bp2_rl.env.controller import motors_of
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.metrics import envelope_use
 from bp2_rl.evaluation.rollout import (
-    HeadingHold,
+    Numerics,
     Ramp,
     converged_model,
     fallen,
@@ -20,6 +20,7 @@ from bp2_rl.evaluation.rollout import (
     rollout_mujoco,
     standing_start,
 )
+from bp2_rl.evaluation.steering import HeadingHold
 from bp2_rl.evaluation.trajectory import heading
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
@@ -39,7 +40,7 @@ def kick(observation):
     return 100.0 * jnp.sign(observation[..., 5:17])
 
 
-# --- Schedules and steering --------------------------------------------------------------------------------------
+# --- Schedules -------------------------------------------------------------------------------------------------
 
 
 def test_ramp_reaches_its_target_at_the_acceleration_and_holds_it():
@@ -71,31 +72,6 @@ def test_ramp_goes_straight_to_a_sideways_target():
 def test_impossible_ramps_are_refused(wrong):
     with pytest.raises(UserError):
         Ramp(**({"target": (1.0, 0.0, 0.0)} | wrong))
-
-
-def test_operator_turns_back_to_the_line():
-    operator = HeadingHold(heading_gain=2.0, lane_gain=0.1, limit=0.3)
-    straight = np.array([5.0, 0.0, 0.0])
-    np.testing.assert_allclose(operator.steer(straight, 0.0, 0.1), (5.0, 0.0, -0.2))  # points left: turn right
-    np.testing.assert_allclose(operator.steer(straight, 1.0, 0.0), (5.0, 0.0, -0.1))  # is left: turn right
-    np.testing.assert_allclose(operator.steer(straight, -10.0, -1.0), (5.0, 0.0, 0.3))  # no more than the limit
-
-
-@pytest.mark.parametrize("command", [(5.0, 0.0, 0.4), (5.0, 0.5, 0.0)])
-def test_operator_leaves_turns_and_sidesteps_alone(command):
-    np.testing.assert_array_equal(HeadingHold().steer(np.array(command), 1.0, 0.2), command)
-
-
-@pytest.mark.parametrize("speed", [1.0, 5.0, 12.0])
-def test_a_robot_that_obeys_comes_back_to_its_lane(speed):
-    operator, y, yaw, widest = HeadingHold(), 1.0, 0.0, 1.0
-    for _ in range(60 * 200):
-        rate = operator.steer(np.array([speed, 0.0, 0.0]), y, yaw)[2]
-        yaw += 0.005 * rate
-        y += 0.005 * speed * math.sin(yaw)
-        widest = min(widest, y)
-    assert abs(y) < 0.05  # from 1 m; slowest at a walk, where there is time
-    assert widest > -0.1  # hardly overshoots
 
 
 # --- What counts as a fall ---------------------------------------------------------------------------------------
@@ -205,6 +181,30 @@ def test_a_run_ends_at_the_fall():
     assert not any(fallen(*sample, TROTTING.termination) for sample in zip(run.qpos, run.qvel, strict=True))
 
 
+def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
+    schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
+    usual, fine, finest = (
+        rollout_mujoco(kick, schedule, STANDING, numerics=Numerics(steps=steps)) for steps in (1, 4, 8)
+    )
+    assert len(fine) == len(usual) == 100
+    np.testing.assert_array_equal(fine.qpos[0], usual.qpos[0])
+    torque = joint_torque(
+        motors_of(STANDING), fine.torque, fine.joint_position, fine.joint_velocity, fine.target, 0.0 * fine.target, 1e-3
+    )
+    np.testing.assert_allclose(fine.torque, torque, atol=1e-9)
+    # Euler's error is of first order in the step: from 1 ms to 1/8 it falls by 7/8, from 1/4 to 1/8 by 1/8.
+    coarse, small = (np.max(np.abs(run.qpos[:60] - finest.qpos[:60])) for run in (usual, fine))
+    assert 0.0 < small < 0.3 * coarse < 0.01
+
+
+def test_numerics_reach_the_model():
+    model = converged_model(STANDING)
+    Numerics(steps=2, iterations=7, line_search_iterations=9, tolerance=1e-3, integrator="implicitfast").apply(model)
+    assert model.opt.timestep == 0.5e-3
+    assert (model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance) == (7, 9, 1e-3)
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
 def test_a_run_repeats_exactly():
     first, second = (rollout_mujoco(no_action, Ramp((1.0, 0.0, 0.0), hold=0.2), TROTTING) for _ in range(2))
     for field in ("qpos", "qvel", "torque", "command", "target", "foot_force"):
@@ -236,10 +236,12 @@ def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
 # --- MJX against C MuJoCo ----------------------------------------------------------------------------------------
 
 
+SCHEDULE = Ramp((1.0, 0.0, 0.0), hold=0.2)
+
+
 @pytest.fixture(scope="module")
 def trot_in_both():
-    schedule = Ramp((1.0, 0.0, 0.0), hold=0.2)
-    return tuple(rollout(no_action, schedule, TROTTING) for rollout in (rollout_mujoco, rollout_mjx))
+    return tuple(rollout(no_action, SCHEDULE, TROTTING) for rollout in (rollout_mujoco, rollout_mjx))
 
 
 def test_both_simulators_run_the_same_trot(trot_in_both):
@@ -262,3 +264,12 @@ def test_both_simulators_know_the_same_facts(trot_in_both):
 
 def test_mjx_keeps_to_the_envelope(trot_in_both):
     assert np.sum(envelope_use(trot_in_both[1]).outside) == 0
+
+
+def test_a_run_ends_with_the_first_sample_beyond_the_finish(trot_in_both):
+    for rollout, whole in zip((rollout_mujoco, rollout_mjx), trot_in_both, strict=True):
+        half_way = 0.5 * float(whole.qpos[-1, 0])
+        run = rollout(no_action, SCHEDULE, TROTTING, finish=half_way)
+        assert run.fell_at is None
+        assert run.qpos[-2, 0] < half_way <= run.qpos[-1, 0]
+        np.testing.assert_array_equal(run.foot_force, whole.foot_force[: len(run)])
