@@ -43,6 +43,7 @@ class LegMetrics:
     peak_force: float  # N, magnitude
     peak_compression: float  # m, of the spring
     on_stop: float  # share of time with the spring on its stop
+    stop_hits: int  # times it came onto it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,6 +79,7 @@ class RunMetrics:
     peak_force: float  # N, of the hardest foot
     peak_compression: float  # m, of the most compressed spring
     on_stop: float  # share of time with any spring on its stop
+    stop_hits: int  # times that a spring came onto its stop, all springs together
     on_envelope: float  # share of all motors' samples
     outside_envelope: int  # samples of any motor outside its limits: must be 0
     motors: tuple[MotorMetrics, ...]
@@ -122,6 +124,7 @@ def measure(run: Trajectory) -> RunMetrics:
         peak_force=max(leg.peak_force for leg in legs),
         peak_compression=max(leg.peak_compression for leg in legs),
         on_stop=float(np.mean(on_stop(run).any(axis=-1))),
+        stop_hits=sum(leg.stop_hits for leg in legs),
         on_envelope=float(np.mean(envelope.near)),
         outside_envelope=int(np.sum(envelope.outside)),
         motors=motor_metrics(run, envelope),
@@ -272,7 +275,7 @@ def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: 
 
 
 def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Indices of the first samples of the stances that begin within the run."""
+    """Indices of the first samples of the stances (or of any other spells of True) that begin within the run."""
     return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
 
 
@@ -286,7 +289,7 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
     standing = contacts(steady)
     force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
     compression = np.max(run.spring_compression, axis=0)
-    stop = np.mean(on_stop(run), axis=0)
+    stop = on_stop(run)
     legs = []
     for i, name in enumerate(specs.LEGS):
         starts = touchdowns(standing[:, i])
@@ -299,7 +302,8 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
                 stride_frequency=frequency,
                 peak_force=float(force[i]),
                 peak_compression=float(compression[i]),
-                on_stop=float(stop[i]),
+                on_stop=float(np.mean(stop[:, i])),
+                stop_hits=int(stop[0, i]) + len(touchdowns(stop[:, i])),
             )
         )
     return tuple(legs)

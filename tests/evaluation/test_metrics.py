@@ -222,7 +222,18 @@ def test_springs_are_on_their_stop_beyond_full_travel(make_run):
     m = measure(make_run(qpos=qpos))
     assert [leg.on_stop for leg in m.legs] == pytest.approx([0.1, 0.1, 0.0, 0.0])
     assert m.on_stop == pytest.approx(0.15)
+    assert [leg.stop_hits for leg in m.legs] == [1, 1, 0, 0]
     assert m.peak_compression == 0.135
+
+
+def test_every_arrival_of_a_spring_at_its_stop_is_a_hit(make_run):
+    qpos = make_run().qpos.copy()
+    for start in (0, 100, 300):  # on it from the start, and twice more
+        qpos[start : start + 50, 10] = 0.131
+    qpos[120:130, 22] = 0.131  # another spring at the same time
+    m = measure(make_run(qpos=qpos))
+    assert [leg.stop_hits for leg in m.legs] == [3, 0, 0, 1]
+    assert m.stop_hits == 4
 
 
 # --- As a file -------------------------------------------------------------------------------------------------
