@@ -16,15 +16,15 @@ from bp2_rl.errors import UserError
 class ExportConfig:
     """Copy a run's policy to a folder of its own, to keep it or to pass it on.
 
-    With a report, the copy's card says what was measured: run eval.py on the policy first.
+    With reports, the copy's card says what was measured: run eval.py on the policy first.
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")]
     """A training run's folder or a policy folder."""
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The copy's folder; a policy that is there is replaced."""
-    report: Annotated[Path | None, tyro.conf.arg(metavar="REPORT_DIR")] = None
-    """A folder that eval.py wrote of this policy."""
+    report: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")] = ()
+    """A folder that eval.py wrote of this policy; may be given several times."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,19 +39,20 @@ def export(config: ExportConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip
 
-    from bp2_rl.evaluation.report import read_report, results
+    from bp2_rl.evaluation.report import read_report
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
-    if config.report is not None:
-        report = read_report(config.report)
+    results = policy.card.results
+    for folder in config.report:
+        report = read_report(folder)
         ours, theirs = policy.card.weights_sha256, report.conditions.get("weights_sha256", "")
         if theirs != ours:
             raise UserError(
-                f"report {config.report} is of another policy: weights {theirs[:12] or 'unknown'}, those of "
+                f"report {folder} is of another policy: weights {theirs[:12] or 'unknown'}, those of "
                 f"{config.run} are {ours[:12]}; make one: python eval.py {config.run} --out DIR"
             )
-        card = dataclasses.replace(policy.card, results=policy.card.results | results(report))
-        policy = dataclasses.replace(policy, card=card)
+        results = results | report.results
+    policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results=results))
     save_policy(config.to, policy)
     print(f"exported {config.run} to {config.to}")

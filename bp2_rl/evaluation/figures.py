@@ -5,7 +5,7 @@ Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a s
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
@@ -20,6 +20,7 @@ from bp2_rl.robot.actuator import Actuator, torque_limits
 
 LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
 INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
+FRONT, FALL = LEG_COLORS["FR"], "#D55E00"  # where there are no legs to tell apart: what the figure is about, and falls
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -52,52 +53,53 @@ CLOSE_UP = 1.2  # s of steady running shown stride by stride
 POINTS = 4000  # most torque-speed points drawn for one motor
 
 Draw = Callable[[Trajectory], Figure]
+P = ParamSpec("P")
 
 
-def _styled(draw: Draw) -> Draw:
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     """Draw under this module's style and leave Matplotlib's own untouched."""
 
     @functools.wraps(draw)
-    def styled(run: Trajectory) -> Figure:
+    def draw_styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(STYLE):
-            return draw(run)
+            return draw(*args, **kwargs)
 
-    return styled
+    return draw_styled
 
 
-@_styled
+@styled
 def speed_figure(run: Trajectory) -> Figure:
     """Forward speed and command over time, and how well the robot kept its lane."""
     figure = Figure(figsize=(WIDTH, 4.8), layout="constrained")
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
 
     forward = run.ground_velocity[:, 0]
-    stride = _moving_mean(forward, round(0.25 / run.dt))
-    speed.plot(run.time, forward, color=LEG_COLORS["FR"], alpha=0.25, linewidth=0.7, label="each millisecond")
-    speed.plot(run.time, stride, color=LEG_COLORS["FR"], linewidth=1.8, label="0.25-s mean")
+    stride = moving_mean(forward, round(0.25 / run.dt))
+    speed.plot(run.time, forward, color=FRONT, alpha=0.25, linewidth=0.7, label="each millisecond")
+    speed.plot(run.time, stride, color=FRONT, linewidth=1.8, label="0.25-s mean")
     speed.plot(run.time, run.command[:, 0], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
     best = best_window(run, 1.0)
     if best is not None:
         speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
         speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best second, {best.speed:.2f} m/s")
     speed.set(ylabel="Speed [m/s]", title="Forward speed")
-    _legend_above(speed)
+    legend_above(speed)
 
     lane.plot(run.time, run.qpos[:, 1] - run.qpos[0, 1], color=LEG_COLORS["RR"], label="to the left [m]")
     lane.plot(run.time, run.heading - run.heading[0], color=LEG_COLORS["RL"], label="heading [rad]")
     lane.axhline(0.0, color=QUIET, linewidth=0.8)
     lane.set(title="Drift", xlabel="Time [s]", ylabel="[m], [rad]", xlim=(0.0, len(run) * run.dt))
-    _legend_above(lane)
+    legend_above(lane)
     if run.fell_at is not None:
         for axes in (speed, lane):
-            axes.axvline(run.fell_at, color="#D55E00", linewidth=1.6)
+            axes.axvline(run.fell_at, color=FALL, linewidth=1.6)
         speed.annotate(
-            "fell ", (run.fell_at, 0.02), xycoords=("data", "axes fraction"), ha="right", va="bottom", color="#D55E00"
+            "fell ", (run.fell_at, 0.02), xycoords=("data", "axes fraction"), ha="right", va="bottom", color=FALL
         )
     return figure
 
 
-@_styled
+@styled
 def torque_speed_figure(run: Trajectory) -> Figure:
     """Where the motors worked: torque over speed at every millisecond, inside the torque-speed envelope."""
     figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
@@ -129,7 +131,7 @@ def torque_speed_figure(run: Trajectory) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def gait_figure(run: Trajectory) -> Figure:
     """The last strides: vertical foot forces, and who stands when (Hildebrand diagram)."""
     strides = _last_strides(run)
@@ -140,7 +142,7 @@ def gait_figure(run: Trajectory) -> Figure:
     for i, leg in enumerate(specs.LEGS):
         force.plot(strides.time, strides.foot_force[:, i, 2], color=LEG_COLORS[leg])
     weight = run.mass * specs.GRAVITY
-    _mark_level(force, weight, "body weight")
+    mark_level(force, weight, "body weight")
     force.set(ylabel="Vertical force [N]", title="Foot forces", ylim=(0.0, None))
 
     for i, leg in enumerate(specs.LEGS):
@@ -158,7 +160,7 @@ def gait_figure(run: Trajectory) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def joint_figure(run: Trajectory) -> Figure:
     """The last strides: hip and knee angles with the policy's targets, and the springs' travel."""
     strides = _last_strides(run)
@@ -174,20 +176,29 @@ def joint_figure(run: Trajectory) -> Figure:
     hip.set(title="Hip angle (dotted: target)", ylabel="Angle [deg]")
     knee.set(title="Knee angle (dotted: target)", ylabel="Angle [deg]")
     travel = 1e3 * run.hardware.spring_travel
-    _mark_level(spring, travel, "stop")
+    mark_level(spring, travel, "stop")
     spring.set(title="Spring compression", ylabel="Travel [mm]", xlabel="Time [s]")
     spring.set(xlim=(strides.time[0], strides.time[-1]))
     _leg_legend(figure)
     return figure
 
 
-FIGURES: dict[str, Draw] = {
-    "speed": speed_figure,
-    "torque_speed": torque_speed_figure,
-    "gait": gait_figure,
-    "joints": joint_figure,
+FIGURES: dict[str, tuple[Draw, str]] = {
+    "speed": (speed_figure, "Forward speed with its command, and the drift from the line and heading at the start."),
+    "torque_speed": (
+        torque_speed_figure,
+        "Torque over speed of the twelve motors, by the millisecond; shaded: what a motor can give.",
+    ),
+    "gait": (
+        gait_figure,
+        "The last strides: vertical foot forces, and the stance of each foot with its share of the stride.",
+    ),
+    "joints": (
+        joint_figure,
+        "The last strides: joint angles with the policy's targets, and the travel of the springs.",
+    ),
 }
-"""What a report shows, in order, by the name of the file."""
+"""What a report shows of a run, in order, by the name of the file, each with its caption."""
 
 
 def _last_strides(run: Trajectory) -> Trajectory:
@@ -196,13 +207,13 @@ def _last_strides(run: Trajectory) -> Trajectory:
     return steady.between(end - CLOSE_UP, end)
 
 
-def _moving_mean(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " N"]:
-    """Centred mean over a window that shrinks at the ends."""
-    sums = np.concatenate(([0.0], np.cumsum(values)))
+def moving_mean(values: Float[np.ndarray, "N ..."], samples: int) -> Float[np.ndarray, "N ..."]:
+    """Mean over a window around each sample, which narrows towards the ends and so stays centred."""
+    sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
     index = np.arange(len(values))
-    start = np.maximum(index - samples // 2, 0)
-    stop = np.minimum(index + samples // 2 + 1, len(values))
-    return (sums[stop] - sums[start]) / (stop - start)
+    half = np.minimum(samples // 2, np.minimum(index, len(values) - 1 - index))
+    width = (2 * half + 1).reshape(-1, *(1,) * (values.ndim - 1))
+    return (sums[index + half + 1] - sums[index - half]) / width
 
 
 def _spells(run: Trajectory, standing: np.ndarray) -> list[tuple[float, float]]:
@@ -220,12 +231,12 @@ def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
     return f"{specs.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
 
 
-def _legend_above(axes: Axes) -> None:
+def legend_above(axes: Axes) -> None:
     """The legend in the line of the title, clear of the data."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, handlelength=1.6, borderpad=0.0)
 
 
-def _mark_level(axes: Axes, level: float, text: str) -> None:
+def mark_level(axes: Axes, level: float, text: str) -> None:
     """A dashed line across, with its name."""
     axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
     box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}

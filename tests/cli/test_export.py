@@ -11,7 +11,7 @@ from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.evaluation.benchmarks import speed_to_command
+from bp2_rl.evaluation.setup import speed_to_command
 from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
 
 SIZE = sum(entry.size for entry in LAYOUT)
@@ -87,11 +87,11 @@ def test_the_copy_is_the_runs_policy(capsys, source):
 
 def test_the_card_says_what_the_report_says():
     assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
-    said = load_policy("kept").card.results
+    results = load_policy("kept").card.results
+    said = results["topspeed"]
     report = json.loads(Path("report/metrics.json").read_text())
     found = report["metrics"]
-    assert said["curriculum_level"] == 0.5  # what the training wrote stays
-    assert said["benchmark"] == "topspeed"
+    assert results["curriculum_level"] == 0.5  # what the training wrote stays
     assert said["schedule"] == report["conditions"]["schedule"]
     assert said["commanded_speed"] == 0.3
     assert said["fell_at"] is None
@@ -115,7 +115,7 @@ def test_the_card_says_what_the_report_says():
 def test_a_policy_may_get_its_results_where_it_lies():
     before = Path("run/policy/weights.npz").read_bytes()
     assert command.main(["run", "--to", "run/policy", "--report", "report"]) == 0
-    assert load_policy("run").card.results["commanded_speed"] == 0.3
+    assert load_policy("run").card.results["topspeed"]["commanded_speed"] == 0.3
     assert Path("run/policy/weights.npz").read_bytes() == before
 
 
@@ -156,7 +156,7 @@ def test_a_mistake_is_one_line(capsys, arguments, words):
         ("", "not a JSON file"),
         ("[1, 2]", "expected an object"),
         ('{"loss": 3}', "loss: unknown key"),
-        ('{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}', "metrics.name: missing"),
+        ('{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}', "results: missing"),
     ],
 )
 def test_a_report_of_another_shape_is_refused(capsys, content, words):

@@ -6,7 +6,7 @@ import pytest
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.trajectory import Trajectory
-from bp2_rl.learning.policy import PolicyCard
+from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
 
 DT = 1e-3
@@ -68,6 +68,17 @@ def make_card(**changes) -> PolicyCard:
 @pytest.fixture(name="make_card")
 def _make_card():
     return make_card
+
+
+@pytest.fixture
+def make_policy():
+    """A card is all that a benchmark itself reads of a policy."""
+
+    def make(**changes) -> Policy:
+        none = np.zeros(0, np.float32)
+        return Policy(card=make_card(**changes), mean=none, std=none, layers=())
+
+    return make
 
 
 @pytest.fixture(name="make_run")

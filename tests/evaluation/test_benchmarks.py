@@ -1,23 +1,15 @@
-import numpy as np
+import re
+
 import pytest
 
-from bp2_rl.env.config import CommandConfig, EnvConfig
-from bp2_rl.evaluation import benchmarks
-from bp2_rl.evaluation.benchmarks import Setup, describe_operator, topspeed
-from bp2_rl.evaluation.rollout import HeadingHold
-from bp2_rl.learning.policy import Policy
-
-
-@pytest.fixture
-def make_policy(make_card):
-    """The card is all that a benchmark itself reads of a policy."""
-
-    def make(**results):
-        env = EnvConfig(commands=CommandConfig(max_forward=7.5))
-        none = np.zeros(0, np.float32)
-        return Policy(card=make_card(env=env, results=results), mean=none, std=none, layers=())
-
-    return make
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation import setup as setups
+from bp2_rl.evaluation import topspeed as module
+from bp2_rl.evaluation.benchmarks import BENCHMARKS, choose
+from bp2_rl.evaluation.metrics import measure
+from bp2_rl.evaluation.setup import Setup
+from bp2_rl.evaluation.steering import HeadingHold
+from bp2_rl.evaluation.topspeed import ramp_to_topspeed, topspeed, verdict
 
 
 @pytest.fixture
@@ -32,15 +24,53 @@ def asked(monkeypatch, make_run):
 
         return rollout
 
-    monkeypatch.setattr(benchmarks, "BACKENDS", {name: backend(name) for name in benchmarks.BACKENDS})
+    monkeypatch.setattr(module, "BACKENDS", {name: backend(name) for name in setups.BACKENDS})
     return calls
+
+
+# --- Which, with which flags -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_is_given_what_is_chosen_of_it(name):
+    chosen = Setup(operator=HeadingHold(limit=0.1), speed=3.0)
+    assert choose(name, chosen) == {name: chosen}
+
+
+@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3)), ("seed", Setup(seed=3))])
+def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
+    with pytest.raises(UserError, match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed"):
+        choose("topspeed", wrong)
+
+
+def test_an_unknown_benchmark_is_refused_with_those_there_are():
+    with pytest.raises(UserError, match=re.escape(f"--benchmark dash: there are {', '.join(BENCHMARKS)}, and all")):
+        choose("dash", Setup())
+
+
+def test_all_gives_each_benchmark_the_flags_that_it_knows():
+    everything = Setup(
+        backend="mjx", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1, operator=HeadingHold(1.0)
+    )
+    chosen = choose("all", everything)
+    assert list(chosen) == list(BENCHMARKS)
+    for name, benchmark in BENCHMARKS.items():
+        assert set(chosen[name].chosen) == set(benchmark.flags)
+        assert chosen[name].speed == 5.0
+
+
+# --- Top speed -------------------------------------------------------------------------------------------------
+
+
+def run(policy, setup):
+    return topspeed(policy, ramp_to_topspeed(policy, setup), setup)
 
 
 @pytest.mark.parametrize("backend", ["mujoco", "mjx"])
 def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     operator = HeadingHold(heading_gain=1.0)
     policy = make_policy()
-    evaluation = topspeed(policy, Setup(backend=backend, speed=6.0, hold=20.0, operator=operator))
+    evaluation = run(policy, Setup(backend=backend, speed=6.0, operator=operator))
     ((name, schedule, config, rest),) = asked
     assert name == backend
     assert config is policy.card.env
@@ -48,25 +78,16 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
     assert evaluation.benchmark == "topspeed"
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
+    assert evaluation.results["top_speed"] == pytest.approx(5.0)
     assert "6 m/s" in evaluation.conditions["schedule"]
-    assert "1/s x heading" in evaluation.conditions["operator"]
-    assert "seed 3" in evaluation.conditions["policy"]
-    assert evaluation.conditions["weights_sha256"] == policy.card.weights_sha256
 
 
-@pytest.mark.parametrize(
-    ("results", "speed"),
-    [
-        ({"commanded_speed": 9.0, "top_speed": 8.25}, 9.0),  # told 8.25 m/s it would run slower still
-        ({"top_speed": 8.25}, 8.25),
-        ({"commanded_speed": None, "top_speed": "fast"}, 7.5),  # the fastest command of the training
-        ({}, 7.5),
-    ],
-)
-def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_policy, asked, results, speed):
-    topspeed(make_policy(**results), Setup())
-    assert [schedule.target[0] for _, schedule, *_ in asked] == [speed]
+def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
+    run(make_policy(), Setup(speed=6.0, acceleration=3.0, hold=1.5))
+    ((_, schedule, *_),) = asked
+    assert (schedule.acceleration, schedule.hold) == (3.0, 1.5)
 
 
-def test_no_operator_is_said_to_be_none():
-    assert describe_operator(HeadingHold(limit=0.0)).startswith("none")
+def test_the_verdict_tells_a_fall(make_run):
+    assert verdict(measure(make_run())) == "Held 5.00 m/s for 6.0 s without a fall."
+    assert verdict(measure(make_run(duration=3.5, fell_at=3.5))) == "Fell after 3.50 s, 1.5 s into the hold."

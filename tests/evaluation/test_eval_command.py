@@ -126,7 +126,10 @@ def test_help_explains_every_flag(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--benchmark", "sprint"], ("--benchmark sprint", "topspeed")),
+        (["--benchmark", "dash"], ("--benchmark dash", "topspeed", "all")),
+        (["--robots", "3"], ("--robots is not of --benchmark topspeed",)),
+        (["--acceleration", "0"], ("--acceleration", "0")),
+        (["--operator.limit", "-1"], ("--operator.limit", "-1")),
         (["--backend", "bullet"], ("--backend bullet", "mujoco", "mjx")),
         (["--speed", "-3"], ("--speed", "-3")),
         (["--speed", "0"], ("--speed", "0")),

@@ -14,13 +14,31 @@ from rich.console import Console
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation import report, video
-from bp2_rl.evaluation.benchmarks import Evaluation
 from bp2_rl.evaluation.metrics import RunMetrics, measure
+from bp2_rl.evaluation.outcome import Evaluation, Row, Table, rounded, show
+from bp2_rl.evaluation.run_report import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.trajectory import Trajectory
 
 
-def evaluation_of(run):
-    return Evaluation("topspeed", {"schedule": "ramp & <hold>"}, measure(run), run)
+def evaluation_of(run, benchmark="topspeed", **changes):
+    """What a benchmark of a single run leaves, with the fewest of its pictures."""
+    metrics = measure(run)
+    fields = {
+        "benchmark": benchmark,
+        "subject": run.name,
+        "backend": run.backend,
+        "conditions": {"schedule": "ramp & <hold>", "policy": "a policy", "weights_sha256": "0" * 64},
+        "verdict": "It ran.",
+        "good": True,
+        "rows": run_rows(metrics),
+        "tiles": ("Top speed", "Fall"),
+        "pictures": run_pictures(run)[:1],
+        "metrics": metrics,
+        "results": run_results(metrics),
+        "tables": run_tables(metrics),
+        "trajectory": run,
+    }
+    return Evaluation(**(fields | changes))
 
 
 class Page(HTMLParser):
@@ -43,7 +61,7 @@ class Page(HTMLParser):
 
 
 def test_report_folder_explains_itself(busy_run, tmp_path):
-    evaluation = evaluation_of(busy_run)
+    evaluation = evaluation_of(busy_run, pictures=run_pictures(busy_run))
     assert report.write_report(evaluation, tmp_path, video=False) is None
     names = {path.name for path in tmp_path.iterdir()}
     pictures = {"speed.png", "torque_speed.png", "gait.png", "joints.png"}
@@ -51,6 +69,7 @@ def test_report_folder_explains_itself(busy_run, tmp_path):
     data = json.loads((tmp_path / "metrics.json").read_text())
     assert data["benchmark"] == "topspeed"
     assert from_json(RunMetrics, data["metrics"]) == evaluation.metrics
+    assert data["results"] == {"topspeed": {"schedule": "ramp & <hold>"} | evaluation.results}
     np.testing.assert_array_equal(Trajectory.load(tmp_path / "trajectory.npz").qpos, busy_run.qpos)
 
 
@@ -59,7 +78,7 @@ def test_page_needs_no_other_file_and_no_script(busy_run, tmp_path):
     text = (tmp_path / "index.html").read_text()
     page = Page(text)
     assert "script" not in page.tags
-    assert len(page.sources) == 4
+    assert len(page.sources) == 1
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
     assert "ramp &amp; &lt;hold&gt;" in text
     for leg in ("FR", "FL", "RR", "RL"):
@@ -74,7 +93,7 @@ def test_page_shows_the_film_where_there_is_one(busy_run):
 def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
     report.write_report(evaluation_of(busy_run), tmp_path, video=False)
     (tmp_path / "run.mp4").write_bytes(b"of the older run")
-    report.open_folder(tmp_path)
+    report.open_folder(tmp_path, "topspeed")
     report.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
     assert not (tmp_path / "run.mp4").exists()
     assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
@@ -83,7 +102,7 @@ def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
 def test_a_folder_of_other_things_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(UserError, match="holds other files"):
-        report.open_folder(tmp_path)
+        report.open_folder(tmp_path, "topspeed")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -91,32 +110,89 @@ def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(UserError, match="cannot be written"):
-            report.open_folder(place)
+            report.open_folder(place, "topspeed")
 
 
 def test_a_new_folder_is_made_with_its_parents(tmp_path):
-    report.open_folder(tmp_path / "a" / "b")
+    report.open_folder(tmp_path / "a" / "b", "topspeed")
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_the_verdict_tells_a_fall(make_run):
-    assert report.verdict(measure(make_run())) == "Held 5.00 m/s for 6.0 s without a fall."
-    assert report.verdict(measure(make_run(duration=3.5, fell_at=3.5))) == "Fell after 3.50 s, 1.5 s into the hold."
+def test_a_report_of_another_benchmark_is_left_alone(busy_run, tmp_path):
+    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    with pytest.raises(UserError, match="holds a report of topspeed: name another folder for sprint"):
+        report.open_folder(tmp_path, "sprint")
+
+
+def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
+    evaluation = evaluation_of(busy_run, trajectory=None, tables=())
+    assert report.write_report(evaluation, tmp_path) is None
+    assert {path.name for path in tmp_path.iterdir()} == {"metrics.json", "speed.png", "index.html"}
+
+
+def test_a_page_shows_rows_tables_and_the_mood(busy_run):
+    table = Table("Splits", ("Mark", "Time"), [("10 m", "1.23")])
+    evaluation = evaluation_of(
+        busy_run, rows=(Row("Lead", "0.6 s", "at <5 m"),), tiles=("Lead",), tables=(table,), good=False
+    )
+    text = report.page(evaluation, {}, has_video=False)
+    Page(text)
+    assert "<div><b>0.6 s</b><span>Lead</span></div>" in text
+    assert "at &lt;5 m" in text
+    assert "<h2>Splits</h2>" in text
+    assert '<p class="verdict bad">It ran.</p>' in text
+
+
+def test_the_overview_leads_to_every_page(busy_run, tmp_path):
+    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    report.write_overview(evaluations, tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    assert Page(text).sources == ["topspeed/index.html", "sprint/index.html"]
+    assert "sprint done." in text
+    found = report.read_report(tmp_path)
+    assert found.benchmark == "all"
+    assert found.conditions == {"policy": "a policy", "weights_sha256": "0" * 64}
+    assert found.results == {each.benchmark: report.card_results(each) for each in evaluations}
+
+
+def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
+    terminal = io.StringIO()
+    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    report.print_overview(evaluations, Console(file=terminal, width=80))
+    assert [line.split() for line in terminal.getvalue().splitlines()[1:]] == [
+        ["topspeed", "topspeed", "done."],
+        ["sprint", "sprint", "done."],
+    ]
 
 
 def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run):
     for run in (busy_run, make_run(duration=0.5, fell_at=0.5)):
-        terminal = io.StringIO()
-        report.print_table(evaluation_of(run), Console(file=terminal, width=80))
-        lines = terminal.getvalue().splitlines()
-        assert len(lines) == len(report.summary(measure(run))) + 2  # title and verdict: nothing is wrapped
-        assert not any("…" in line for line in lines)
+        assert_fits(evaluation_of(run))
+
+
+def assert_fits(evaluation):
+    terminal = io.StringIO()
+    report.print_table(evaluation, Console(file=terminal, width=80))
+    lines = terminal.getvalue().splitlines()
+    assert len(lines) == len(evaluation.rows) + 2  # title and verdict: nothing is wrapped
+    assert not any("…" in line for line in lines)
 
 
 def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_run):
     metrics = measure(make_run(duration=0.5, fell_at=0.5))
     assert to_json(metrics)["best_speed"] is None
-    assert {row.label: row.value for row in report.summary(metrics)}["Top speed"] == "-"
+    assert {row.label: row.value for row in run_rows(metrics)}["Top speed"] == "-"
+    assert show(None, ".2f", "m/s") == "-"
+    assert show(1.234, ".2f", "m/s") == "1.23 m/s"
+
+
+def test_a_card_says_four_digits():
+    assert rounded({"a": 1.23456, "b": [0.000123456, None], "c": 123456, "d": "x"}) == {
+        "a": 1.235,
+        "b": [0.0001235, None],
+        "c": 123456,
+        "d": "x",
+    }
 
 
 # --- The film ----------------------------------------------------------------------------------------------------
