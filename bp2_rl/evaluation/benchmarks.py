@@ -7,6 +7,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.outcome import Evaluation
 from bp2_rl.evaluation.rollout import Ramp
 from bp2_rl.evaluation.setup import Setup
+from bp2_rl.evaluation.sprint import race, sprint
 from bp2_rl.evaluation.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.learning.policy import Policy
 
@@ -23,6 +24,7 @@ class Benchmark(NamedTuple):
 
 BENCHMARKS = {
     "topspeed": Benchmark(ramp_to_topspeed, topspeed, ("backend", "speed", "acceleration", "hold", "operator")),
+    "sprint": Benchmark(race, sprint, ("backend", "speed", "acceleration", "operator")),
 }
 
 

@@ -233,7 +233,7 @@ def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
 
 def legend_above(axes: Axes) -> None:
     """The legend in the line of the title, clear of the data."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, handlelength=1.6, borderpad=0.0)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=5, handlelength=1.6, borderpad=0.0)
 
 
 def mark_level(axes: Axes, level: float, text: str) -> None:

@@ -234,13 +234,13 @@ body {{ margin: 0 auto; max-width: 60rem; padding: 3rem 1.5rem 5rem; color: var(
 h1 {{ margin: 0; font-size: 1.7rem; line-height: 1.25; letter-spacing: -.01em; }}
 h2 {{ margin: 3rem 0 .75rem; font-size: 1.15rem; }}
 .verdict {{ margin: .4rem 0 0; font-size: 1.1rem; font-weight: 600; }}
-a {{ color: inherit; text-decoration-color: var(--line); text-underline-offset: .2em; }}
+a {{ color: inherit; text-decoration-color: var(--quiet); text-underline-offset: .2em; }}
 .good {{ color: var(--good); }} .bad {{ color: var(--bad); }}
 .quiet {{ margin: 0; color: var(--quiet); }}
 .tiles {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: 1px; margin: 2rem 0;
   background: var(--line); border: 1px solid var(--line); border-radius: 8px; overflow: hidden; }}
-.tiles div {{ padding: .9rem 1rem; background: #fff; }}
-.tiles b {{ display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums; }}
+.tiles div {{ padding: .9rem .8rem; background: #fff; }}
+.tiles b {{ display: block; font-size: 1.2rem; font-variant-numeric: tabular-nums; }}
 .tiles span {{ color: var(--quiet); font-size: .85rem; }}
 video, img {{ display: block; width: 100%; height: auto; border-radius: 8px; }}
 figure {{ margin: 2.25rem 0 0; }}

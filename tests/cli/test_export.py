@@ -48,8 +48,12 @@ def measured(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
         patch.setenv("MUJOCO_GL", "")
-        flags = ["--speed", "0.3", "--hold", "1.2", "--no-video", "--out", str(folder / "report")]
-        assert eval_command.main([str(folder / "run"), *flags]) == 0
+        patch.setattr("bp2_rl.evaluation.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
+        for flags in (
+            ["--hold", "1.2", "--out", str(folder / "report")],
+            ["--benchmark", "sprint", "--out", str(folder / "race")],
+        ):
+            assert eval_command.main([str(folder / "run"), "--speed", "0.3", "--no-video", *flags]) == 0
     return folder
 
 
@@ -110,6 +114,21 @@ def test_the_card_says_what_the_report_says():
     assert said["peak_motor_power"] == pytest.approx(max(m["peak_power"] for m in found["motors"]), rel=1e-3)
     flat = (str, int, float, type(None))
     assert all(isinstance(value, flat) for value in said.values())
+
+
+def test_the_card_says_what_several_reports_say():
+    assert command.main(["run", "--to", "kept", "--report", "report", "--report", "race"]) == 0
+    results = load_policy("kept").card.results
+    assert set(results) == {"curriculum_level", "top_speed", "topspeed", "sprint"}
+    assert results["topspeed"]["commanded_speed"] == 0.3
+    assert results["sprint"]["sprint_acceleration"] == 5.0
+    assert results["sprint"]["time_100m"] is None  # it stands
+
+
+def test_a_later_report_adds_to_the_card():
+    assert command.main(["run", "--to", "kept", "--report", "report"]) == 0
+    assert command.main(["kept", "--to", "kept", "--report", "race"]) == 0
+    assert {"topspeed", "sprint"} < set(load_policy("kept").card.results)
 
 
 def test_a_policy_may_get_its_results_where_it_lies():

@@ -1,10 +1,14 @@
 """Runs whose figures of merit are known in closed form, and the card of a policy that stands."""
 
+import io
+
 import numpy as np
 import pytest
+from rich.console import Console
 
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation import report
 from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
@@ -79,6 +83,20 @@ def make_policy():
         return Policy(card=make_card(**changes), mean=none, std=none, layers=())
 
     return make
+
+
+@pytest.fixture
+def assert_fits():
+    """An evaluation's table fits a terminal of 80 columns."""
+
+    def assert_fits(evaluation):
+        terminal = io.StringIO()
+        report.print_table(evaluation, Console(file=terminal, width=80))
+        lines = terminal.getvalue().splitlines()
+        assert len(lines) == len(evaluation.rows) + 2  # title and verdict: nothing is wrapped
+        assert not any("…" in line for line in lines)
+
+    return assert_fits
 
 
 @pytest.fixture(name="make_run")

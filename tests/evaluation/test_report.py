@@ -165,17 +165,9 @@ def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
     ]
 
 
-def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run):
+def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run, assert_fits):
     for run in (busy_run, make_run(duration=0.5, fell_at=0.5)):
         assert_fits(evaluation_of(run))
-
-
-def assert_fits(evaluation):
-    terminal = io.StringIO()
-    report.print_table(evaluation, Console(file=terminal, width=80))
-    lines = terminal.getvalue().splitlines()
-    assert len(lines) == len(evaluation.rows) + 2  # title and verdict: nothing is wrapped
-    assert not any("…" in line for line in lines)
 
 
 def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_run):
