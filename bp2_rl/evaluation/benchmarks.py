@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.outcome import Evaluation
+from bp2_rl.evaluation.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.rollout import Ramp
 from bp2_rl.evaluation.setup import Setup
 from bp2_rl.evaluation.sprint import race, sprint
@@ -25,6 +26,9 @@ class Benchmark(NamedTuple):
 BENCHMARKS = {
     "topspeed": Benchmark(ramp_to_topspeed, topspeed, ("backend", "speed", "acceleration", "hold", "operator")),
     "sprint": Benchmark(race, sprint, ("backend", "speed", "acceleration", "operator")),
+    "robustness": Benchmark(
+        ramp_to_robustness, robustness, ("backend", "speed", "acceleration", "hold", "robots", "seed", "operator")
+    ),
 }
 
 
