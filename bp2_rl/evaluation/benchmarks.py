@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation.convergence import convergence
 from bp2_rl.evaluation.outcome import Evaluation
 from bp2_rl.evaluation.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.rollout import Ramp
@@ -29,6 +30,7 @@ BENCHMARKS = {
     "robustness": Benchmark(
         ramp_to_robustness, robustness, ("backend", "speed", "acceleration", "hold", "robots", "seed", "operator")
     ),
+    "convergence": Benchmark(ramp_to_topspeed, convergence, ("speed", "acceleration", "hold", "operator")),
 }
 
 

@@ -16,6 +16,8 @@ from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks import BENCHMARKS
+from bp2_rl.evaluation.topspeed import topspeed
 from bp2_rl.learning.policy import export_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -91,6 +93,26 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert "heading" in data["conditions"]["operator"]
 
 
+def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(policy, capsys, monkeypatch):
+    def again(*arguments):
+        return dataclasses.replace(topspeed(*arguments), benchmark="again", verdict="Once more.")
+
+    of_topspeed = BENCHMARKS["topspeed"]
+    benchmarks = {"topspeed": of_topspeed, "again": of_topspeed._replace(run=again)}
+    monkeypatch.setattr("bp2_rl.evaluation.benchmarks.BENCHMARKS", benchmarks)
+    flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]
+    out = ""
+    for _ in range(2):  # the second replaces the first
+        status, out, err = run(capsys, policy, *flags)
+        assert (status, err) == (0, "")
+    assert out.count("Once more.") == 2  # below its table, and in the last one
+    assert [path.parent.name for path in sorted(Path("report").glob("*/index.html"))] == ["again", "topspeed"]
+    data = json.loads(Path("report/metrics.json").read_text())
+    assert data["benchmark"] == "all"
+    assert data["results"]["again"] == data["results"]["topspeed"]
+    assert data["results"]["topspeed"]["commanded_speed"] == 0.5
+
+
 def test_the_policy_that_ships_is_evaluated_if_none_is_named(here, export):
     export(here / "runs" / "mine" / "policy")
     assert command.choose_policy(command.EvalConfig()) == asset_path(command.DEFAULT_POLICY)
@@ -126,8 +148,12 @@ def test_help_explains_every_flag(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--benchmark", "dash"], ("--benchmark dash", "topspeed", "all")),
+        (["--benchmark", "dash"], ("--benchmark dash", "topspeed", "sprint", "all")),
+        (["--benchmark", "sprint", "--hold", "3"], ("--hold is not of --benchmark sprint", "--acceleration")),
+        (["--benchmark", "sprint", "--acceleration", "0.01"], ("--acceleration 0.01", "30 s")),
+        (["--benchmark", "convergence", "--backend", "mjx"], ("--backend is not of --benchmark convergence",)),
         (["--robots", "3"], ("--robots is not of --benchmark topspeed",)),
+        (["--benchmark", "robustness", "--robots", "0"], ("--robots", "0")),
         (["--acceleration", "0"], ("--acceleration", "0")),
         (["--operator.limit", "-1"], ("--operator.limit", "-1")),
         (["--backend", "bullet"], ("--backend bullet", "mujoco", "mjx")),
