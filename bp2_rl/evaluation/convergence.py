@@ -148,8 +148,8 @@ def convergence_results(metrics: ConvergenceMetrics) -> dict[str, object]:
             "commanded_speed": metrics.commanded_speed,
             "greatest_change": metrics.greatest_change,
             "mean_speed": metrics.variants[0].mean_speed,
+            "changes": {variant.name: variant.mean_speed_change for variant in metrics.variants[1:]},
         }
-        | {f"change, {v.name}": v.mean_speed_change for v in metrics.variants[1:]}
     )
 
 

@@ -62,11 +62,13 @@ def show(value: float | None, form: str, unit: str = "") -> str:
 
 
 def rounded(results: dict[str, Any]) -> dict[str, Any]:
-    """The same to four digits, lists included."""
+    """The same to four digits, within lists and groups too."""
 
     def four_digits(value: Any) -> Any:
         if isinstance(value, float):
             return float(f"{value:.4g}")
+        if isinstance(value, dict):
+            return rounded(value)
         return [four_digits(entry) for entry in value] if isinstance(value, list | tuple) else value
 
     return {name: four_digits(value) for name, value in results.items()}

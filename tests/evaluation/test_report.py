@@ -179,11 +179,11 @@ def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_
 
 
 def test_a_card_says_four_digits():
-    assert rounded({"a": 1.23456, "b": [0.000123456, None], "c": 123456, "d": "x"}) == {
+    assert rounded({"a": 1.23456, "b": [0.000123456, None], "c": 123456, "d": {"e": 12345.6, "f": "x"}}) == {
         "a": 1.235,
         "b": [0.0001235, None],
         "c": 123456,
-        "d": "x",
+        "d": {"e": 12350.0, "f": "x"},
     }
 
 
