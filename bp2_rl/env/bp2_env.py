@@ -23,7 +23,7 @@ from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
 
-SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
+SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
 """Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
 
 
@@ -57,6 +57,7 @@ class BP2Env(envs.Env):
         self.controller = Controller(config)
         self._simulate = _simulator(impl, self.mj_model, config, num_robots)
         self._trunk = int(self.mj_model.body("trunk").id)
+        self._stand = np.asarray(self.mj_model.key("stand").qpos, np.float32)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
@@ -183,14 +184,14 @@ class BP2Env(envs.Env):
         """(qpos, qvel): on the reference with its velocities, or standing still; both with joint noise."""
         config = self.config.reset
         key_joint, key_velocity = jax.random.split(key)
-        joints = jnp.where(standing, observations.STAND, reference.joint_position)
+        joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
         joints += jax.random.uniform(key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise)
-        height = jnp.where(standing, specs.STANDING_HEIGHT, reference.height)
+        height = jnp.where(standing, self._stand[2], reference.height)
         half_pitch = 0.5 * jnp.where(standing, 0.0, reference.pitch)
         qpos = jnp.zeros(self.mj_model.nq)
         qpos = qpos.at[2].set(height).at[3].set(jnp.cos(half_pitch)).at[5].set(jnp.sin(half_pitch))
         qpos = qpos.at[MOTOR_QPOS].set(joints)
-        qpos = qpos.at[SPRING_QPOS].set(jnp.where(standing, 0.01, reference.spring_compression))
+        qpos = qpos.at[SPRING_QPOS].set(jnp.where(standing, self._stand[SPRING_QPOS], reference.spring_compression))
         qvel = jnp.zeros(self.mj_model.nv)
         qvel = qvel.at[:3].set(reference.velocity).at[4].set(reference.pitch_rate).at[5].set(command[2])
         qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
@@ -200,12 +201,11 @@ class BP2Env(envs.Env):
 
     def _at_rest(self) -> Physics:
         """A sound state to put in the place of one that is not; the episode is over anyway."""
-        qpos = jnp.zeros(self.mj_model.nq).at[2].set(specs.STANDING_HEIGHT).at[3].set(1.0)
         rest = jnp.zeros(self.mj_model.nv)
         zero = jnp.zeros(specs.NUM_MOTORS)
-        targets = jnp.stack([jnp.asarray(observations.STAND), zero])
+        targets = jnp.stack([jnp.asarray(self._stand[MOTOR_QPOS]), zero])
         return Physics(
-            qpos=qpos.at[MOTOR_QPOS].set(observations.STAND),
+            qpos=jnp.asarray(self._stand),
             qvel=rest,
             qacc_warmstart=rest,
             torque=zero,
