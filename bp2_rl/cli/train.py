@@ -20,7 +20,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.learning import cluster, train
 from bp2_rl.learning.cluster import ClusterConfig
 from bp2_rl.learning.ppo import PPOConfig
-from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, make_config
+from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
 
 RUNS = Path("runs")
 
@@ -42,6 +42,8 @@ class Arguments:
     """imitation: from random weights; relaxed: continues from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
+    weights: Weights = "ours"
+    """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs"""
     out: Path | None = None
     """the run's folder; default runs/STAGE-DATE-TIME"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -97,11 +99,11 @@ def _train(argv: list[str]) -> None:
 def _parse(argv: list[str]) -> Arguments:
     """The arguments, with the defaults of the stage, preset and parent that they name."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    for flag in ("--stage", "--preset", "--from", "--resume", "--replay"):
+    for flag in ("--stage", "--preset", "--weights", "--from", "--resume", "--replay"):
         first.add_argument(flag, nargs="?")
     known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
-    preset, defaults = defaults_here(stage, known.preset)
+    preset, defaults = defaults_here(stage, known.preset, "paper" if known.weights == "paper" else "ours")
     parent = Path(vars(known)["from"]) if vars(known)["from"] else None
     complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
@@ -132,11 +134,11 @@ def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     )
 
 
-def defaults_here(stage: Stage, named: str | None) -> tuple[Preset, TrainConfig]:
+def defaults_here(stage: Stage, named: str | None, weights: Weights = "ours") -> tuple[Preset, TrainConfig]:
     """The preset named, or else this machine's own; and its settings, with physics that run here."""
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
-    defaults = make_config(stage, preset)
+    defaults = make_config(stage, preset, weights)
     if defaults.impl == "c" and not on_cpu:
         defaults = dataclasses.replace(defaults, impl="jax")
     return preset, defaults

@@ -22,7 +22,8 @@ class CommandState(struct.PyTreeNode):
 
 def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:
     """The largest forward command at a curriculum level in [0, 1], m/s."""
-    return curriculum.start_speed + level * (config.max_forward - curriculum.start_speed)
+    start = config.max_forward if curriculum.start_speed is None else curriculum.start_speed
+    return start + level * (config.max_forward - start)
 
 
 def fastest_turn(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:

@@ -35,7 +35,7 @@ class ControlConfig:
 class CommandConfig:
     """How velocity commands are drawn: a target, approached at a limited rate, drawn anew every few seconds."""
 
-    max_forward: float = 13.0  # m/s, v_x^max of Table S4
+    max_forward: float = 15.5  # m/s, v_x^max of Table S4
     max_lateral: float = 0.5  # m/s, v_y^max
     max_yaw_rate: float = 1.0  # rad/s, omega_z^max
     max_backward: float = 0.0  # m/s
@@ -43,7 +43,10 @@ class CommandConfig:
     limit_fraction: float = 0.4  # share of targets in the fastest tenth of what the curriculum allows
     straight_fraction: float = 0.5  # share of targets with no lateral and no yaw command
     stand_fraction: float = 0.05  # share of targets that are zero
-    acceleration: Range = (1.0, 4.0)  # m/s2, rate at which the forward command approaches its target
+    acceleration: Range = (
+        1.0,
+        8.0,
+    )  # m/s2, rate at which the forward command approaches its target: ramps to all but steps
     turn_acceleration: float = 2.0  # m/s2 and rad/s2, likewise for lateral and yaw
     hold_time: Range = (1.0, 3.0)  # s, from reaching a target to the next draw
 
@@ -52,7 +55,10 @@ class CommandConfig:
 class CurriculumConfig:
     """Per-robot speed curriculum: commands tracked near a robot's limit raise that limit, falls lower it."""
 
-    start_speed: float = 4.0  # m/s, fastest forward command at level 0; level 1 is commands.max_forward
+    start_speed: float | None = (
+        None  # m/s, fastest forward command at level 0 (level 1: commands.max_forward); None: all
+    )
+    # commands from the first step on, no curriculum
     near: float = 0.9  # what counts is the time at commands above this share of the limit
     evidence: float = 0.5  # s of such time at least, between two draws
     tolerance: float = 0.1  # of (1 m/s + limit), for the mean speed error in that time
@@ -64,7 +70,7 @@ class CurriculumConfig:
 class ResetConfig:
     """Where episodes start."""
 
-    standing_fraction: float = 0.2  # start at rest with the command ramping up; the others on the running reference
+    standing_fraction: float = 0.3  # start at rest with the command ramping up; the others on the running reference
     joint_noise: float = 0.05  # rad, uniform +-
     velocity_noise: float = 0.1  # share of the reference's velocities, uniform +-
 
@@ -74,12 +80,12 @@ class RandomizationConfig:
     """Domain randomisation, drawn anew at each reset. Ranges are uniform, factors multiply."""
 
     enabled: bool = True
-    friction: Range = (0.67, 1.22)  # factor
+    friction: Range = (0.55, 1.22)  # factor: 0.5 to 1.1 on ground of 0.9
     mass: Range = (0.9, 1.1)  # factor, every body by itself
     com_offset: float = 0.02  # m, of the trunk, +- on each axis
     strength: Range = (0.9, 1.0)  # factor on the peak torque
     gains: Range = (0.9, 1.1)  # factor on PD stiffness and damping
-    latency: Range = (0.0, 0.006)  # s, from observation to new joint target
+    latency: Range = (0.0, 0.010)  # s, from observation to new joint target
     joint_position_noise: float = 0.01  # rad, standard deviation
     joint_velocity_noise: float = 0.3  # rad/s
     orientation_noise: float = 0.01
@@ -119,7 +125,7 @@ class RewardConfig:
 class EnvConfig:
     """Everything that BP2Env depends on."""
 
-    reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "kinematic"
+    reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that residual actions, imitation rewards and episode starts are about; none: standing still"""
     hardware: HardwareSpec = HardwareSpec()
     gait: KinematicGait = KinematicGait()
@@ -177,8 +183,8 @@ class EnvConfig:
         ):
             _require(0 <= value < 1, f"{path} must lie between 0 and 1, got {value}")
         _require(
-            0 < curriculum.start_speed <= self.commands.max_forward,
-            "curriculum.start_speed must lie between 0 and commands.max_forward",
+            curriculum.start_speed is None or 0 < curriculum.start_speed <= self.commands.max_forward,
+            "curriculum.start_speed must lie between 0 and commands.max_forward, or be None",
         )
         _require(
             0 <= self.termination.min_height < self.motion.height,

@@ -51,7 +51,10 @@ def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICU
     return jax.lax.scan(step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps))[1]
 
 
-def run_fleet(tracking, seconds, robots=128, config=EnvConfig()):  # noqa: B008  # frozen
+RISING = EnvConfig(commands=CommandConfig(max_forward=13.0), curriculum=CurriculumConfig(start_speed=4.0))
+
+
+def run_fleet(tracking, seconds, robots=128, config=RISING):
     """Levels (robot, time) and commands (robot, time, 3) of robots that start at level 0 and never fall."""
 
     def one(seed):
@@ -66,10 +69,9 @@ def run_fleet(tracking, seconds, robots=128, config=EnvConfig()):  # noqa: B008 
 def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
     """It runs at min(command, 5 m/s) without ever falling; slow commands, which it follows, must not count."""
     levels, _ = run_fleet(lambda command: jnp.minimum(command, 5.0), 120.0)
-    config = EnvConfig()
 
     def limit(level):
-        return float(commands.fastest(jnp.array(level), config.commands, config.curriculum))
+        return float(commands.fastest(jnp.array(level), RISING.commands, RISING.curriculum))
 
     assert limit(levels.max()) <= 7.0
     assert limit(levels[:, -1].min()) > 5.0  # what it can run it is commanded
@@ -78,12 +80,18 @@ def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
 def test_a_robot_that_follows_every_command_reaches_the_top():
     levels, currents = run_fleet(lambda command: command, 300.0)
     assert np.all(levels[:, -1] == 1.0)
-    assert currents[..., 0].max() > 0.98 * EnvConfig().commands.max_forward
+    assert currents[..., 0].max() > 0.98 * RISING.commands.max_forward
+
+
+def test_without_a_curriculum_all_commands_come_from_the_first_step_on():
+    config = EnvConfig()
+    assert config.curriculum.start_speed is None
+    assert commands.fastest(jnp.array(0.0), config.commands, config.curriculum) == config.commands.max_forward
 
 
 def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
     """Neither a target nor any command on the way from a fast straight one to a slow tight one."""
-    config = EnvConfig()
+    config = RISING
     keys = jax.random.split(KEY, 20_000)
     targets = jax.vmap(lambda key: commands.draw_target(key, jnp.array(13.0), config.commands))(keys)
     _, currents = run_fleet(lambda command: command, 200.0, robots=32)
@@ -151,7 +159,7 @@ NAN, INF = float("nan"), float("inf")
         ("control.torque_rate", -1.0),
         ("control.torque_rate", -INF),
         ("curriculum.start_speed", 0.0),
-        ("curriculum.start_speed", 14.0),
+        ("curriculum.start_speed", 16.0),
         ("curriculum.tolerance", -1.0),
         ("curriculum.raise_by", NAN),
         ("curriculum.near", 1.0),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
 from bp2_rl.env.config import RewardConfig
-from bp2_rl.learning.stages import IMITATION, RELAXED
+from bp2_rl.learning.stages import PAPER
 
 ZERO = jnp.zeros(12)
 # float32 exponentials are good to a few units in the last place.
@@ -160,7 +160,7 @@ def total(config: RewardConfig, **changes) -> dict[str, float]:
 
 
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_column():
-    terms = total(IMITATION)
+    terms = total(PAPER["imitation"])
     assert terms == {
         "height": close(0.05), "attitude": close(0.05), "joint_position": close(0.02), "joint_velocity": close(0.07),
         "tracking": close(0.6), "torque": close(0.1), "power": 0.0, "smoothness": close(0.1), "symmetry": 0.0,
@@ -169,7 +169,7 @@ def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_co
 
 
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_column():
-    terms = total(RELAXED)
+    terms = total(PAPER["relaxed"])
     assert terms == {
         "height": 0.0, "attitude": 0.0, "joint_position": close(0.02), "joint_velocity": close(0.07),
         "tracking": close(0.4), "torque": close(0.2), "power": close(0.1), "smoothness": close(0.2),
@@ -178,11 +178,11 @@ def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_colu
 
 
 def test_a_fall_costs_one():
-    assert total(RELAXED, terminal=jnp.array(1.0))["terminal"] == -1.0
+    assert total(PAPER["relaxed"], terminal=jnp.array(1.0))["terminal"] == -1.0
 
 
 def test_symmetry_reads_the_abduction_joints():
     # FR abad is joint 0, FL 3, RR 6, RL 9; equal angles on both sides lean the legs to one side.
     leaning = ZERO.at[jnp.array([0, 3])].set(0.05)  # (0.1)^2 x 100 = 1
-    assert total(RELAXED, q=leaning)["symmetry"] == close(0.1 * 0.367879, rel=1e-5)
-    assert total(RELAXED, q=joint(0.5, 1))["symmetry"] == close(0.1)
+    assert total(PAPER["relaxed"], q=leaning)["symmetry"] == close(0.1 * 0.367879, rel=1e-5)
+    assert total(PAPER["relaxed"], q=joint(0.5, 1))["symmetry"] == close(0.1)
