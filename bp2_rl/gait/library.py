@@ -15,6 +15,7 @@ it. Torques are those of straight running.
 
 import dataclasses
 import functools
+import hashlib
 import json
 import math
 import zipfile
@@ -195,8 +196,24 @@ class CollocationGait:
         )
 
     @property
+    def sha256(self) -> str:
+        """Checksum of the library's file, by which a policy knows the motion it was trained on.
+
+        Raises:
+            UserError: the file cannot be read.
+        """
+        try:
+            return hashlib.sha256(self._file.read_bytes()).hexdigest()
+        except OSError as error:
+            raise UserError(f"motion library {self._file} cannot be read: {error.strerror}; {MEND}") from error
+
+    @property
+    def _file(self) -> Path:
+        return Path(self.path) if self.path else asset_path(SHIPPED)
+
+    @property
     def _table(self) -> "_Table":
-        return _load_table(Path(self.path) if self.path else asset_path(SHIPPED), self.hardware.leg_length)
+        return _load_table(self._file, self.hardware.leg_length)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""

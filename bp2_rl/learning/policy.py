@@ -50,13 +50,14 @@ class PolicyCard:
     activation: Activation
     hidden_layer_sizes: tuple[int, ...]
     env: EnvConfig  # the environment it was trained in, gains and meaning of the action included
-    reference: str  # the reference motion it was trained on
+    reference: str  # the reference motion it was trained on: collocation, kinematic or none
     physics_steps: int  # 1 ms steps of one robot, all robots together
     seed: int
     versions: dict[str, str]  # of bp2_rl, jax, mujoco and brax
     config_hash: str  # of the whole training config
     results: dict[str, Any]  # what was measured of it, by name
     created: str  # UTC, ISO 8601
+    library_sha256: str = ""  # of the motion library it was trained on, if it was
     weights_sha256: str = ""  # of weights.npz; filled in by save_policy
     format_version: int = FORMAT_VERSION
 
@@ -170,6 +171,11 @@ def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] 
     """
     directory = _find(Path(path))
     card, expected_hash = _read_card(directory)
+    if card.library_sha256 and card.library_sha256 != card.env.library.sha256:
+        raise PolicyError(
+            f"policy {directory} was trained on another motion library: checksum {card.library_sha256[:12]}, that of "
+            f"{card.env.library.path or 'the one that ships'} is {card.env.library.sha256[:12]}"
+        )
     if expected_layout is not None:
         _check_layout(card, expected_layout, directory)
     arrays = _read_weights(directory / WEIGHTS, expected_hash)

@@ -31,13 +31,15 @@ from bp2_rl.learning.checkpoint import (
     save_checkpoint,
 )
 from bp2_rl.learning.monitor import Monitor, Mute
-from bp2_rl.learning.policy import PolicyCard, export_policy
+from bp2_rl.learning.policy import PolicyCard, export_policy, save_policy
 from bp2_rl.learning.ppo import PPO, STUCK, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.stages import Parent, TrainConfig
 from bp2_rl.robot import specs
 
 CONFIG = "config.json"
+POLICY, POLICIES = "policy", "policies"
+"""The newest policy of a run; and the folder of those of all its saves, each by its number of control steps."""
 NETWORK = ("policy_layers", "value_layers", "activation")
 """Fields of `PPOConfig` that a run shares with its parent."""
 
@@ -337,7 +339,8 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         activation=config.ppo.activation,
         hidden_layer_sizes=config.ppo.policy_layers,
         env=config.env,
-        reference="kinematic",
+        reference=config.env.reference,
+        library_sha256=config.env.library.sha256 if config.env.reference == "collocation" else "",
         physics_steps=steps * specs.SUBSTEPS,
         seed=config.run.seed,
         versions=package_versions(),
@@ -349,7 +352,8 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
     if cluster.is_first():
-        export_policy(run_dir / "policy", params=params, normalizer=normalizer, card=card)
+        policy = export_policy(run_dir / POLICY, params=params, normalizer=normalizer, card=card)
+        save_policy(run_dir / POLICIES / str(int(state.step) * config.ppo.steps_per_train_step), policy)
 
 
 # --- From one run to the next --------------------------------------------------------------------------------
