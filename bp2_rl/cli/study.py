@@ -1,0 +1,64 @@
+"""`bp2 study`: compare recipes over seeds, each saved policy judged in C MuJoCo."""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bp2_rl.cli import app, runtime  # noqa: F401
+from bp2_rl.config import save_config, write_text
+from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.evaluation import study
+from bp2_rl.evaluation.study_figure import learning_curves
+from bp2_rl.learning.stages import Preset
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
+
+    One training on each GPU at a time. Stopped, it goes on where it stands when called again.
+    """
+
+    variants: tuple[str, ...] = tuple(study.VARIANTS)
+    """which: ours, kinematic, none (the reference), standing (no starts on the reference), paper (relaxed weights)"""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    preset: Preset = "gpu"
+    """size of the trainings"""
+    steps: tuple[int, int] | None = None
+    """control steps of the imitation and of the relaxed stage; by default the preset's"""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
+    """the study's folder"""
+    judges: int = max(1, (os.cpu_count() or 2) // 2)
+    """processes that judge policies while others train"""
+    train: bool = True
+    """--no-train: only summarise what is there"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _study(app.parse(Arguments, argv, "bp2 study")))
+
+
+def _study(arguments: Arguments) -> None:
+    if arguments.judges < 1:
+        raise UserError(f"--judges must be at least 1, got {arguments.judges}")
+    steps = arguments.steps or study.default_steps(arguments.preset)
+    plan = study.Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
+    failed = []
+    if arguments.train:
+        gpus = study.visible_gpus()
+        print(f"{sum(map(len, plan.chains))} trainings on {len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}")
+        failed = study.run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
+    outcomes = [study.outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
+    for outcome in outcomes:
+        save_config(arguments.out / f"{outcome.variant}.json", outcome)
+    write_text(arguments.out / "table.md", study.table(outcomes))
+    learning_curves(arguments.out, plan.variants, plan.seeds).savefig(arguments.out / "learning_curves.png")
+    print(study.table(outcomes))
+    print(f"learning curves: {arguments.out / 'learning_curves.png'}")
+    if failed:
+        raise RunStopped(f"{len(failed)} trainings failed or could not begin; call again to go on", status=1)

@@ -1,0 +1,380 @@
+"""Trainings compared: variants of the recipe, several seeds each, every saved policy judged in C MuJoCo.
+
+A study is a folder of runs, VARIANT-SEED-STAGE. Trainings are processes of their own, one on each GPU (or one after
+the other on the processors); what is finished is not done again, so that a study can be stopped and gone on with.
+"""
+
+import concurrent.futures
+import dataclasses
+import datetime
+import json
+import multiprocessing
+import os
+import queue
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from bp2_rl.config import from_json, load_config, save_config, to_json, write_text
+from bp2_rl.env.observations import LAYOUT
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.metrics import measure
+from bp2_rl.evaluation.rollout import Ramp, rollout_mujoco
+from bp2_rl.learning.policy import Policy, load_policy
+from bp2_rl.learning.stages import Preset, Stage, make_config
+from bp2_rl.learning.train import POLICIES, is_finished
+from bp2_rl.robot import specs
+
+STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
+PLAN, JUDGED = "plan.json", "judged.json"
+GOAL = 10.74  # m/s; the paper's outdoor top speed
+CRUISE = 10.0  # m/s, at which the cost of transport is measured
+ACCELERATION = 2.4  # m/s2
+HOLD = 5.0  # s
+RESAMPLES = 10_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """The recipe with one thing changed."""
+
+    meaning: str
+    flags: tuple[str, ...] = ()  # of train.py, in the imitation stage; the relaxed stage inherits what they set
+    relaxed: tuple[str, ...] = ()  # further ones, in the relaxed stage
+    imitation: str = ""  # the variant whose imitation runs it goes on from; empty: its own
+
+
+VARIANTS: dict[str, Variant] = {
+    "ours": Variant("collocation reference, our weights, episodes start on the reference"),
+    "kinematic": Variant("the kinematic gait as reference", ("--reference", "kinematic")),
+    "none": Variant("no reference: standing still", ("--reference", "none")),
+    "standing": Variant("all episodes start at rest", ("--env.reset.standing-fraction", "1")),
+    "paper": Variant("relaxed stage with Table S4's weights", relaxed=("--weights", "paper"), imitation="ours"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """One run of a study."""
+
+    variant: str
+    seed: int
+    stage: Stage
+
+    @property
+    def name(self) -> str:
+        """Its folder's name."""
+        return f"{self.variant}-{self.seed}-{self.stage}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a study consists of."""
+
+    variants: tuple[str, ...]
+    seeds: tuple[int, ...]
+    preset: Preset
+    steps: tuple[int, int]  # control steps of the imitation and of the relaxed stage
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        for name in self.variants:
+            if name not in VARIANTS:
+                raise UserError(f"no variant {name!r}; there are {', '.join(VARIANTS)}")
+        if not self.variants or not self.seeds:
+            raise UserError("a study needs at least one variant and one seed")
+        if min(self.steps) < 1:
+            raise UserError(f"steps must be positive, got {self.steps[0]} and {self.steps[1]}")
+
+    @property
+    def chains(self) -> list[list[Training]]:
+        """Runs that need each other: an imitation run, and the relaxed ones that go on from it."""
+        chains: dict[tuple[str, int], list[Training]] = {}
+        for seed in self.seeds:
+            for name in self.variants:
+                origin = VARIANTS[name].imitation or name
+                chain = chains.setdefault((origin, seed), [Training(origin, seed, "imitation")])
+                chain.append(Training(name, seed, "relaxed"))
+        return list(chains.values())
+
+    def command(self, training: Training, folder: Path) -> list[str]:
+        """The arguments of train.py."""
+        variant, steps = VARIANTS[training.variant], self.steps[STAGES.index(training.stage)]
+        words = ["--stage", training.stage, "--preset", self.preset, "--out", str(folder / training.name)]
+        if training.stage == "imitation":
+            words += variant.flags
+        else:
+            origin = Training(variant.imitation or training.variant, training.seed, "imitation")
+            words += ["--from", str(folder / origin.name), *variant.relaxed]
+        return [*words, "--run.seed", str(training.seed), "--run.steps", str(steps)]
+
+
+def default_steps(preset: Preset) -> tuple[int, int]:
+    """What the preset trains, control steps of the two stages."""
+    imitation, relaxed = (make_config(stage, preset).run.steps for stage in STAGES)
+    return imitation, relaxed
+
+
+def visible_gpus() -> tuple[str, ...]:
+    """NVIDIA's GPUs as CUDA_VISIBLE_DEVICES names them; empty where there are none."""
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if named is not None:
+        return tuple(filter(None, named.split(",")))
+    if shutil.which("nvidia-smi") is None:
+        return ()
+    listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout
+    return tuple(str(i) for i, line in enumerate(filter(lambda line: line.startswith("GPU"), listed.splitlines())))
+
+
+# --- Training ------------------------------------------------------------------------------------------------
+
+
+def run(plan: Plan, folder: Path, *, gpus: Sequence[str], judges: int, say: Callable[[str], None]) -> list[Training]:
+    """Train and judge what is not there yet; returns the trainings that failed, with those that needed them.
+
+    Args:
+        plan: what to do.
+        folder: of the study, made if need be.
+        gpus: as CUDA_VISIBLE_DEVICES names them; none: one training at a time, on what JAX finds.
+        judges: processes that judge policies.
+        say: takes lines of progress.
+
+    Raises:
+        UserError: the folder holds a study of another size.
+    """
+    _claim(plan, folder)
+    slots: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    for gpu in gpus or (None,):
+        slots.put(gpu)
+    spawn = multiprocessing.get_context("spawn")  # a process forked beside JAX's threads can hang
+    with (
+        concurrent.futures.ProcessPoolExecutor(judges, mp_context=spawn, initializer=_on_the_processor) as judging,
+        concurrent.futures.ThreadPoolExecutor(slots.qsize()) as training,
+    ):
+
+        def follow(chain: list[Training]) -> tuple[list[Training], list[concurrent.futures.Future[None]]]:
+            slot, judged = slots.get(), []
+            try:
+                for i, this in enumerate(chain):
+                    if not _is_finished(folder / this.name) and not _train(
+                        plan.command(this, folder), folder / this.name, slot
+                    ):
+                        say(f"{this.name} failed: see {folder / this.name}.txt")
+                        return chain[i:], judged
+                    say(f"{this.name} trained")
+                    judged.append(judging.submit(judge, folder / this.name))
+            finally:
+                slots.put(slot)
+            return [], judged
+
+        failed: list[Training] = []
+        for result in [training.submit(follow, chain) for chain in plan.chains]:
+            without, judged = result.result()
+            failed += without
+            for verdict in judged:
+                verdict.result()
+    return failed
+
+
+def _claim(plan: Plan, folder: Path) -> None:
+    """Make the study's folder; what it holds already must have been trained with the same preset and steps."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / PLAN).is_file():
+        old = load_config(Plan, folder / PLAN)
+        if (old.preset, old.steps) != (plan.preset, plan.steps):
+            raise UserError(
+                f"{folder} holds a study with --preset {old.preset} --steps {old.steps[0]} {old.steps[1]}: "
+                "go on with these, or name another --out"
+            )
+    save_config(folder / PLAN, plan)
+
+
+def _train(arguments: list[str], run_dir: Path, gpu: str | None) -> bool:
+    """Run train.py, anew or from where it was stopped, and wait; whether it came to its end."""
+    environment = os.environ | ({} if gpu is None else {"CUDA_VISIBLE_DEVICES": gpu})
+    if any(run_dir.glob("checkpoints/[0-9]*")):
+        arguments = ["--resume", str(run_dir)]
+    elif run_dir.exists():
+        shutil.rmtree(run_dir)  # killed before its first checkpoint: nothing to go on from
+    output = run_dir.with_suffix(".txt")
+    with output.open("a") as log:
+        log.write(f"{_now().isoformat()} {' '.join(arguments)}\n")
+        log.flush()
+        command = [sys.executable, "-m", "bp2_rl", "train", *arguments]
+        return subprocess.run(command, env=environment, stdout=log, stderr=subprocess.STDOUT).returncode == 0
+
+
+def _is_finished(run_dir: Path) -> bool:
+    return (run_dir / "config.json").is_file() and is_finished(run_dir)
+
+
+def _now() -> datetime.datetime:
+    return datetime.datetime.now(datetime.UTC)
+
+
+# --- Judging -------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Judgement:
+    """What one saved policy does in C MuJoCo, from a standing start."""
+
+    control_steps: int  # of all its training, the stages before included
+    wall_time: float | None  # s, from the start of the stage's process, compilation included; None if it was resumed
+    top_speed: float  # m/s, best 1-s mean under the fastest command of the training; 0 unless held for HOLD
+    fell_at: float | None  # s
+    cruise_speed: float  # m/s, mean while CRUISE is commanded; 0 unless held
+    cruise_cost: float | None  # electrical cost of transport there; None unless held
+
+
+def judge(run_dir: Path) -> list[Judgement]:
+    """Judge each saved policy of a run, in order, and write `JUDGED` beside them; what is there is not done again."""
+    known = {j.control_steps: j for j in judgements(run_dir)}
+    began = _began(run_dir)
+    result = []
+    for folder in sorted((run_dir / POLICIES).iterdir(), key=lambda folder: int(folder.name)):
+        policy = load_policy(folder, expected_layout=LAYOUT)
+        steps = policy.card.physics_steps // specs.SUBSTEPS
+        if steps not in known:
+            made = datetime.datetime.fromisoformat(policy.card.created)
+            known[steps] = _judge(policy, steps, None if began is None else (made - began).total_seconds())
+        result.append(known[steps])
+        jax.clear_caches()  # each policy is a program of its own
+    write_text(run_dir / JUDGED, json.dumps([to_json(j) for j in result], indent=1) + "\n")
+    return result
+
+
+def judgements(run_dir: Path) -> list[Judgement]:
+    """What `judge` has written, if it has."""
+    path = run_dir / JUDGED
+    return [from_json(Judgement, item) for item in json.loads(path.read_text())] if path.is_file() else []
+
+
+def _judge(policy: Policy, steps: int, wall_time: float | None) -> Judgement:
+    env = policy.card.env
+    fast, cruise = (
+        measure(rollout_mujoco(policy, Ramp((speed, 0.0, 0.0), acceleration=ACCELERATION, hold=HOLD), env))
+        for speed in (env.commands.max_forward, min(CRUISE, env.commands.max_forward))
+    )
+    return Judgement(
+        control_steps=steps,
+        wall_time=wall_time,
+        top_speed=fast.best_speed or 0.0 if fast.fell_at is None else 0.0,
+        fell_at=fast.fell_at,
+        cruise_speed=cruise.mean_speed if cruise.fell_at is None else 0.0,
+        cruise_cost=cruise.electrical_cost_of_transport if cruise.fell_at is None else None,
+    )
+
+
+def _began(run_dir: Path) -> datetime.datetime | None:
+    """When the process began that trained a run; None if there were several."""
+    output = run_dir.with_suffix(".txt")
+    starts = [line for line in output.read_text().splitlines() if " --out " in line or " --resume " in line]
+    return datetime.datetime.fromisoformat(starts[0].split()[0]) if len(starts) == 1 else None
+
+
+def _on_the_processor() -> None:
+    """Leave the GPUs to the trainings."""
+    jax.config.update("jax_platforms", "cpu")
+
+
+# --- What came out -------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """A variant over its seeds."""
+
+    variant: str
+    top_speeds: tuple[float, ...]  # m/s, of the last policies, by seed
+    imitation_top_speeds: tuple[float, ...]  # m/s, of the policies that the relaxed stage began with
+    cruise_costs: tuple[float | None, ...]
+    imitation_cruise_costs: tuple[float | None, ...]
+    steps_to_goal: tuple[int | None, ...]  # control steps of the first saved policy that reaches GOAL
+    seconds_to_goal: tuple[float | None, ...]  # s of wall time until it was saved
+    top_speed: float  # m/s, interquartile mean over seeds
+    top_speed_interval: tuple[float, float]  # m/s, bootstrap, 95 %
+
+
+def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome:
+    """A variant's outcome, of the seeds that were judged; raises `UserError` if there is none."""
+    stages = []
+    for seed in seeds:
+        first = judgements(folder / Training(VARIANTS[variant].imitation or variant, seed, "imitation").name)
+        second = judgements(folder / Training(variant, seed, "relaxed").name)
+        if first and second:
+            stages.append((first, second))
+    if not stages:
+        raise UserError(f"{folder} holds no judged run of {variant}")
+    final = np.array([second[-1].top_speed for _, second in stages])
+    goals = [_goal(*both) for both in stages]
+    return Outcome(
+        variant=variant,
+        top_speeds=tuple(final.tolist()),
+        imitation_top_speeds=tuple(first[-1].top_speed for first, _ in stages),
+        cruise_costs=tuple(second[-1].cruise_cost for _, second in stages),
+        imitation_cruise_costs=tuple(first[-1].cruise_cost for first, _ in stages),
+        steps_to_goal=tuple(steps for steps, _ in goals),
+        seconds_to_goal=tuple(seconds for _, seconds in goals),
+        top_speed=interquartile_mean(final),
+        top_speed_interval=bootstrap_interval(final),
+    )
+
+
+def _goal(first: list[Judgement], second: list[Judgement]) -> tuple[int | None, float | None]:
+    """(control steps, wall time) of the first policy of a run and its sequel that reaches GOAL."""
+    whole = first[-1].wall_time
+    for judgement, before in [(j, 0.0) for j in first] + [(j, whole) for j in second]:
+        if judgement.top_speed >= GOAL:
+            here = judgement.wall_time
+            return judgement.control_steps, None if here is None or before is None else before + here
+    return None, None
+
+
+def interquartile_mean(values: Float[np.ndarray, "n ..."]) -> Float[Any, "..."]:
+    """Mean of the middle half along the first axis; with fewer than four values, of all."""
+    return stats.trim_mean(values, 0.25, axis=0)
+
+
+def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """95 % percentile bootstrap interval of the interquartile mean (Agarwal et al. 2021)."""
+    draws = np.random.default_rng(0).choice(values, (len(values), RESAMPLES))
+    low, high = np.percentile(interquartile_mean(draws), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """The outcomes in Markdown."""
+    head = (
+        "variant", "top speed [m/s]", "95 %", "by seed", "after imitation", "cost at 10 m/s", "after imitation",
+        f"M steps to {GOAL} m/s", f"s to {GOAL} m/s",
+    )  # fmt: skip
+    lines = [head, ("---", *("---:",) * (len(head) - 1))]
+    for o in outcomes:
+        low, high = o.top_speed_interval
+        lines.append(
+            (
+                o.variant,
+                f"{o.top_speed:.2f}",
+                f"{low:.2f}-{high:.2f}",
+                _each(o.top_speeds, "{:.2f}"),
+                _each(o.imitation_top_speeds, "{:.2f}"),
+                _each(o.cruise_costs, "{:.2f}"),
+                _each(o.imitation_cruise_costs, "{:.2f}"),
+                _each([None if s is None else s / 1e6 for s in o.steps_to_goal], "{:.0f}"),
+                _each(o.seconds_to_goal, "{:.0f}"),
+            )
+        )
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _each(values: Sequence[float | None], form: str) -> str:
+    return ", ".join("-" if value is None else form.format(value) for value in values)
