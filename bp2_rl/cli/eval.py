@@ -41,7 +41,7 @@ class EvalConfig:
     """How long to hold the speed; by default 20 (robustness: 15). Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots; by default 200. Of robustness."""
-    seed: int | None = None
+    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the robots are drawn from; by default 0. Of robustness."""
     operator: HeadingHold = HeadingHold()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

@@ -322,8 +322,8 @@ def sprint_results(metrics: SprintMetrics) -> dict[str, object]:
 
 CAPTION = (
     "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's 10-m "
-    "splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over 100 m of those "
-    "whom the paper names."
+    "splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over 100 m of "
+    "those whom the paper names."
 )
 POLICY = "this policy"
 
