@@ -14,7 +14,7 @@ from mujoco import mjx
 import bp2_rl.env
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import REWARD_TERMS, SPEED_BINS, BP2Env
-from bp2_rl.env.config import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
@@ -81,6 +81,7 @@ def test_brax_wrappers_run_it(env):
 def test_running_starts_are_on_the_reference_with_its_velocities(env):
     config = EnvConfig(
         reference="kinematic",  # the library's knees are almost straight at times, where float32 is coarse
+        commands=CommandConfig(max_forward=13.0),
         reset=ResetConfig(standing_fraction=0.0, joint_noise=0.0, velocity_noise=0.0),
         randomization=RandomizationConfig(enabled=False),
     )
