@@ -14,7 +14,7 @@ from mujoco import mjx
 import bp2_rl.env
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import REWARD_TERMS, SPEED_BINS, BP2Env
-from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.env.config import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
@@ -81,15 +81,15 @@ def test_brax_wrappers_run_it(env):
 def test_running_starts_are_on_the_reference_with_its_velocities(env):
     config = EnvConfig(
         reference="kinematic",  # the library's knees are almost straight at times, where float32 is coarse
-        commands=CommandConfig(max_forward=13.0),
         reset=ResetConfig(standing_fraction=0.0, joint_noise=0.0, velocity_noise=0.0),
         randomization=RandomizationConfig(enabled=False),
     )
     state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
     controller = state.pipeline_state.controller
     reference = jax.vmap(config.motion)(controller.command, controller.phase)
-    np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=1e-6)
-    # Compiled once with the reset and once by itself: float32 of some 10 rad/s.
+    # Compiled once with the reset and once by itself: float32 of some 10 rad/s, and of angles that follow from feet
+    # at 15 m/s with a leg nearly stretched.
+    np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=5e-6)
     np.testing.assert_allclose(physics(state).qvel[:, MOTOR_QVEL], reference.joint_velocity, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(physics(state).qvel[:, 0], reference.velocity[:, 0], rtol=1e-5, atol=1e-5)
     assert np.ptp(controller.command[:, 0]) > 10.0
