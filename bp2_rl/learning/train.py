@@ -348,6 +348,8 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
         results={
             "curriculum_level": float(jnp.mean(state.fleet.info["curriculum"])),
             "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+            "command": shlex.join(sys.argv),
+            "wall_time": round(time.time() - (run_dir / CONFIG).stat().st_mtime, 1),  # s, since the run's very start
         },
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
