@@ -65,10 +65,9 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     """A positive number that a benchmark left on the card, if there is one.
 
-    Results stand under their benchmark's name; cards of before there were several benchmarks hold topspeed's flat.
+    Results stand under their benchmark's name; what another does not say is topspeed's.
     """
-    results = policy.card.results
-    for group in (results.get(benchmark), results.get("topspeed"), results):
+    for group in (policy.card.results.get(benchmark), policy.card.results.get("topspeed")):
         value = group.get(result) if isinstance(group, dict) else None
         if isinstance(value, int | float) and value > 0:
             return float(value)
