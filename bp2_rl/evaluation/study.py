@@ -26,7 +26,7 @@ from scipy import stats
 from bp2_rl.config import from_json, load_config, save_config, to_json, write_text
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.metrics import measure
+from bp2_rl.evaluation.metrics import RunMetrics, measure
 from bp2_rl.evaluation.rollout import Ramp, rollout_mujoco
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.learning.stages import Preset, Stage, make_config
@@ -231,8 +231,8 @@ class Judgement:
     wall_time: float | None  # s, from the start of the stage's process, compilation included; None if it was resumed
     top_speed: float  # m/s, best 1-s mean under the fastest command of the training; 0 unless held for HOLD
     fell_at: float | None  # s
-    cruise_speed: float  # m/s, mean while CRUISE is commanded; 0 unless held
-    cruise_cost: float | None  # electrical cost of transport there; None unless held
+    cruise_speed: float  # m/s, mean under the command that should make it CRUISE; 0 unless held
+    cruise_cost: float | None  # electrical cost of transport there; None unless held within 10 % of CRUISE
 
 
 def judge(run_dir: Path) -> list[Judgement]:
@@ -259,18 +259,23 @@ def judgements(run_dir: Path) -> list[Judgement]:
 
 
 def _judge(policy: Policy, steps: int, wall_time: float | None) -> Judgement:
-    env = policy.card.env
-    fast, cruise = (
-        measure(rollout_mujoco(policy, Ramp((speed, 0.0, 0.0), acceleration=ACCELERATION, hold=HOLD), env))
-        for speed in (env.commands.max_forward, min(CRUISE, env.commands.max_forward))
-    )
+    top = policy.card.env.commands.max_forward
+
+    def held(speed: float) -> RunMetrics:
+        ramp = Ramp((min(speed, top), 0.0, 0.0), acceleration=ACCELERATION, hold=HOLD)
+        return measure(rollout_mujoco(policy, ramp, policy.card.env))
+
+    fast, cruise = held(top), held(CRUISE)
+    if cruise.fell_at is None and cruise.mean_speed > 0.5 * CRUISE:
+        cruise = held(CRUISE**2 / cruise.mean_speed)  # it runs slower than it is told, or faster
+    cruising = cruise.fell_at is None and abs(cruise.mean_speed - CRUISE) <= 0.1 * CRUISE
     return Judgement(
         control_steps=steps,
         wall_time=wall_time,
         top_speed=fast.best_speed or 0.0 if fast.fell_at is None else 0.0,
         fell_at=fast.fell_at,
         cruise_speed=cruise.mean_speed if cruise.fell_at is None else 0.0,
-        cruise_cost=cruise.electrical_cost_of_transport if cruise.fell_at is None else None,
+        cruise_cost=cruise.electrical_cost_of_transport if cruising else None,
     )
 
 

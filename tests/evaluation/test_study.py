@@ -11,7 +11,6 @@ from scipy import stats
 
 from bp2_rl.cli import study as command
 from bp2_rl.cli.train import _parse
-from bp2_rl.env.config import CommandConfig
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation import study
 from bp2_rl.evaluation.study import Judgement, Plan, Training
@@ -169,13 +168,28 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, monkeypatch, co
 
 
 def test_a_policy_that_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
-    policy = make_policy(env=dataclasses.replace(make_policy().card.env, commands=CommandConfig(max_forward=5.0)))
     for fell_at, speed in ((None, 5.0), (7.9, 0.0)):
         monkeypatch.setattr(study, "rollout_mujoco", lambda *_, fell_at=fell_at: make_run(fell_at=fell_at))
-        judgement = study._judge(policy, 5, None)
+        judgement = study._judge(make_policy(), 5, None)
         assert judgement.top_speed == pytest.approx(speed)
         assert judgement.cruise_speed == pytest.approx(speed)
-        assert (judgement.cruise_cost is None) == (fell_at is not None)
+        assert judgement.cruise_cost is None  # 5 m/s are not 10
+
+
+def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_than_told(
+    monkeypatch, make_policy, make_run
+):
+    told: list[float] = []
+
+    def rollout(policy, ramp, config):
+        told.append(ramp.target[0])
+        return make_run(speed=0.8 * ramp.target[0], acceleration=5.0)
+
+    monkeypatch.setattr(study, "rollout_mujoco", rollout)
+    judgement = study._judge(make_policy(), 5, None)
+    assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)
+    assert judgement.cruise_speed == pytest.approx(10.0, rel=1e-3)
+    assert judgement.cruise_cost == 0.0  # nothing in this run takes power
 
 
 def test_the_interquartile_mean_leaves_out_the_outer_quarters():
