@@ -42,8 +42,9 @@ class Arguments:
     """imitation: from random weights; relaxed: continues from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
-    weights: Weights = "ours"
-    """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs"""
+    weights: Weights | None = None
+    """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs; by default
+    ours with the preset gpu, else paper"""
     out: Path | None = None
     """the run's folder; default runs/STAGE-DATE-TIME"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -103,7 +104,8 @@ def _parse(argv: list[str]) -> Arguments:
         first.add_argument(flag, nargs="?")
     known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
     stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
-    preset, defaults = defaults_here(stage, known.preset, "paper" if known.weights == "paper" else "ours")
+    weights = cast(Weights, known.weights) if known.weights in get_args(Weights) else None
+    preset, defaults = defaults_here(stage, known.preset, weights)
     parent = Path(vars(known)["from"]) if vars(known)["from"] else None
     complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
     if complete and parent is None and known.stage == "relaxed":
@@ -134,7 +136,7 @@ def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     )
 
 
-def defaults_here(stage: Stage, named: str | None, weights: Weights = "ours") -> tuple[Preset, TrainConfig]:
+def defaults_here(stage: Stage, named: str | None, weights: Weights | None = None) -> tuple[Preset, TrainConfig]:
     """The preset named, or else this machine's own; and its settings, with physics that run here."""
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Literal
 
 from bp2_rl.env.bp2_env import Impl
-from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RewardConfig
+from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig, RewardConfig
 from bp2_rl.errors import UserError
 from bp2_rl.learning.ppo import PPOConfig
 
@@ -68,8 +68,9 @@ class TrainConfig:
     parent: Parent | None = None
 
 
-def make_config(stage: Stage, preset: Preset, weights: Weights = "ours") -> TrainConfig:
-    """The settings of a stage at a size of machine."""
+def make_config(stage: Stage, preset: Preset, weights: Weights | None = None) -> TrainConfig:
+    """The settings of a stage at a size of machine; rewards by default `ours` for fast running, else `paper`."""
+    weights = weights or ("ours" if preset == "gpu" else "paper")
     relaxed = stage == "relaxed"
     env = EnvConfig(reward=(OURS if weights == "ours" else PAPER)[stage])
     ppo = PPOConfig()
@@ -77,11 +78,14 @@ def make_config(stage: Stage, preset: Preset, weights: Weights = "ours") -> Trai
         ppo = dataclasses.replace(ppo, learning_rate=1e-4, entropy_cost=2e-3)
     if preset == "gpu":
         return TrainConfig(stage, env, ppo, RunConfig(steps=100_000_000 if relaxed else 60_000_000))
+    # Slow running, and less to withstand, is what a small fleet can learn in minutes (docs/notes/training.md).
     small = dataclasses.replace(
         env,
         reference="kinematic",
-        commands=CommandConfig(max_forward=3.0),
+        commands=CommandConfig(max_forward=3.0, acceleration=(1.0, 4.0)),
         curriculum=CurriculumConfig(start_speed=2.0),
+        reset=ResetConfig(standing_fraction=0.2),
+        randomization=RandomizationConfig(friction=(0.67, 1.22), latency=(0.0, 0.006)),
     )
     if preset == "cpu":  # ten minutes on two cores; what was tried is in docs/notes/training.md
         ppo = dataclasses.replace(
