@@ -1,8 +1,10 @@
 """`bp2 study`: compare recipes over seeds, each saved policy judged in C MuJoCo."""
 
+import contextlib
 import dataclasses
 import os
-from collections.abc import Sequence
+import signal
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -48,17 +50,33 @@ def _study(arguments: Arguments) -> None:
         raise UserError(f"--judges must be at least 1, got {arguments.judges}")
     steps = arguments.steps or study.default_steps(arguments.preset)
     plan = study.Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
-    failed = []
+    missing = []
     if arguments.train:
         gpus = study.visible_gpus()
         print(f"{sum(map(len, plan.chains))} trainings on {len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}")
-        failed = study.run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
-    outcomes = [study.outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
-    for outcome in outcomes:
-        save_config(arguments.out / f"{outcome.variant}.json", outcome)
-    write_text(arguments.out / "table.md", study.table(outcomes))
-    learning_curves(arguments.out, plan.variants, plan.seeds).savefig(arguments.out / "learning_curves.png")
-    print(study.table(outcomes))
-    print(f"learning curves: {arguments.out / 'learning_curves.png'}")
-    if failed:
-        raise RunStopped(f"{len(failed)} trainings failed or could not begin; call again to go on", status=1)
+        with _terminated():
+            missing = study.run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
+    found = [study.outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
+    outcomes = [outcome for outcome in found if outcome is not None]
+    if outcomes:
+        for outcome in outcomes:
+            save_config(arguments.out / f"{outcome.variant}.json", outcome)
+        write_text(arguments.out / "table.md", study.table(outcomes))
+        learning_curves(arguments.out, plan.variants, plan.seeds).savefig(arguments.out / "learning_curves.png")
+        print(study.table(outcomes))
+        print(f"learning curves: {arguments.out / 'learning_curves.png'}")
+    elif not arguments.train:
+        raise UserError(f"{arguments.out} holds no judged run of {', '.join(plan.variants)}")
+    if missing:
+        names = ", ".join(training.name for training in missing)
+        raise RunStopped(f"not trained: {names}; call again to go on", status=1)
+
+
+@contextlib.contextmanager
+def _terminated() -> Iterator[None]:
+    """SIGTERM within ends the study as Ctrl-C does: the trainings save, and a call goes on from there."""
+    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.evaluation.figures import INK, QUIET, STYLE, WIDTH
-from bp2_rl.evaluation.study import GOAL, VARIANTS, Judgement, Training, interquartile_mean, judgements
+from bp2_rl.evaluation.study import GOAL, VARIANTS, Judgement, both_stages, interquartile_mean
 
 COLORS = dict(zip(VARIANTS, ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7"), strict=True))
 
@@ -19,17 +19,14 @@ def learning_curves(folder: Path, variants: Sequence[str], seeds: Sequence[int])
         figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
         axes = figure.subplots()
         for variant in variants:
-            origin = VARIANTS[variant].imitation
-            first = _curve(folder, origin or variant, "imitation", seeds)
-            second = _curve(folder, variant, "relaxed", seeds)
-            curves = [curve for curve in (first, second) if curve is not None]
-            if not curves:
+            stages = both_stages(folder, variant, seeds).values()
+            if not stages:
                 continue
-            steps, speeds = (np.concatenate(parts, axis=-1) for parts in zip(*curves, strict=True))
-            if first is not None:
-                axes.axvline(first[0][-1] / 1e6, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
-                if origin:  # the variant they are borrowed from shows them
-                    steps, speeds = steps[len(first[0]) - 1 :], speeds[:, len(first[0]) - 1 :]
+            first, second = (_curve(runs) for runs in zip(*stages, strict=True))
+            steps, speeds = (np.concatenate(parts, axis=-1) for parts in zip(first, second, strict=True))
+            axes.axvline(first[0][-1] / 1e6, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
+            if VARIANTS[variant].imitation:  # the variant they are borrowed from shows them
+                steps, speeds = steps[len(first[0]) - 1 :], speeds[:, len(first[0]) - 1 :]
             color = COLORS[variant]
             middle = interquartile_mean(speeds)
             axes.plot(steps / 1e6, middle, color=color, marker="o", ms=3, label=VARIANTS[variant].meaning)
@@ -44,10 +41,8 @@ def learning_curves(folder: Path, variants: Sequence[str], seeds: Sequence[int])
         return figure
 
 
-def _curve(folder: Path, variant: str, stage: str, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray] | None:
-    """(control steps, top speeds "seed step") of a stage; None where none was judged."""
-    runs: list[list[Judgement]] = [judgements(folder / Training(variant, seed, stage).name) for seed in seeds]  # pyright: ignore[reportArgumentType]
-    runs = [run for run in runs if run]
-    if not runs:
-        return None
-    return np.array([j.control_steps for j in runs[0]]), np.array([[j.top_speed for j in run] for run in runs])
+def _curve(runs: Sequence[Sequence[Judgement]]) -> tuple[np.ndarray, np.ndarray]:
+    """(control steps, top speeds "seed step") of a stage, where all seeds have a policy: a stopped run saves more."""
+    by_step = [{j.control_steps: j.top_speed for j in run} for run in runs]
+    steps = sorted(set.intersection(*map(set, by_step)))
+    return np.array(steps), np.array([[run[step] for step in steps] for run in by_step])

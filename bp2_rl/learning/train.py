@@ -122,6 +122,11 @@ def is_finished(run_dir: Path) -> bool:
     return step is not None and step >= _train_steps(load_run_config(run_dir))
 
 
+def control_steps(config: TrainConfig) -> int:
+    """Control steps that a run makes from its beginning to its end: whole train steps, all robots together."""
+    return _train_steps(config) * config.ppo.steps_per_train_step
+
+
 def make_learner(config: TrainConfig) -> PPO:
     """The learner of a run, on all of JAX's devices."""
     robots = -(-config.ppo.num_envs // len(jax.devices()))

@@ -15,9 +15,8 @@ import contextlib
 import dataclasses
 import functools
 import math
-import multiprocessing
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -32,6 +31,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt.problem import Problem, Weights, motor_coordinates
 from bp2_rl.trajopt.solution import Solution, load_solution, resample, save_solution
+from bp2_rl.workers import spawned
 
 Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
@@ -229,8 +229,7 @@ def solve_chains(chains: Sequence[Chain], folder: Path, workers: int, title: str
                 solve_chain(part, folder)
                 show()
             return
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
-        stack.callback(pool.shutdown, cancel_futures=True)
+        pool = stack.enter_context(spawned(workers))
         for future in as_completed([pool.submit(_solve_parts, chain, folder) for chain in missing]):
             future.result()
             show()

@@ -24,10 +24,10 @@ from bp2_rl import config
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.pool import solvers
 from bp2_rl.trajopt.problem import Problem, motor_coordinates
 from bp2_rl.trajopt.solution import Solution, Trajectory, load_solution, save_solution, versions
 from bp2_rl.trajopt.verify import verify
+from bp2_rl.workers import spawned
 
 FORMAT = 1
 SHIPPED = "reference_motions/bp2_trot.npz"
@@ -95,7 +95,7 @@ def build_family(
         UserError: the folder belongs to another family.
     """
     _claim(folder, settings)
-    with solvers(min(workers, 2)) as pool:
+    with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
         walks = [pool.submit(_walk, settings, folder, speeds) for speeds in settings.walks()]
         while True:

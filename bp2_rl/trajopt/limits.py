@@ -5,9 +5,9 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
-from bp2_rl.trajopt.pool import solvers
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution
+from bp2_rl.workers import spawned
 
 CHANGES: dict[str, dict[str, Any]] = {
     "BP2 as specified": {},
@@ -39,7 +39,7 @@ def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
     """
     variants = {name: problem.on(**change) for name, change in CHANGES.items()}
     variants[NO_SPEED_LIMIT] = dataclasses.replace(problem, speed_margin=2.0)
-    with solvers(workers) as pool:
+    with spawned(workers) as pool:
         searches = {pool.submit(_search, variant): name for name, variant in variants.items()}
         for search in concurrent.futures.as_completed(searches):
             yield Limit(searches[search], search.result())

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from bp2_rl import config
 from bp2_rl.errors import UserError
-from bp2_rl.trajopt.pool import solvers
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution, load_solution, save_solution
 from bp2_rl.trajopt.verify import verify
+from bp2_rl.workers import spawned
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,7 @@ def sweep(problem: Problem, speeds: Sequence[float], starts: int, folder: Path, 
                 yield config.load_config(Attempt, record)
             else:
                 todo.append((speed, start))
-    with solvers(workers) as pool:
+    with spawned(workers) as pool:
         attempts = [pool.submit(_attempt, problem.at(speed), start, folder) for speed, start in todo]
         for attempt in concurrent.futures.as_completed(attempts):
             yield attempt.result()
