@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.steering import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
-from bp2_rl.robot.actuator import joint_torque
+from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
 
 Array = Any  # numpy or jax array
@@ -98,18 +98,17 @@ class Ramp:
 class Numerics:
     """How C MuJoCo computes a millisecond; the defaults are how a run is judged."""
 
-    steps: int = 1  # physics steps under the same motor torques
+    steps: int = 1  # physics steps
+    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # likewise, in each of them
     tolerance: float = 1e-10  # scaled residual at which the solver is done
-    integrator: Literal["Euler", "implicitfast"] = "Euler"
 
     def apply(self, model: mujoco.MjModel) -> None:
         """Set the model's options; the physics alone changes, not the robot."""
         model.opt.timestep = DT / self.steps
         model.opt.iterations, model.opt.ls_iterations = self.iterations, self.line_search_iterations
         model.opt.tolerance = self.tolerance
-        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
 
 
 JUDGE = Numerics()
@@ -128,7 +127,8 @@ def rollout_mujoco(
     """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot. Whatever the `numerics`, the start is the same, torques change and samples are taken each ms.
+    CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
+    and the limits at its beginning.
     """
     model = converged_model(config)
     data = standing_start(model, config)
@@ -136,7 +136,6 @@ def rollout_mujoco(
     motors = motors_of(config)
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
-    torque = data.ctrl.copy()
 
     with jax.default_device(jax.devices("cpu")[0]):
         control = _compiled_control_step(policy, config, operator)
@@ -146,17 +145,33 @@ def rollout_mujoco(
             state, target = control(state, data.qpos, data.qvel, next_command)
             position, velocity = np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)
             for step in range(k * specs.SUBSTEPS, (k + 1) * specs.SUBSTEPS):
-                q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-                torque = joint_torque(motors, torque, q, qd, position, velocity, DT)
-                data.ctrl[:] = torque
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
-                recording.torque[step], recording.target[step], recording.command[step] = torque, position, command
-                mujoco.mj_step(model, data, nstep=numerics.steps)
+                recording.target[step], recording.command[step] = position, command
+                recording.torque[step] = _millisecond(model, data, motors, position, velocity, numerics)
                 recording.foot_force[step] = foot_forces(model, data)
                 fell = fallen(data.qpos, data.qvel, config.termination)
                 if fell or recording.qpos[step, 0] >= finish:
                     return recording.trajectory(step + 1, fell, schedule, model, config, name, "C MuJoCo")
     return recording.trajectory(len(recording.qpos), False, schedule, model, config, name, "C MuJoCo")
+
+
+def _millisecond(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    motors: Actuator,
+    q_target: Float[np.ndarray, "12"],
+    qd_target: Float[np.ndarray, "12"],
+    numerics: Numerics,
+) -> Float[np.ndarray, "12"]:
+    """Motors and physics from one sample to the next; returns the torque applied at the beginning, Nm."""
+    updates = numerics.steps if numerics.motors_each_step else 1
+    torques = []
+    for _ in range(updates):
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, q_target, qd_target, DT / updates)
+        torques.append(data.ctrl.copy())
+        mujoco.mj_step(model, data, nstep=numerics.steps // updates)
+    return torques[0]
 
 
 def rollout_mjx(

@@ -12,6 +12,7 @@ from bp2_rl.evaluation.steering import HEADING_HOLD, HeadingHold
 from bp2_rl.learning.policy import Policy
 
 BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}
+HELD = "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,8 +118,8 @@ def describe_operator(operator: HeadingHold) -> str:
 def describe_simulator(backend: str) -> str:
     """The physics of a single run in one line."""
     return {
-        "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; policy at 200 Hz, no "
-        "noise, full strength",
+        "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {HELD}; policy at 200 "
+        "Hz, no noise, full strength",
         "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
-        "policy at 200 Hz, no noise",
+        f"{HELD}; policy at 200 Hz, no noise",
     }[backend]

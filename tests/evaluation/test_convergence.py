@@ -1,4 +1,3 @@
-import dataclasses
 import io
 
 import pytest
@@ -61,9 +60,15 @@ def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, 
     assert [schedule for schedule, _ in asked] == [ramp] * 5
     numerics = [numerics for _, numerics in asked]
     assert numerics[0] == JUDGE
-    assert [n.steps for n in numerics] == [1, 2, 4, 1, 1]
-    assert (numerics[3].iterations, numerics[3].line_search_iterations) == (200, 100)
-    assert numerics[4] == dataclasses.replace(JUDGE, integrator="implicitfast")
+    assert [(n.steps, n.motors_each_step) for n in numerics] == [
+        (1, False),
+        (2, False),
+        (4, False),
+        (4, True),
+        (1, False),
+    ]
+    assert (numerics[4].iterations, numerics[4].line_search_iterations) == (200, 100)
+    assert "but for '0.25 ms, motors too'" in evaluation.conditions["simulator"]
     assert evaluation.good
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)
