@@ -12,6 +12,7 @@ from bp2_rl.evaluation.steering import HEADING_HOLD, HeadingHold
 from bp2_rl.learning.policy import Policy
 
 BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}
+LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 HELD = "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
@@ -35,6 +36,8 @@ class Setup:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise UserError(f"--{name} must be a positive number of {unit}, got {value:g}")
+        if self.hold is not None and self.hold < LEAST_HOLD:
+            raise UserError(f"--hold must be at least {LEAST_HOLD:g} seconds, got {self.hold:g}")
         if self.robots is not None and self.robots < 1:
             raise UserError(f"--robots must be at least 1, got {self.robots}")
         if self.seed is not None and not 0 <= self.seed < 2**32:

@@ -163,6 +163,7 @@ def test_help_explains_every_flag(capsys):
         (["--speed", "fast"], ("--speed", "fast")),
         (["--hold", "-1"], ("--hold", "-1")),
         (["--hold", "inf"], ("--hold", "inf")),
+        (["--hold", "1e-12"], ("--hold", "at least 0.1")),
         (["--spede", "3"], ("--spede", "--speed")),
         (["--speed"], ("--speed",)),
         (["again"], ("again",)),

@@ -46,6 +46,7 @@ def test_conditions_say_how_to_do_it_again(make_policy):
         ({"speed": 0.0}, "--speed"),
         ({"acceleration": np.inf}, "--acceleration"),
         ({"hold": np.nan}, "--hold"),
+        ({"hold": 1e-12}, "--hold must be at least 0.1 seconds"),
         ({"robots": 0}, "--robots"),
         ({"seed": -1}, "--seed"),
     ],
