@@ -51,7 +51,7 @@ def here(tmp_path, monkeypatch):
 
 @pytest.fixture
 def policy(here, export):
-    export(here / "policy", top_speed=0.5)
+    export(here / "policy", topspeed={"top_speed": 0.5})
     return here / "policy"
 
 
