@@ -35,7 +35,7 @@ class ControlConfig:
 class CommandConfig:
     """How velocity commands are drawn: a target, approached at a limited rate, drawn anew every few seconds."""
 
-    max_forward: float = 15.5  # m/s, v_x^max of Table S4
+    max_forward: float = 15.5  # m/s, v_x^max of Table S4, which gives none
     max_lateral: float = 0.5  # m/s, v_y^max
     max_yaw_rate: float = 1.0  # rad/s, omega_z^max
     max_backward: float = 0.0  # m/s
@@ -43,10 +43,7 @@ class CommandConfig:
     limit_fraction: float = 0.4  # share of targets in the fastest tenth of what the curriculum allows
     straight_fraction: float = 0.5  # share of targets with no lateral and no yaw command
     stand_fraction: float = 0.05  # share of targets that are zero
-    acceleration: Range = (
-        1.0,
-        8.0,
-    )  # m/s2, rate at which the forward command approaches its target: ramps to all but steps
+    acceleration: Range = (1.0, 8.0)  # m/s2, rate at which the forward command approaches its target
     turn_acceleration: float = 2.0  # m/s2 and rad/s2, likewise for lateral and yaw
     hold_time: Range = (1.0, 3.0)  # s, from reaching a target to the next draw
 
@@ -55,10 +52,8 @@ class CommandConfig:
 class CurriculumConfig:
     """Per-robot speed curriculum: commands tracked near a robot's limit raise that limit, falls lower it."""
 
-    start_speed: float | None = (
-        None  # m/s, fastest forward command at level 0 (level 1: commands.max_forward); None: all
-    )
-    # commands from the first step on, no curriculum
+    start_speed: float | None = None
+    """m/s, fastest forward command at level 0 (level 1: commands.max_forward); None: all commands from the start on"""
     near: float = 0.9  # what counts is the time at commands above this share of the limit
     evidence: float = 0.5  # s of such time at least, between two draws
     tolerance: float = 0.1  # of (1 m/s + limit), for the mean speed error in that time
