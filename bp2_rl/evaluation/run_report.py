@@ -51,7 +51,7 @@ def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Peak joint speed", f"{fastest.peak_speed:.1f} rad/s", fastest.name),
         Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
         Row("On the envelope", f"{metrics.on_envelope:.1%}", "motor samples within 1 % of a limit"),
-        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples, at the start of each ms; must be 0"),
+        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples, once a ms; must be 0"),
     )
 
 
