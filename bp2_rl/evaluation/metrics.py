@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.robot import actuator, specs
 
+HELD = 5.0  # s: a speed kept for so long is held
 TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
 LIFT_FORCE = 0.02  # ... until it presses less than this
 BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing
@@ -63,6 +64,7 @@ class RunMetrics:
     hold_time: float  # s of the hold phase run without a fall
     commanded_speed: float  # m/s, forward, at the end
     best_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
+    held_speed: float | None  # m/s, best 5-s mean of the hold phase; None where that is shorter
     slowest_held_speed: float | None  # m/s, slowest 1-s mean of the hold phase; None unless that lasted 1 s
     mean_speed: float  # m/s, over the steady window
     tracking_error: float | None  # m/s, mean of |forward speed - command| over the hold phase, likewise
@@ -108,6 +110,7 @@ def measure(run: Trajectory) -> RunMetrics:
         hold_time=max(end - run.steady_from, 0.0),
         commanded_speed=float(run.command[-1, 0]),
         best_speed=best.speed if best is not None else None,
+        held_speed=held_speed(hold) if hold is not None else None,
         slowest_held_speed=slowest_second(hold) if hold is not None else None,
         mean_speed=float(np.mean(steady.ground_velocity[:, 0])),
         tracking_error=tracking_error(hold) if hold is not None else None,
@@ -173,6 +176,12 @@ def best_window(run: Trajectory, length: float) -> BestWindow | None:
     means = window_means(run.ground_velocity[:, 0], samples)
     start = int(np.argmax(means))
     return BestWindow(start=float(run.time[start]), speed=float(means[start]))
+
+
+def held_speed(hold: Trajectory) -> float | None:
+    """The best mean forward speed over `HELD` seconds of a hold phase, m/s; None where it is shorter."""
+    best = best_window(hold, HELD)
+    return best.speed if best is not None else None
 
 
 def slowest_second(hold: Trajectory) -> float:

@@ -37,6 +37,24 @@ def test_top_speed_is_the_best_one_second_mean(make_run):
     assert m.slowest_held_speed == pytest.approx(4.0 - np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5)
 
 
+def test_held_speed_is_the_best_five_second_mean_of_the_hold_phase(make_run):
+    run = make_run(duration=12.0)  # held from 2 s on
+    qvel = run.qvel.copy()
+    qvel[:, 0] = 4.0 + np.sin(2 * np.pi * run.time / 20.0)
+    m = measure(make_run(duration=12.0, qvel=qvel))
+    # The sine peaks at 5 s: the best five seconds are those from 2.5 to 7.5 s.
+    assert m.held_speed == pytest.approx(4.0 + np.sin(np.pi / 4) / (np.pi / 4), abs=1e-5)
+    late = measure(make_run(duration=12.0, qvel=qvel, steady_from=7.0))
+    # Held from 7 s on it falls all the time: the first five seconds, to a sum of 1 ms.
+    assert late.held_speed == pytest.approx(4.0 + 4 / np.pi * np.sin(np.pi * 0.95) * np.sin(np.pi / 4), abs=1e-3)
+
+
+@pytest.mark.parametrize(("duration", "held"), [(6.999, False), (7.0, True)])
+def test_a_hold_shorter_than_five_seconds_has_no_held_speed(make_run, duration, held):
+    m = measure(make_run(duration=duration, speed=5.0, acceleration=2.5))
+    assert m.held_speed == (pytest.approx(5.0) if held else None)
+
+
 def test_a_run_shorter_than_a_second_has_no_top_speed(make_run):
     m = measure(make_run(duration=0.9))
     assert m.best_speed is None
