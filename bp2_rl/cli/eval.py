@@ -36,7 +36,7 @@ class EvalConfig:
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
     """Speed to command; by default the one at which the card's result was measured (robustness: 10.74)."""
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
-    """How fast the command rises; by default 2.4, in a sprint what the card says, else 5."""
+    """How fast the command rises; by default 2.4, in a sprint what the card says, else 3."""
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """How long to hold the speed; by default 20 (robustness: 15). Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None

@@ -190,7 +190,7 @@ def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_f
     policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
     evaluation = sprint(policy, race(policy, setup), setup)
     ((schedule, rest),) = asked
-    assert (schedule.target, schedule.acceleration, schedule.duration) == ((10.0, 0.0, 0.0), 5.0, 30.0)
+    assert (schedule.target, schedule.acceleration, schedule.duration) == ((10.0, 0.0, 0.0), 3.0, 30.0)
     assert (rest["finish"], rest["operator"]) == (100.0, setup.operator)
     assert evaluation.verdict == "100 m in 11.00 s, inside one lane."
     assert evaluation.good
