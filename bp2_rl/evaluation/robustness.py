@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.env.config import RandomizationConfig
+from bp2_rl.env.config import CommandConfig, RandomizationConfig
 from bp2_rl.evaluation.figures import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.fleet import FleetRun, rollout_fleet
 from bp2_rl.evaluation.outcome import Evaluation, Picture, Row, rounded, show
@@ -87,7 +87,12 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         benchmark="robustness",
         subject=f"{robots} robots, {policy.card.stage} policy, {ramp.target[0]:g} m/s commanded",
         backend="MJX" if setup.backend == "mjx" else "C MuJoCo",
-        conditions=said | {"robots": f"{robots}, seed {seed}", "drawn": describe_randomization(drawn)},
+        conditions=said
+        | {
+            "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
+            "robots": f"{robots}, seed {seed}",
+            "drawn": describe_randomization(drawn),
+        },
         verdict=verdict(metrics),
         good=metrics.upright == len(metrics.robots),
         rows=fleet_rows(metrics),
@@ -119,14 +124,23 @@ def describe_fleet_simulator(backend: str) -> str:
     return f"{engine}, 1 kHz, in the environment of training; policy at 200 Hz"
 
 
+def describe_steering(commands: CommandConfig, speed: float) -> str:
+    """What the environment leaves of the operator's yaw rate, in one line."""
+    return (
+        f"the environment limits the yaw-rate command to {commands.max_turn:g} m/s² / commanded speed: "
+        f"{commands.max_turn / speed:.3g} rad/s at {speed:g} m/s"
+    )
+
+
 def describe_randomization(drawn: RandomizationConfig) -> str:
     """The ranges in one line; what is drawn uniformly, and what acts all the time."""
     low, high = (specs.FOOT_FRICTION * factor for factor in drawn.friction)
     return (
-        f"friction {low:.2f} to {high:.2f}, each body's mass x {_range(drawn.mass)}, trunk's centre of mass "
+        f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
         f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms; sensor noise of "
-        f"training; pushes of up to {drawn.push_velocity:g} m/s every {drawn.push_interval:g} s in the mean"
+        f"training; pushes of up to {drawn.push_velocity:g} m/s on each axis, every {drawn.push_interval:g} s in the "
+        "mean"
     )
 
 

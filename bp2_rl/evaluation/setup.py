@@ -114,7 +114,8 @@ def describe_operator(operator: HeadingHold) -> str:
         return "none: the yaw command is the schedule's"
     return (
         f"yaw-rate command = -{operator.heading_gain:g}/s x heading - {operator.lane_gain:g}/(m s) x offset to the "
-        f"left, at most {operator.limit:g} rad/s, on straight commands"
+        f"left, at most {operator.limit:g} rad/s, on straight commands; sees the true heading and offset, without "
+        "noise or delay"
     )
 
 

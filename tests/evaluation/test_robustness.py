@@ -2,17 +2,20 @@ import dataclasses
 import io
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
 
 from bp2_rl.config import from_json, to_json
-from bp2_rl.env.config import RandomizationConfig
+from bp2_rl.env.commands import fastest_turn
+from bp2_rl.env.config import CommandConfig, RandomizationConfig
 from bp2_rl.evaluation import robustness as module
 from bp2_rl.evaluation.fleet import FleetRun
 from bp2_rl.evaluation.robustness import (
     RobustnessMetrics,
     describe_randomization,
+    describe_steering,
     fleet_figure,
     fleet_rows,
     measure_fleet,
@@ -106,6 +109,14 @@ def test_the_ranges_are_said_in_words():
     said = describe_randomization(dataclasses.replace(RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)))
     assert "friction 0.45 to 0.90" in said
     assert "latency 0 to 10 ms" in said
+    assert "each body's mass by itself x 0.9 to 1.1" in said
+    assert "pushes of up to 0.5 m/s on each axis" in said
+
+
+def test_the_limit_of_the_steering_is_that_of_the_environment():
+    commands = CommandConfig(max_turn=3.0)
+    limit = float(fastest_turn(jnp.asarray(10.74), commands))
+    assert describe_steering(commands, 10.74).endswith(f"{limit:.3f} rad/s at 10.74 m/s")
 
 
 @pytest.mark.parametrize(("backend", "impl"), [("mujoco", "c"), ("mjx", "jax")])
@@ -124,6 +135,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     assert (asked["robots"], asked["seed"], asked["impl"]) == (200, 0, impl)
     assert asked["randomization"] == RandomizationConfig()  # not the policy's own
     assert evaluation.good
+    assert "0.279 rad/s" in evaluation.conditions["steering"]
     assert evaluation.trajectory is None
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)

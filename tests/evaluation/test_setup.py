@@ -36,6 +36,7 @@ def test_conditions_say_how_to_do_it_again(make_policy):
     assert "seed 3" in said["policy"]
     assert said["weights_sha256"] == policy.card.weights_sha256
     assert said["operator"].startswith("yaw-rate command = -4/s x heading - 0.4/(m s) x offset")
+    assert said["operator"].endswith("sees the true heading and offset, without noise or delay")
     assert describe_operator(HeadingHold(limit=0.0)).startswith("none")
 
 
