@@ -27,6 +27,7 @@ from bp2_rl.evaluation.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
+from bp2_rl.robot.specs import HardwareSpec
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
@@ -123,17 +124,20 @@ def rollout_mujoco(
     name: str = "policy",
     finish: float = math.inf,
     numerics: Numerics = JUDGE,
+    hardware: HardwareSpec | None = None,
 ) -> Trajectory:
     """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
-    and the limits at its beginning.
+    and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
+    controller take it for.
     """
-    model = converged_model(config)
-    data = standing_start(model, config)
+    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
+    model = converged_model(robot)
+    data = standing_start(model, robot)
     numerics.apply(model)
-    motors = motors_of(config)
+    motors = motors_of(robot)
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
 
@@ -151,8 +155,8 @@ def rollout_mujoco(
                 recording.foot_force[step] = foot_forces(model, data)
                 fell = fallen(data.qpos, data.qvel, config.termination)
                 if fell or recording.qpos[step, 0] >= finish:
-                    return recording.trajectory(step + 1, fell, schedule, model, config, name, "C MuJoCo")
-    return recording.trajectory(len(recording.qpos), False, schedule, model, config, name, "C MuJoCo")
+                    return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
+    return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
 
 
 def _millisecond(

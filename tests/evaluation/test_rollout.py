@@ -24,7 +24,7 @@ from bp2_rl.evaluation.steering import HeadingHold
 from bp2_rl.evaluation.trajectory import heading
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
-from bp2_rl.robot.specs import GRAVITY
+from bp2_rl.robot.specs import GRAVITY, HardwareSpec
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()  # the action is added to the kinematic gait
@@ -232,6 +232,24 @@ def test_finer_motors_lag_no_less():
     # Implicit Euler goes 1/21 of the way in 1 ms and 1 - (80/81)^4, 2 % more, in four quarters; the fine motors begin
     # 0.75 ms, 4 % of the lag, earlier on theirs.
     np.testing.assert_allclose(fine_rise, rise, rtol=0.08)
+
+
+def test_another_robot_runs_under_the_controller_of_the_assumed_one():
+    heavy = HardwareSpec(mass_scale=1.1, peak_torque=100.0)
+    config = EnvConfig(control=ControlConfig(feedforward=1.0))
+    schedule = Ramp((1.0, 0.0, 0.0), hold=0.05)
+    run = rollout_mujoco(no_action, schedule, config, hardware=heavy)
+    assert run.hardware == heavy
+    own, assumed = (
+        rollout_mujoco(no_action, schedule, each) for each in (dataclasses.replace(config, hardware=heavy), config)
+    )
+    assert run.mass == pytest.approx(1.1 * assumed.mass)
+    np.testing.assert_array_equal(run.qpos[0], own.qpos[0])  # it stands as it is
+    # More weight asks for more torque from the start, but the controller knows nothing of it.
+    np.testing.assert_allclose(run.target[:5], assumed.target[:5], atol=1e-6)
+    assert np.max(np.abs(run.target[:5] - own.target[:5])) > 1e-3
+    weak = rollout_mujoco(kick, schedule, config, hardware=heavy)
+    assert np.max(np.abs(weak.torque)) == pytest.approx(100.0)
 
 
 def test_numerics_reach_the_model():
