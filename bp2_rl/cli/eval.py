@@ -30,7 +30,8 @@ class EvalConfig:
     """The same, as a flag."""
     benchmark: str = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
-    robots at 10.74 m/s. convergence: topspeed under finer physics. all: one after the other."""
+    robots at 10.74 m/s. convergence: topspeed under finer physics. sensitivity: topspeed and sprint on robots other
+    than the one assumed. all: one after the other."""
     backend: str = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
@@ -38,7 +39,7 @@ class EvalConfig:
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
     """How fast the command rises; by default 2.4, in a sprint what the card says, else 3."""
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold the speed; by default 20 (robustness: 15). Not of sprint."""
+    """How long to hold the speed; by default 20 (robustness: 15, sensitivity: 5). Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None

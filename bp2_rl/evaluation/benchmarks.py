@@ -8,6 +8,7 @@ from bp2_rl.evaluation.convergence import convergence
 from bp2_rl.evaluation.outcome import Evaluation
 from bp2_rl.evaluation.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.rollout import Ramp
+from bp2_rl.evaluation.sensitivity import ramp_to_sensitivity, sensitivity
 from bp2_rl.evaluation.setup import Setup
 from bp2_rl.evaluation.sprint import race, sprint
 from bp2_rl.evaluation.topspeed import ramp_to_topspeed, topspeed
@@ -31,6 +32,7 @@ BENCHMARKS = {
         ramp_to_robustness, robustness, ("backend", "speed", "acceleration", "hold", "robots", "seed", "operator")
     ),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("speed", "acceleration", "hold", "operator")),
+    "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("speed", "acceleration", "hold", "operator")),
 }
 
 

@@ -111,15 +111,11 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     name = describe_command(policy, ramp.target[0])
     run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK)
     metrics = measure_sprint(run, ramp.acceleration)
-    schedule = (
-        f"from a stand; the command rises at {ramp.acceleration:g} m/s² to {ramp.target[0]:g} m/s and stays there to "
-        f"the end of {TRACK:g} m, for {TIME_LIMIT:g} s at most; the clock starts when it begins to rise"
-    )
     return Evaluation(
         benchmark="sprint",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, schedule, describe_simulator(setup.backend), setup.operator),
+        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend), setup.operator),
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=sprint_rows(metrics),
@@ -143,6 +139,14 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     if speed / acceleration >= TIME_LIMIT:
         raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
     return Ramp((speed, 0.0, 0.0), acceleration=acceleration, hold=TIME_LIMIT - speed / acceleration)
+
+
+def describe_race(ramp: Ramp) -> str:
+    """The schedule in one line."""
+    return (
+        f"from a stand; the command rises at {ramp.acceleration:g} m/s² to {ramp.target[0]:g} m/s and stays there to "
+        f"the end of {TRACK:g} m, for {TIME_LIMIT:g} s at most; the clock starts when it begins to rise"
+    )
 
 
 # --- What is measured ----------------------------------------------------------------------------------------
