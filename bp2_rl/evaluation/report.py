@@ -140,7 +140,7 @@ def card_results(evaluation: Evaluation) -> dict[str, Any]:
     return {name: said[name] for name in _CARD_CONDITIONS if name in said} | evaluation.results
 
 
-_CARD_CONDITIONS = ("schedule", "simulator", "operator")
+_CARD_CONDITIONS = ("schedule", "sprint", "simulator", "operator", "steering")
 
 
 def _png(figure: Any) -> bytes:

@@ -229,6 +229,7 @@ def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
             "upright": metrics.upright,
             "top_speed_range": metrics.top_speeds,
             "time_100m_range": metrics.times_100m,
+            "lanes_kept": sum(robot.lane_kept for robot in metrics.robots),
             "top_speeds": {r.name: None if r.fell_at is not None else r.top_speed for r in metrics.robots},
             "times_100m": {r.name: r.time_100m for r in metrics.robots},
         }

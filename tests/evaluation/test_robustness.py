@@ -10,6 +10,7 @@ from PIL import Image
 from bp2_rl.config import from_json, to_json
 from bp2_rl.env.commands import fastest_turn
 from bp2_rl.env.config import CommandConfig, RandomizationConfig
+from bp2_rl.evaluation import report
 from bp2_rl.evaluation import robustness as module
 from bp2_rl.evaluation.fleet import FleetRun
 from bp2_rl.evaluation.robustness import (
@@ -135,7 +136,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     assert (asked["robots"], asked["seed"], asked["impl"]) == (200, 0, impl)
     assert asked["randomization"] == RandomizationConfig()  # not the policy's own
     assert evaluation.good
-    assert "0.279 rad/s" in evaluation.conditions["steering"]
+    assert "0.279 rad/s" in report.card_results(evaluation)["steering"]
     assert evaluation.trajectory is None
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)

@@ -7,6 +7,7 @@ from PIL import Image
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation import report
 from bp2_rl.evaluation import sensitivity as module
 from bp2_rl.evaluation.benchmarks import choose
 from bp2_rl.evaluation.sensitivity import (
@@ -84,6 +85,8 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         assert all(run[3].acceleration == acceleration for run in runs)
     assert [run[3].hold for run in asked if run[2] is None] == [5.0] * len(robots)
     assert evaluation.good
+    assert evaluation.results["lanes_kept"] == len(robots)
+    assert report.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
     assert evaluation.results["top_speeds"]["mass +10 %"] == pytest.approx(10.0)
     assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
