@@ -121,7 +121,7 @@ def test_the_card_says_what_several_reports_say():
     results = load_policy("kept").card.results
     assert set(results) == {"curriculum_level", "top_speed", "topspeed", "sprint"}
     assert results["topspeed"]["commanded_speed"] == 0.3
-    assert results["sprint"]["sprint_acceleration"] == 5.0
+    assert results["sprint"]["sprint_acceleration"] == 3.0
     assert results["sprint"]["time_100m"] is None  # it stands
 
 
