@@ -7,15 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.evaluation.figures import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.metrics import measure
-from bp2_rl.evaluation.outcome import Evaluation, Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.metrics import RIPPLE, measure
+from bp2_rl.evaluation.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.rollout import JUDGE, Numerics, Ramp, rollout_mujoco
 from bp2_rl.evaluation.setup import HELD, Setup, conditions, describe_command, describe_ramp
 from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 
 TOLERANCE = 0.01  # of the mean speed held: what a change of the numerics may change
-RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
 
 VARIANTS = {
     "1 ms, as judged": JUDGE,
@@ -134,7 +133,7 @@ def variant_table(metrics: ConvergenceMetrics) -> Table:
                 f"{v.mean_speed_change:+.3%}",
                 show(v.best_speed, ".3f"),
                 show(v.best_speed_change, "+.3%"),
-                "none" if v.fell_at is None else f"at {v.fell_at:.2f} s",
+                show_fall(v.fell_at),
             )
             for v in metrics.variants
         ],

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.metrics import best_window, contacts, steady_window, touchdowns
+from bp2_rl.evaluation.metrics import RIPPLE, best_window, contacts, steady_window, touchdowns
 from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -74,7 +74,7 @@ def speed_figure(run: Trajectory) -> Figure:
     speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
 
     forward = run.ground_velocity[:, 0]
-    stride = moving_mean(forward, round(0.25 / run.dt))
+    stride = moving_mean(forward, round(RIPPLE / run.dt))
     speed.plot(run.time, forward, color=FRONT, alpha=0.25, linewidth=0.7, label="each millisecond")
     speed.plot(run.time, stride, color=FRONT, linewidth=1.8, label="0.25-s mean")
     speed.plot(run.time, run.command[:, 0], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")

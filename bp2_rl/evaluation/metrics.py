@@ -15,6 +15,7 @@ from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.robot import actuator, specs
 
 HELD = 5.0  # s: a speed kept for so long is held
+RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
 TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
 LIFT_FORCE = 0.02  # ... until it presses less than this
 BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing

@@ -61,6 +61,11 @@ def show(value: float | None, form: str, unit: str = "") -> str:
     return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
 
 
+def show_fall(fell_at: float | None) -> str:
+    """When a robot fell, if it did; `fell_at` in s."""
+    return "none" if fell_at is None else f"at {fell_at:.2f} s"
+
+
 def rounded(results: dict[str, Any]) -> dict[str, Any]:
     """The same to four digits, within lists and groups too."""
 

@@ -14,18 +14,18 @@ from matplotlib.figure import Figure
 from bp2_rl.env.config import CommandConfig, RandomizationConfig
 from bp2_rl.evaluation.figures import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.fleet import FleetRun, rollout_fleet
+from bp2_rl.evaluation.metrics import RIPPLE
 from bp2_rl.evaluation.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.rollout import Ramp
 from bp2_rl.evaluation.setup import Setup, conditions, describe_ramp
+from bp2_rl.evaluation.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 
 ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
-ACCELERATION = 2.4  # m/s2
 HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
-RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
 TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
 
 
@@ -108,10 +108,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: the same for every policy, so that they can be compared."""
-    del policy
-    return Ramp(
-        (setup.speed or SPEED, 0.0, 0.0), acceleration=setup.acceleration or ACCELERATION, hold=setup.hold or HOLD
-    )
+    return ramp_to_topspeed(policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or HOLD))
 
 
 _IMPLS: dict[str, Literal["c", "jax"]] = {"mujoco": "c", "mjx": "jax"}

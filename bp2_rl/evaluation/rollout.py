@@ -32,6 +32,7 @@ from bp2_rl.robot.specs import HardwareSpec
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
 
+ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 SETTLING_TIME = 4.0  # s of standing before the clock starts
 SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
 DT = specs.PHYSICS_STEP
@@ -64,7 +65,7 @@ class Ramp:
     """From rest to a target at constant acceleration, then hold."""
 
     target: tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
-    acceleration: float = 2.4  # m/s2, along the target's direction; the paper's launch has 2.38
+    acceleration: float = ACCELERATION  # m/s2, along the target's direction
     hold: float = 20.0  # s
 
     def __post_init__(self) -> None:

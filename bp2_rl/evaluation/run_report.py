@@ -4,7 +4,7 @@ from typing import Any
 
 from bp2_rl.evaluation.figures import FIGURES
 from bp2_rl.evaluation.metrics import RunMetrics
-from bp2_rl.evaluation.outcome import Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.outcome import Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.trajectory import Trajectory
 
 
@@ -21,7 +21,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         ),
         Row("Slowest second", show(m.slowest_held_speed, ".2f", "m/s"), "lowest 1-s mean while held"),
         Row("Tracking error", show(m.tracking_error, ".2f", "m/s"), "mean |speed - command| while held"),
-        Row("Fall", "none" if m.fell_at is None else f"at {m.fell_at:.2f} s", f"in {m.duration:.1f} s"),
+        Row("Fall", show_fall(m.fell_at), f"in {m.duration:.1f} s"),
         Row("Time held", f"{m.hold_time:.1f} s", "at the final command"),
         Row("Distance", f"{m.distance:.1f} m", "straight from start to end"),
         Row("Lateral drift", f"{m.lateral_drift:.2f} m", "greatest, from the first heading's line"),

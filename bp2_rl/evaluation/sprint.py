@@ -20,8 +20,8 @@ from bp2_rl.evaluation.figures import (
     moving_mean,
     styled,
 )
-from bp2_rl.evaluation.metrics import RunMetrics, measure
-from bp2_rl.evaluation.outcome import MEASURES, Evaluation, Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.metrics import RIPPLE, RunMetrics, measure
+from bp2_rl.evaluation.outcome import MEASURES, Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.rollout import Ramp
 from bp2_rl.evaluation.run_report import motor_rows, run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.setup import (
@@ -44,7 +44,6 @@ LAUNCH = 5.0  # m, as in the paper
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 TIME_LIMIT = 30.0  # s
 ACCELERATION = 3.0  # m/s2; most policies stall at 5
-RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
 TILES = "100 m", "Mean acceleration", "Best second", "Lane used", "Fall", "Peak motor power"
 
 BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
@@ -270,7 +269,7 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("Mean acceleration", show(mean, ".2f", "m/s\u00b2"), "speed at 5 m over time at 5 m"),
         Row("Equivalent", show(equivalent, ".2f", "m/s\u00b2"), "constant one of the same time, 2 d / t\u00b2"),
         Row("Best second", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
-        Row("Fall", "none" if run.fell_at is None else f"at {run.fell_at:.2f} s", f"in {run.duration:.1f} s"),
+        Row("Fall", show_fall(run.fell_at), f"in {run.duration:.1f} s"),
         Row("Trunk off the line", f"{lane.trunk_offset:.2f} m", "greatest, of its centre"),
         Row("Trunk's side", f"{lane.trunk_reach:.2f} m", "greatest distance from the line, 0.44 m wide"),
         Row("Feet's outer edge", f"{lane.foot_reach:.2f} m", "likewise"),

@@ -39,7 +39,6 @@ STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 RECIPE, JUDGED = "recipe.json", "judged.json"
 GOAL = 10.74  # m/s; the paper's outdoor top speed
 CRUISE = 10.0  # m/s, at which the cost of transport is measured
-ACCELERATION = 2.4  # m/s2
 HOLD = 5.0  # s
 LADDER = (1.0, 0.8, 0.6)  # commands at which the top speed is looked for, shares of the training's fastest
 RESAMPLES = 10_000
@@ -137,7 +136,7 @@ def visible_gpus() -> tuple[str, ...]:
     if shutil.which("nvidia-smi") is None:
         return ()
     listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout
-    return tuple(str(i) for i, line in enumerate(filter(lambda line: line.startswith("GPU"), listed.splitlines())))
+    return tuple(map(str, range(sum(line.startswith("GPU") for line in listed.splitlines()))))
 
 
 # --- Training ------------------------------------------------------------------------------------------------
@@ -349,7 +348,7 @@ def _judge(policy: Policy, wall_time: float | None) -> Judgement:
     top = policy.card.env.commands.max_forward
 
     def held(speed: float) -> RunMetrics:
-        ramp = Ramp((min(speed, top), 0.0, 0.0), acceleration=ACCELERATION, hold=HOLD)
+        ramp = Ramp((min(speed, top), 0.0, 0.0), hold=HOLD)
         return measure(rollout_mujoco(policy, ramp, policy.card.env))
 
     best, falls = 0.0, 0

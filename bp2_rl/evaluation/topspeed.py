@@ -2,7 +2,7 @@
 
 from bp2_rl.evaluation.metrics import RunMetrics, measure
 from bp2_rl.evaluation.outcome import Evaluation
-from bp2_rl.evaluation.rollout import Ramp
+from bp2_rl.evaluation.rollout import ACCELERATION, Ramp
 from bp2_rl.evaluation.run_report import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.setup import (
     BACKENDS,
@@ -16,7 +16,6 @@ from bp2_rl.evaluation.setup import (
 from bp2_rl.learning.policy import Policy
 
 HOLD = 20.0  # s
-ACCELERATION = 2.4  # m/s2; the paper's launch: 2.38
 TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"
 
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from bp2_rl.evaluation.metrics import best_window
+from bp2_rl.evaluation.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.trajectory import Trajectory
 from bp2_rl.robot.model import load_model
 
@@ -109,7 +109,7 @@ def frame_samples(run: Trajectory) -> np.ndarray:
 
 def _caption(run: Trajectory, k: int) -> str:
     """Speed (mean of the last quarter of a second) and time."""
-    recent = run.ground_velocity[max(0, k - round(0.25 / run.dt)) : k + 1, 0]
+    recent = run.ground_velocity[max(0, k - round(RIPPLE / run.dt)) : k + 1, 0]
     return f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
 
 
