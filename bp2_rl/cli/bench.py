@@ -19,14 +19,8 @@ import jax
 import tyro
 from rich.console import Console
 
-from bp2_rl.cli import app
-from bp2_rl.cli.runtime import prepare_jax
-from bp2_rl.cli.train import defaults_here
-from bp2_rl.config import from_json, package_versions, save_config
-from bp2_rl.env.bp2_env import BP2Env, Impl
-from bp2_rl.env.config import EnvConfig
-from bp2_rl.errors import UserError
-from bp2_rl.evaluation.throughput import (
+from bp2_rl.bench.measure import OUT_OF_MEMORY, Case, PartName, measure_case
+from bp2_rl.bench.report import (
     NUMBERS,
     PICTURE,
     Bench,
@@ -36,7 +30,13 @@ from bp2_rl.evaluation.throughput import (
     say,
     scaling_figure,
 )
-from bp2_rl.learning.bench import OUT_OF_MEMORY, Case, PartName, measure_case
+from bp2_rl.cli import app
+from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.cli.train import defaults_here
+from bp2_rl.config import from_json, package_versions, save_config
+from bp2_rl.env.bp2_env import BP2Env, Impl
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.errors import UserError
 from bp2_rl.learning.ppo import PPO, PPOConfig
 from bp2_rl.learning.stages import Preset, TrainConfig
 

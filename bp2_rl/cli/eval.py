@@ -12,7 +12,7 @@ import tyro
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.steering import HeadingHold
+from bp2_rl.evaluation.runs.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/default"
 
@@ -67,9 +67,9 @@ def evaluate(config: EvalConfig) -> None:
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT
-    from bp2_rl.evaluation import report
-    from bp2_rl.evaluation.benchmarks import ALL, BENCHMARKS, choose
-    from bp2_rl.evaluation.setup import Setup
+    from bp2_rl.evaluation.benchmarks.options import Setup
+    from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
+    from bp2_rl.evaluation.report import report
     from bp2_rl.learning.policy import load_policy
 
     if config.backend == "mujoco":

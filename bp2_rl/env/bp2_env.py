@@ -15,9 +15,9 @@ from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, ControllerState, motors_of
-from bp2_rl.env.physics import Effort, Impl, Physics, Simulator
-from bp2_rl.env.physics_c import CPhysics
-from bp2_rl.env.physics_mjx import MjxPhysics
+from bp2_rl.env.physics.c import CPhysics
+from bp2_rl.env.physics.interface import Effort, Impl, Physics, Simulator
+from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bp2_rl.evaluation.figures import FAINT, INK, LEG_COLORS, STYLE, WIDTH
+from bp2_rl.plotting import FAINT, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.robot.specs import BP2
 from bp2_rl.trajopt.codesign import FLAT, PARAMETERS, Codesign, Parameter, Row, Scan
 
@@ -27,32 +26,32 @@ ROWS: tuple[tuple[str, Callable[[Row], float]], ...] = (
 """What is drawn over each parameter."""
 
 
+@styled
 def codesign_figure(study: Codesign) -> Figure:
     """Cost, period, torque and joint speed over each parameter; shaded where the cost is within `FLAT` of the least.
 
     A vertical line is BP2's value, the large marker the cheapest value of the scan.
     """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 8.4), layout="constrained")
-        panels = figure.subplots(len(ROWS), len(PARAMETERS), sharex="col", sharey="row")
-        for name, column in zip(PARAMETERS, panels.T, strict=True):
-            scans = [scan for scan in study.scans if scan.parameter == name]
-            for (label, figure_of), axes in zip(ROWS, column, strict=True):
-                _draw(axes, scans, figure_of)
-                axes.yaxis.set_major_locator(MaxNLocator(5))
-                axes.axvline(_shown(name, getattr(BP2, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
-                if axes in panels[:, 0]:
-                    axes.set_ylabel(label)
-            for scan in scans:
-                low, high = (_shown(name, value) for value in scan.flat)
-                column[0].axvspan(low, high, color=COLORS[scan.others], alpha=0.15, linewidth=0)
-            column[0].set_title(TITLES[name].split(" [")[0])
-            column[-1].set_xlabel(TITLES[name])
-        handles = [axes_line for axes_line in panels[0, 0].get_lines() if axes_line.get_label() in LABELS.values()]
-        handles.append(panels[0, 0].plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 2)), label="BP2")[0])
-        handles.append(panels[0, 0].fill_between([], [], color=FAINT, label=f"cost within {FLAT:.0%} of the least"))
-        figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=1.6)
-        return figure
+    figure = Figure(figsize=(WIDTH, 8.4), layout="constrained")
+    panels = figure.subplots(len(ROWS), len(PARAMETERS), sharex="col", sharey="row")
+    for name, column in zip(PARAMETERS, panels.T, strict=True):
+        scans = [scan for scan in study.scans if scan.parameter == name]
+        for (label, figure_of), axes in zip(ROWS, column, strict=True):
+            _draw(axes, scans, figure_of)
+            axes.yaxis.set_major_locator(MaxNLocator(5))
+            axes.axvline(_shown(name, getattr(BP2, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+            if axes in panels[:, 0]:
+                axes.set_ylabel(label)
+        for scan in scans:
+            low, high = (_shown(name, value) for value in scan.flat)
+            column[0].axvspan(low, high, color=COLORS[scan.others], alpha=0.15, linewidth=0)
+        column[0].set_title(TITLES[name].split(" [")[0])
+        column[-1].set_xlabel(TITLES[name])
+    handles = [axes_line for axes_line in panels[0, 0].get_lines() if axes_line.get_label() in LABELS.values()]
+    handles.append(panels[0, 0].plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 2)), label="BP2")[0])
+    handles.append(panels[0, 0].fill_between([], [], color=FAINT, label=f"cost within {FLAT:.0%} of the least"))
+    figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=1.6)
+    return figure
 
 
 def _draw(axes: Axes, scans: Sequence[Scan], figure_of: Callable[[Row], float]) -> None:

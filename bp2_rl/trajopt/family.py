@@ -110,7 +110,7 @@ def build_family(
 
 
 def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> None:
-    """Write the library: one .npz with the arrays of `bp2_rl.gait.library` and their provenance as JSON."""
+    """Write the library: one .npz with the arrays of `bp2_rl.gait.collocation.library` and their provenance as JSON."""
     arrays: dict[str, Any] = {
         field.name: np.stack([getattr(solution.trajectory, field.name) for solution in family])
         for field in dataclasses.fields(Trajectory)

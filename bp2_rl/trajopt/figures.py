@@ -1,15 +1,13 @@
 """Pictures of trajectories: the paper's Figs. robot_model_analysis and hardware_opt, and a family over speed.
 
-Drawn off screen, in the style of `evaluation.figures`. Left is blue and right is vermilion, fore legs are dotted and
+Drawn off screen, in the style of `plotting`. Left is blue and right is vermilion, fore legs are dotted and
 hind legs solid; the terms of the equations of motion keep their colours (Okabe-Ito's, and Tol's indigo and wine).
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
@@ -18,7 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.figures import FAINT, INK, QUIET, STYLE, WIDTH
+from bp2_rl.plotting import FAINT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.trajopt.cycle import (
@@ -47,18 +45,7 @@ SPACE = 1.2  # m, least distance from one to the next
 FINE = 64  # intervals of each segment that curves are drawn with
 
 
-def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Draw under the house's style and leave Matplotlib's own untouched."""
-
-    @functools.wraps(draw)
-    def styled(*args: Any, **kwargs: Any) -> Figure:
-        with mpl.rc_context(STYLE):
-            return draw(*args, **kwargs)
-
-    return styled
-
-
-@_styled
+@styled
 def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str | None = None) -> Figure:
     """Who balances whom, at one speed and over speed (paper, Fig. robot_model_analysis, A to L).
 
@@ -112,7 +99,7 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str 
     return figure
 
 
-@_styled
+@styled
 def trajectory_figure(solution: Solution) -> Figure:
     """One gait cycle: motion, velocities, ground reaction forces and torques (paper, Fig. hardware_opt, A to I).
 
@@ -180,7 +167,7 @@ class _Figures:
     pitch: tuple[float, float]  # rad, likewise
 
 
-@_styled
+@styled
 def family_figure(solutions: Sequence[Solution]) -> Figure:
     """What changes with speed in a family of motions: times, loads, effort and the trunk's posture.
 

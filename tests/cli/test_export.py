@@ -11,7 +11,7 @@ from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.evaluation.setup import speed_to_command
+from bp2_rl.evaluation.benchmarks.options import speed_to_command
 from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
 
 SIZE = sum(entry.size for entry in LAYOUT)
@@ -48,7 +48,7 @@ def measured(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
         patch.setenv("MUJOCO_GL", "")
-        patch.setattr("bp2_rl.evaluation.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
+        patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
         for flags in (
             ["--hold", "1.2", "--out", str(folder / "report")],
             ["--benchmark", "sprint", "--out", str(folder / "race")],

@@ -6,8 +6,8 @@ import pytest
 
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.controller import Controller
+from bp2_rl.gait.collocation.library import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
-from bp2_rl.gait.library import CollocationGait
 from bp2_rl.gait.standing import Standing
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec

@@ -8,8 +8,8 @@ from rich.console import Console
 
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.evaluation import report
-from bp2_rl.evaluation.trajectory import Trajectory
+from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
 

@@ -4,7 +4,7 @@ import jax
 from aim import TINY, Aim
 from jax.experimental.compilation_cache import compilation_cache
 
-from bp2_rl.learning.bench import Compilations
+from bp2_rl.bench.measure import Compilations
 from bp2_rl.learning.ppo import PPO
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.errors import UserError
-from bp2_rl.gait.library import load_library
+from bp2_rl.gait.collocation.library import load_library
 from bp2_rl.trajopt.family import FamilyConfig, build_family, load_family, save_family, steps_of
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Trajectory

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.figures import QUIET
+from bp2_rl.plotting import QUIET
 from bp2_rl.trajopt.collocation import cold_guess
 from bp2_rl.trajopt.cycle import cost_of_transport
 from bp2_rl.trajopt.decomposition import TERMS, Decomposition, Trends, decompose, find_trends

@@ -1,0 +1,86 @@
+"""The five physics steps of a control step in MJX."""
+
+import importlib.util
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import mujoco
+from jaxtyping import Array, Float
+from mujoco import mjx
+
+from bp2_rl.env import randomization
+from bp2_rl.env.controller import Targets
+from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
+from bp2_rl.env.randomization import Randomization
+from bp2_rl.errors import UserError
+from bp2_rl.robot import dynamics, specs
+from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
+
+SOLVER_LIMITS = 1 << 9 | 1 << 10
+"""MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only the extra `warp` brings."""
+
+
+class MjxPhysics:
+    """MJX's JAX implementation with BP2's own constraint solver (`robot.dynamics`), or MJX on NVIDIA's Warp.
+
+    Args:
+        model: BP2 on flat ground, without what is only seen.
+        motors: its motors at full strength.
+        impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and not exactly repeatable.
+        num_robots: for `warp`, the largest number of robots in one batch.
+
+    Raises:
+        UserError: `impl` cannot run here.
+    """
+
+    def __init__(self, model: mujoco.MjModel, motors: Actuator, impl: Literal["jax", "warp"], num_robots: int = 1):
+        self.model, self._template = _put_on_device(model, impl, num_robots)
+        self._step = dynamics.step if impl == "jax" else mjx.step
+        self.motors = motors
+        self._trunk = int(model.body("trunk").id)
+        self._feet = foot_geom_ids(model)
+
+    def __call__(
+        self, physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
+        """See `physics.Simulator`."""
+        model = randomization.randomize_model(self.model, robot, self._trunk)
+        motors = randomization.randomize_actuator(self.motors, robot)
+        history = target_history(physics, targets)
+
+        # Only what a step remembers is handed on: all else in `mjx.Data` is computed anew, and costs memory to carry.
+        def substep(state: tuple[Array, ...], ages: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+            qpos, qvel, warmstart, torque = state
+            q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
+            q_target, qd_target = history[in_force(ages, robot.latency)]
+            torque = joint_torque(motors, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
+            data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
+            data = self._step(model, data)
+            power, height = torque * qd, data.geom_xpos[self._feet, 2]
+            return (data.qpos, data.qvel, data.qacc_warmstart, torque), (torque, power, height)
+
+        before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
+        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
+        touching = heights[-1] <= specs.FOOT_RADIUS
+        effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
+        return Physics(*after, targets=history[:-1]), effort, touching.astype(jnp.float32)
+
+
+def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:
+    """MJX's model and an empty state, on this process's own device: MJX would take the first one of all processes."""
+    device = jax.local_devices()[0]
+    if impl == "jax":
+        return mjx.put_model(model, device=device), mjx.make_data(model, device=device)
+    if importlib.util.find_spec("warp") is None:
+        raise UserError("--impl warp needs the package warp-lang: pip install 'bp2_rl[warp]', or use --impl jax")
+    if jax.default_backend() != "gpu":
+        raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
+    feet, limits = len(specs.LEGS), specs.NUM_MOTORS
+    rows = 4 * feet + limits  # a pyramidal contact has four
+    data = mjx.make_data(model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows)
+    device_model: Any = mjx.put_model(model, impl="warp", device=device)
+    # Training takes a few iterations of the solver, converged or not; Warp would say so on the console at each step.
+    warnings = {"opt._impl.warn_overflow": device_model.opt._impl.warn_overflow & ~SOLVER_LIMITS}
+    return device_model.tree_replace(warnings), data

@@ -1,0 +1,79 @@
+"""What a benchmark hands to the terminal, the page, the file and a policy's card."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
+
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+
+NOT_MEASURED = "-"
+MEASURES = "Measure", "Value", "Definition"  # head of a table of rows
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    label: str
+    value: str
+    meaning: str
+
+
+class Table(NamedTuple):
+    """A further table of the page; all columns but the first (and the last, if `words`) hold numbers."""
+
+    title: str
+    head: Sequence[str]
+    lines: Sequence[Sequence[str]]
+    words: bool = False
+
+
+class Picture(NamedTuple):
+    """A figure of the page, and of a file of this name."""
+
+    name: str
+    caption: str
+    figure: Figure
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """A benchmark's outcome: what was done and what came out, for every reader."""
+
+    benchmark: str
+    subject: str  # who ran, for titles
+    backend: str  # the simulator, for titles
+    conditions: dict[str, str]  # what a reader must know to do it again
+    verdict: str  # in one sentence ...
+    good: bool  # ... and whether it is a good one
+    rows: tuple[Row, ...]  # the figures of merit, each with what it means
+    tiles: tuple[str, ...]  # labels of the rows that are shown large
+    pictures: tuple[Picture, ...]
+    metrics: Any  # a dataclass: everything that was measured
+    results: dict[str, Any]  # what a policy's card says: SI units, shares of 1, None where it was not measured
+    tables: tuple[Table, ...] = ()
+    trajectory: Trajectory | None = None  # of the one run, where there was one
+
+
+def show(value: float | None, form: str, unit: str = "") -> str:
+    """A number with its unit, or a dash."""
+    return NOT_MEASURED if value is None else f"{value:{form}} {unit}".strip()
+
+
+def show_fall(fell_at: float | None) -> str:
+    """When a robot fell, if it did; `fell_at` in s."""
+    return "none" if fell_at is None else f"at {fell_at:.2f} s"
+
+
+def rounded(results: dict[str, Any]) -> dict[str, Any]:
+    """The same to four digits, within lists and groups too."""
+
+    def four_digits(value: Any) -> Any:
+        if isinstance(value, float):
+            return float(f"{value:.4g}")
+        if isinstance(value, dict):
+            return rounded(value)
+        return [four_digits(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+    return {name: four_digits(value) for name, value in results.items()}

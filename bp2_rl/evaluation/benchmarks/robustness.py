@@ -1,0 +1,292 @@
+"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed."""
+
+import dataclasses
+import math
+from typing import Literal
+
+import jax
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bp2_rl.env.config import CommandConfig, RandomizationConfig
+from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_ramp
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.runs.batch import FleetRun, rollout_fleet
+from bp2_rl.evaluation.runs.metrics import RIPPLE
+from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.learning.policy import Policy
+from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
+from bp2_rl.robot import specs
+
+ROBOTS = 200
+SPEED = specs.OUTDOOR_TOP_SPEED
+HOLD = 15.0  # s
+CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
+TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    """One robot: what was drawn for it, and what it did."""
+
+    friction: float  # of the feet on the ground
+    latency: float  # s, from observation to new joint targets
+    mass: float  # kg
+    strength: float  # share of the peak torque that its weakest motor has
+    mean_speed: float | None  # m/s, while held; None if it fell
+    offset: float | None  # m, greatest distance of its trunk from the line through the start; None if it fell
+    fell_at: float | None  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantiles:
+    """Of the robots that did not fall."""
+
+    low: float  # 5 % lie below
+    median: float
+    high: float  # 5 % lie above
+
+
+@dataclasses.dataclass(frozen=True)
+class RobustnessMetrics:
+    """How a fleet fared, and each of its robots."""
+
+    commanded_speed: float  # m/s
+    duration: float  # s
+    upright: int  # robots that did not fall
+    share: float  # of all
+    share_interval: tuple[float, float]  # Wilson score interval, 95 %
+    mean_speed: Quantiles | None  # m/s, over robots, of each one's mean while held; None if all fell
+    offset: Quantiles | None  # m, over robots, of each one's greatest distance from the line
+    greatest_offset: float | None  # m
+    fallen_at: tuple[float, ...]  # s, in order
+    robots: tuple[Robot, ...]
+
+
+def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Run the fleet and count."""
+    robots, seed = setup.robots or ROBOTS, setup.seed or 0
+    drawn = RandomizationConfig()
+    run = rollout_fleet(
+        policy,
+        ramp,
+        policy.card.env,
+        robots=robots,
+        seed=seed,
+        randomization=drawn,
+        operator=setup.operator,
+        impl=_IMPLS[setup.backend],
+    )
+    metrics = measure_fleet(run)
+    said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup.operator)
+    return Evaluation(
+        benchmark="robustness",
+        subject=f"{robots} robots, {policy.card.stage} policy, {ramp.target[0]:g} m/s commanded",
+        backend="MJX" if setup.backend == "mjx" else "C MuJoCo",
+        conditions=said
+        | {
+            "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
+            "robots": f"{robots}, seed {seed}",
+            "drawn": describe_randomization(drawn),
+        },
+        verdict=verdict(metrics),
+        good=metrics.upright == len(metrics.robots),
+        rows=fleet_rows(metrics),
+        tiles=TILES,
+        pictures=(
+            Picture("robots", ROBOTS_CAPTION, robots_figure(metrics)),
+            Picture("fleet", FLEET_CAPTION, fleet_figure(run)),
+        ),
+        metrics=metrics,
+        results=fleet_results(metrics),
+    )
+
+
+def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
+    """The schedule: the same for every policy, so that they can be compared."""
+    return ramp_to_topspeed(policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or HOLD))
+
+
+_IMPLS: dict[str, Literal["c", "jax"]] = {"mujoco": "c", "mjx": "jax"}
+
+
+def describe_fleet_simulator(backend: str) -> str:
+    """The physics in one line."""
+    mjx = f"MJX {mujoco.__version__} on JAX {jax.__version__}"
+    engine = mjx if backend == "mjx" else f"C MuJoCo {mujoco.__version__}"
+    return f"{engine}, 1 kHz, in the environment of training; policy at 200 Hz"
+
+
+def describe_steering(commands: CommandConfig, speed: float) -> str:
+    """What the environment leaves of the operator's yaw rate, in one line."""
+    return (
+        f"the environment limits the yaw-rate command to {commands.max_turn:g} m/s² / commanded speed: "
+        f"{commands.max_turn / speed:.3g} rad/s at {speed:g} m/s"
+    )
+
+
+def describe_randomization(drawn: RandomizationConfig) -> str:
+    """The ranges in one line; what is drawn uniformly, and what acts all the time."""
+    low, high = (specs.FOOT_FRICTION * factor for factor in drawn.friction)
+    return (
+        f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
+        f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
+        f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms; sensor noise of "
+        f"training; pushes of up to {drawn.push_velocity:g} m/s on each axis, every {drawn.push_interval:g} s in the "
+        "mean"
+    )
+
+
+def _range(bounds: tuple[float, float]) -> str:
+    return f"{bounds[0]:g} to {bounds[1]:g}"
+
+
+# --- What is measured ----------------------------------------------------------------------------------------
+
+
+def measure_fleet(run: FleetRun) -> RobustnessMetrics:
+    """All that a fleet is judged by."""
+    upright = np.isinf(run.fell_at)
+    speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
+    offsets = np.max(np.abs(run.offset), axis=0)
+    robots = tuple(
+        Robot(
+            **{name: float(values[i]) for name, values in run.robots.items()},
+            mean_speed=float(speeds[i]) if up else None,
+            offset=float(offsets[i]) if up else None,
+            fell_at=None if up else float(run.fell_at[i]),
+        )
+        for i, up in enumerate(upright)
+    )
+    count = int(np.sum(upright))
+    return RobustnessMetrics(
+        commanded_speed=float(run.command[-1]),
+        duration=float(run.time[-1]),
+        upright=count,
+        share=count / len(robots),
+        share_interval=wilson_interval(count, len(robots)),
+        mean_speed=quantiles(speeds[upright]),
+        offset=quantiles(offsets[upright]),
+        greatest_offset=float(np.max(offsets[upright])) if count else None,
+        fallen_at=tuple(float(time) for time in np.sort(run.fell_at[~upright])),
+        robots=robots,
+    )
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927): unlike the normal one it is of use at 0 and at all of them."""
+    z, p = CONFIDENCE_95, successes / trials
+    middle = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = z / (1 + z**2 / trials) * math.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def quantiles(values: Float[np.ndarray, " N"]) -> Quantiles | None:
+    """5 %, median and 95 %; None of nothing."""
+    return Quantiles(*map(float, np.quantile(values, (0.05, 0.5, 0.95)))) if len(values) else None
+
+
+# --- What is shown -------------------------------------------------------------------------------------------
+
+
+def verdict(metrics: RobustnessMetrics) -> str:
+    """The fleet in one sentence."""
+    count = f"{metrics.upright} of {len(metrics.robots)} robots"
+    return f"{count} did not fall at a command of {metrics.commanded_speed:g} m/s."
+
+
+def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
+    """The figures of merit for a reader, each with what it means."""
+    m, (low, high) = metrics, metrics.share_interval
+    speed, offset = m.mean_speed, m.offset
+    return (
+        Row("Without a fall", f"{m.share:.1%}", f"upright for {m.duration:.1f} s: {m.upright} of {len(m.robots)}"),
+        Row("95 % interval", f"{low:.1%} to {high:.1%}", "Wilson score interval of that share"),
+        Row("Commanded speed", f"{m.commanded_speed:.2f} m/s", "at the end"),
+        Row("Mean speed", show(speed and speed.median, ".2f", "m/s"), "while held, median of the upright"),
+        Row("Slowest 5 %", show(speed and speed.low, ".2f", "m/s"), "likewise, 5 % quantile"),
+        Row("Fastest 5 %", show(speed and speed.high, ".2f", "m/s"), "likewise, 95 % quantile"),
+        Row("Off the line", show(offset and offset.median, ".2f", "m"), "greatest, median of the upright"),
+        Row("Worst off the line", show(m.greatest_offset, ".2f", "m"), "greatest of the upright"),
+        Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
+        Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "likewise"),
+    )
+
+
+def fleet_results(metrics: RobustnessMetrics) -> dict[str, object]:
+    """What a policy's card says of the fleet."""
+    m, speed, offset = metrics, metrics.mean_speed, metrics.offset
+    return rounded(
+        {
+            "commanded_speed": m.commanded_speed,
+            "robots": len(m.robots),
+            "upright": m.upright,
+            "share": m.share,
+            "share_interval": m.share_interval,
+            "mean_speed": speed and speed.median,
+            "mean_speed_5_to_95": speed and (speed.low, speed.high),
+            "lane_offset": offset and offset.median,
+            "greatest_lane_offset": m.greatest_offset,
+        }
+    )
+
+
+ROBOTS_CAPTION = (
+    "Each robot's mean speed while held over the friction drawn for it, with the latency as colour; crosses: fallen."
+)
+FLEET_CAPTION = (
+    "Speed over time (0.25-s means) of the robots that had not fallen until then: the median, and the bands that hold "
+    "half and nine tenths of them; ticks: falls."
+)
+
+
+@styled
+def robots_figure(metrics: RobustnessMetrics) -> Figure:
+    """Mean speed over friction, coloured by latency; falls where their speed would be, below all others."""
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    axes: Axes = figure.subplots()
+    robots = [(r.friction, r.mean_speed, 1e3 * r.latency) for r in metrics.robots if r.mean_speed is not None]
+    fallen = [r.friction for r in metrics.robots if r.fell_at is not None]
+    latencies = [1e3 * robot.latency for robot in metrics.robots]
+    shades = {"cmap": "cividis", "vmin": min(latencies), "vmax": max(latencies)}
+    if robots:
+        friction, speed, latency = zip(*robots, strict=True)
+        points = axes.scatter(friction, speed, c=latency, s=26, linewidths=0, **shades)
+        figure.colorbar(points, ax=axes, label="Latency [ms]", pad=0.02).outline.set_visible(False)
+    axes.axhline(metrics.commanded_speed, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    if fallen:
+        floor, at = [0.03] * len(fallen), axes.get_xaxis_transform()
+        axes.plot(fallen, floor, "x", ms=7, mew=1.8, color=FALL, transform=at, label=f"{len(fallen)} fell")
+    axes.set(title="Mean speed held", xlabel="Friction [1]", ylabel="Speed [m/s]")
+    axes.margins(y=0.12)
+    legend_above(axes)
+    return figure
+
+
+@styled
+def fleet_figure(run: FleetRun) -> Figure:
+    """Quantile bands of the speed over time."""
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    axes: Axes = figure.subplots()
+    speed = moving_mean(run.speed, round(RIPPLE / specs.CONTROL_STEP))
+    standing = run.time[:, None] < run.fell_at - RIPPLE / 2
+    standing[0] = True
+    last = int(np.sum(np.any(standing, axis=1)))
+    shown = np.where(standing, speed, np.nan)[:last]
+    bands = np.nanquantile(shown, (0.05, 0.25, 0.5, 0.75, 0.95), axis=1)
+    time = run.time[:last]
+    axes.fill_between(time, bands[0], bands[4], color=FRONT, alpha=0.18, linewidth=0, label="90 % of the robots")
+    axes.fill_between(time, bands[1], bands[3], color=FRONT, alpha=0.35, linewidth=0, label="50 %")
+    axes.plot(time, bands[2], color=FRONT, linewidth=1.8, label="median")
+    axes.plot(run.time, run.command, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    fell = run.fell_at[np.isfinite(run.fell_at)]
+    if len(fell):
+        at = axes.get_xaxis_transform()
+        axes.plot(fell, 0.03 + 0.0 * fell, "|", ms=10, mew=1.6, color=FALL, transform=at, label="falls")
+    axes.set(title="Speed", xlabel="Time [s]", ylabel="Speed [m/s]", xlim=(0.0, run.time[-1]), ylim=(0.0, None))
+    legend_above(axes)
+    return figure

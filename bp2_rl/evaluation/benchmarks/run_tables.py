@@ -1,0 +1,135 @@
+"""What a report shows of a single run: rows, tables, pictures and the results for a card."""
+
+from typing import Any
+
+from bp2_rl.evaluation.benchmarks.outcome import Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.runs.figures import FIGURES
+from bp2_rl.evaluation.runs.metrics import RunMetrics
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+
+
+def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
+    """The figures of merit for a reader, each with what it means."""
+    m = metrics
+    frequency, duty = _mean_gait(m)
+    return (
+        Row("Top speed", show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
+        Row("Held speed", show(m.held_speed, ".2f", "m/s"), "best 5-s mean while held"),
+        Row("Commanded speed", show(m.commanded_speed, ".2f", "m/s"), "at the end"),
+        Row(
+            "Mean speed", show(m.mean_speed, ".2f", "m/s"), f"steady window, {m.steady_from:.1f} to {m.steady_to:.1f} s"
+        ),
+        Row("Slowest second", show(m.slowest_held_speed, ".2f", "m/s"), "lowest 1-s mean while held"),
+        Row("Tracking error", show(m.tracking_error, ".2f", "m/s"), "mean |speed - command| while held"),
+        Row("Fall", show_fall(m.fell_at), f"in {m.duration:.1f} s"),
+        Row("Time held", f"{m.hold_time:.1f} s", "at the final command"),
+        Row("Distance", f"{m.distance:.1f} m", "straight from start to end"),
+        Row("Lateral drift", f"{m.lateral_drift:.2f} m", "greatest, from the first heading's line"),
+        Row("Heading drift", f"{m.heading_drift:.2f} rad", "greatest, from the first heading"),
+        *motor_rows(m),
+        Row("Peak foot force", f"{m.peak_force:.0f} N", "impacts included"),
+        Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", "of the most compressed spring"),
+        Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
+        Row("Stride frequency", show(frequency, ".2f", "Hz"), "mean of legs, steady window"),
+        Row("Duty factor", f"{duty:.2f}", "mean of legs, steady window"),
+        Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
+        Row("Mechanical cost", show(m.mechanical_cost_of_transport, ".2f"), "positive motor work / (m g distance)"),
+        Row("Electrical cost", show(m.electrical_cost_of_transport, ".2f"), "likewise, with copper losses"),
+        Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
+        Row("Electrical power", f"{m.electrical_power:.0f} W", "likewise, with copper losses"),
+        Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m"),
+        Row("Motor demand", show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
+    )
+
+
+def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
+    """What was asked of the motors."""
+    strongest = max(metrics.motors, key=lambda motor: motor.peak_torque)
+    fastest = max(metrics.motors, key=lambda motor: motor.peak_speed)
+    hardest = max(metrics.motors, key=lambda motor: motor.peak_power)
+    return (
+        Row("Peak torque", f"{strongest.peak_torque:.0f} Nm", strongest.name),
+        Row("Peak joint speed", f"{fastest.peak_speed:.1f} rad/s", fastest.name),
+        Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
+        Row("On the envelope", f"{metrics.on_envelope:.1%}", "motor samples within 1 % of a limit"),
+        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples, once a ms; must be 0"),
+    )
+
+
+def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
+    """Every motor and every leg."""
+    motors = [
+        (m.name, f"{m.peak_torque:.1f}", f"{m.peak_speed:.1f}", f"{m.peak_power:.0f}", f"{m.on_envelope:.1%}")
+        for m in metrics.motors
+    ]
+    legs = [
+        (
+            leg.name,
+            f"{leg.duty_factor:.2f}",
+            show(leg.stride_frequency, ".2f"),
+            f"{leg.peak_force:.0f}",
+            f"{1e3 * leg.peak_compression:.0f}",
+            f"{leg.on_stop:.1%}",
+            f"{leg.stop_hits}",
+        )
+        for leg in metrics.legs
+    ]
+    motor_head = "Motor", "Peak torque [Nm]", "Peak speed [rad/s]", "Peak power [W]", "On the envelope"
+    leg_head = (
+        "Leg",
+        "Duty factor",
+        "Stride frequency [Hz]",
+        "Peak force [N]",
+        "Peak spring travel [mm]",
+        "On the stop",
+        "Stop hits",
+    )
+    return Table("Motors", motor_head, motors), Table("Legs", leg_head, legs)
+
+
+def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
+    """Every figure of the run."""
+    return tuple(Picture(name, caption, draw(run)) for name, (draw, caption) in FIGURES.items())
+
+
+def run_results(metrics: RunMetrics) -> dict[str, Any]:
+    """What a policy's card says of the run."""
+    m = metrics
+    frequency, duty = _mean_gait(m)
+    return rounded(
+        {
+            "commanded_speed": m.commanded_speed,
+            "top_speed": m.best_speed,
+            "held_speed": m.held_speed,
+            "mean_speed": m.mean_speed,
+            "slowest_held_speed": m.slowest_held_speed,
+            "hold_time": m.hold_time,
+            "fell_at": m.fell_at,
+            "tracking_error": m.tracking_error,
+            "lateral_drift": m.lateral_drift,
+            "heading_drift": m.heading_drift,
+            "trunk_height": m.mean_height,
+            "stride_frequency": frequency,
+            "duty_factor": duty,
+            "peak_torque": max(motor.peak_torque for motor in m.motors),
+            "peak_joint_speed": max(motor.peak_speed for motor in m.motors),
+            "peak_motor_power": max(motor.peak_power for motor in m.motors),
+            "on_envelope": m.on_envelope,
+            "outside_envelope": m.outside_envelope,
+            "peak_foot_force": m.peak_force,
+            "peak_spring_travel": m.peak_compression,
+            "on_stop": m.on_stop,
+            "stop_hits": m.stop_hits,
+            "mechanical_cost_of_transport": m.mechanical_cost_of_transport,
+            "electrical_cost_of_transport": m.electrical_cost_of_transport,
+            "electrical_power": m.electrical_power,
+            "froude_number": m.froude_number,
+        }
+    )
+
+
+def _mean_gait(metrics: RunMetrics) -> tuple[float | None, float]:
+    """Stride frequency (Hz; None where no leg made a stride) and duty factor, means of the legs."""
+    frequencies = [leg.stride_frequency for leg in metrics.legs if leg.stride_frequency is not None]
+    frequency = sum(frequencies) / len(frequencies) if frequencies else None
+    return frequency, sum(leg.duty_factor for leg in metrics.legs) / len(metrics.legs)

@@ -1,0 +1,294 @@
+"""What of a speed rests on the robot that was assumed: the same policy on others.
+
+Physics and motors change; the policy, its reference motion and its controller stay as they are.
+"""
+
+import dataclasses
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_command, describe_ramp, describe_simulator
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
+from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.learning.policy import Policy
+from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
+from bp2_rl.robot.specs import HardwareSpec
+
+HOLD = 5.0  # s
+AS_ASSUMED = "as assumed"
+SLOW = 1.2  # of the fastest time over 100 m: those beyond are drawn at the picture's edge
+FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
+HOLLOW: dict[str, Any] = FULL | {"mfc": "white", "mew": 1.4}
+TILES = "Without a fall", "Least top speed", "Greatest top speed", "Fastest 100 m", "Slowest 100 m"
+
+
+def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
+    """The robot that the policy is for, and others, each with one property changed."""
+
+    def changed(**properties: float) -> HardwareSpec:
+        return dataclasses.replace(assumed, **properties)
+
+    return {
+        AS_ASSUMED: assumed,
+        "friction 0.6": changed(friction=0.6),
+        "friction 0.8": changed(friction=0.8),
+        "friction 1.1": changed(friction=1.1),
+        "spring stop x 2": changed(spring_stop_stiffness=2.0 * assumed.spring_stop_stiffness),
+        "spring stop x 10": changed(spring_stop_stiffness=10.0 * assumed.spring_stop_stiffness),
+        "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
+        "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
+        "rotor inertia x 0.5": changed(rotor_inertia=0.5 * assumed.rotor_inertia),
+        "rotor inertia x 2": changed(rotor_inertia=2.0 * assumed.rotor_inertia),
+        "peak torque 100 Nm": changed(peak_torque=100.0),
+        "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
+        "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotMetrics:
+    """One robot: held at its top speed, and raced."""
+
+    name: str
+    top_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
+    mean_speed: float | None  # m/s, while held; None if it fell
+    fell_at: float | None  # s, while ramping up to top speed or holding it
+    stop_hits: int  # times that a spring came onto its stop meanwhile
+    time_100m: float | None  # s; None if it did not arrive
+    fell_in_sprint_at: float | None  # s
+    lane_kept: bool  # in the sprint
+
+    @property
+    def upright(self) -> bool:
+        """Whether it fell in neither run."""
+        return self.fell_at is None and self.fell_in_sprint_at is None
+
+
+@dataclasses.dataclass(frozen=True)
+class SensitivityMetrics:
+    """All robots, the assumed one first; ranges are over those that did not fall, None if all did."""
+
+    commanded_speed: float  # m/s
+    upright: int  # robots that fell in neither run
+    top_speeds: tuple[float, float] | None  # m/s, least and greatest
+    times_100m: tuple[float, float] | None  # s, likewise
+    robots: tuple[RobotMetrics, ...]
+
+
+def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Run top speed and sprint on every robot and compare."""
+    config, sprint = policy.card.env, race(policy, setup)
+
+    def run(name: str, hardware: HardwareSpec) -> RobotMetrics:
+        given = {"operator": setup.operator, "name": name, "hardware": hardware}
+        held = rollout_mujoco(policy, ramp, config, **given)
+        raced = rollout_mujoco(policy, sprint, config, finish=TRACK, **given)
+        return measure_robot(name, measure(held), measure_sprint(raced, sprint.acceleration))
+
+    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(config.hardware).items()])
+    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco"), setup.operator)
+    return Evaluation(
+        benchmark="sensitivity",
+        subject=describe_command(policy, ramp.target[0]),
+        backend="C MuJoCo",
+        conditions=said | {"sprint": describe_race(sprint), "robots": ROBOTS},
+        verdict=verdict(metrics),
+        good=metrics.upright == len(metrics.robots),
+        rows=sensitivity_rows(metrics),
+        tiles=TILES,
+        pictures=(Picture("sensitivity", CAPTION, sensitivity_figure(metrics)),),
+        metrics=metrics,
+        results=sensitivity_results(metrics),
+        tables=(robot_table(metrics),),
+    )
+
+
+def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
+    """The schedule of the runs at top speed; that of the sprints is looked at, too, before any robot runs."""
+    race(policy, setup)
+    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
+
+
+# --- What is measured ----------------------------------------------------------------------------------------
+
+
+def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMetrics:
+    """What is compared, of both runs of one robot."""
+    return RobotMetrics(
+        name=name,
+        top_speed=held.best_speed,
+        mean_speed=held.mean_speed if held.fell_at is None else None,
+        fell_at=held.fell_at,
+        stop_hits=held.stop_hits,
+        time_100m=raced.time,
+        fell_in_sprint_at=raced.run.fell_at,
+        lane_kept=raced.lane.kept,
+    )
+
+
+def compare(commanded_speed: float, robots: list[RobotMetrics]) -> SensitivityMetrics:
+    """Count those that did not fall, and give the range of what they did."""
+    upright = [robot for robot in robots if robot.upright]
+    return SensitivityMetrics(
+        commanded_speed=commanded_speed,
+        upright=len(upright),
+        top_speeds=_range([robot.top_speed for robot in upright]),
+        times_100m=_range([robot.time_100m for robot in upright]),
+        robots=tuple(robots),
+    )
+
+
+def _range(values: list[float | None]) -> tuple[float, float] | None:
+    measured = [value for value in values if value is not None]
+    return (min(measured), max(measured)) if measured else None
+
+
+# --- What is shown -------------------------------------------------------------------------------------------
+
+
+ROBOTS = (
+    "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
+    "the motors' corner and no-load speeds stay, so that 100 Nm is less power, too; one run each: a hit of a spring on "
+    "its stop can cost a stride or not, by chance"
+)
+CAPTION = (
+    "The same policy on robots other than the one assumed: speed under the top-speed command, and time over 100 m; "
+    "crosses: fallen, or not arrived; arrowheads: farther off; lines: the robot as assumed."
+)
+
+
+def verdict(metrics: SensitivityMetrics) -> str:
+    """The comparison in one sentence."""
+    count = f"{metrics.upright} of {len(metrics.robots)} robots did not fall"
+    if metrics.top_speeds is None:
+        return f"{count}."
+    (slow, fast), times = metrics.top_speeds, metrics.times_100m
+    raced = f", {TRACK:g} m in {times[0]:.2f} to {times[1]:.2f} s" if times else ""
+    return f"{count}: {slow:.2f} to {fast:.2f} m/s{raced}."
+
+
+def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
+    """The figures of merit for a reader, each with what it means."""
+    (slow, fast), (least, most) = metrics.top_speeds or (None, None), metrics.times_100m or (None, None)
+    return (
+        Row("Without a fall", f"{metrics.upright} of {len(metrics.robots)}", "in both runs"),
+        Row("Least top speed", show(slow, ".2f", "m/s"), "best 1-s mean, of the upright"),
+        Row("Greatest top speed", show(fast, ".2f", "m/s"), "likewise"),
+        Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
+        Row("Slowest 100 m", show(most, ".2f", "s"), "likewise"),
+        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint"),
+        *(Row(r.name[0].upper() + r.name[1:], show(r.top_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
+    )
+
+
+def _in_words(robot: RobotMetrics) -> str:
+    """The sprint, and the fall at top speed."""
+    fell = f"fell at {robot.fell_at:.2f} s; " if robot.fell_at is not None else ""
+    if robot.time_100m is None:
+        return f"{fell}100 m: {_fall(robot.fell_in_sprint_at, none='not reached')}"
+    return f"{fell}100 m in {robot.time_100m:.2f} s{'' if robot.lane_kept else ', left its lane'}"
+
+
+def _fall(fell_at: float | None, none: str = "none") -> str:
+    return none if fell_at is None else f"fell at {fell_at:.2f} s"
+
+
+def robot_table(metrics: SensitivityMetrics) -> Table:
+    """Every robot."""
+    head = "Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "100 m [s]", "Fall", "Lane kept"
+    return Table(
+        "Robots",
+        head,
+        [
+            (
+                robot.name,
+                show(robot.top_speed, ".2f"),
+                show(robot.mean_speed, ".2f"),
+                _fall(robot.fell_at),
+                f"{robot.stop_hits}",
+                show(robot.time_100m, ".2f"),
+                _fall(robot.fell_in_sprint_at),
+                "yes" if robot.lane_kept else "no",
+            )
+            for robot in metrics.robots
+        ],
+    )
+
+
+def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
+    """What a policy's card says of the comparison; a robot that fell has no speed and no time there."""
+    return rounded(
+        {
+            "commanded_speed": metrics.commanded_speed,
+            "robots": len(metrics.robots),
+            "upright": metrics.upright,
+            "top_speed_range": metrics.top_speeds,
+            "time_100m_range": metrics.times_100m,
+            "lanes_kept": sum(robot.lane_kept for robot in metrics.robots),
+            "top_speeds": {r.name: None if r.fell_at is not None else r.top_speed for r in metrics.robots},
+            "times_100m": {r.name: r.time_100m for r in metrics.robots},
+        }
+    )
+
+
+@styled
+def sensitivity_figure(metrics: SensitivityMetrics) -> Figure:
+    """Speeds and times of all robots, one below the other."""
+    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
+    speed, time = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1))
+    robots = metrics.robots
+    _draw_speeds(speed, robots)
+    _draw_times(time, robots)
+    speed.set(yticks=range(len(robots)), yticklabels=[robot.name for robot in robots], ylim=(len(robots) - 0.5, -0.5))
+    for axes in (speed, time):
+        axes.tick_params(axis="y", length=0)
+        legend_above(axes)
+    return figure
+
+
+def _draw_speeds(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
+    for place, robot in enumerate(robots):
+        if robot.fell_at is not None:
+            _draw_cross(axes, place)
+        elif robot.top_speed is not None and robot.mean_speed is not None:
+            axes.plot(robot.top_speed, place, "o", **FULL)
+            axes.plot(robot.mean_speed, place, "o", **HOLLOW)
+    axes.plot([], [], "o", **FULL, label="best second")
+    axes.plot([], [], "o", **HOLLOW, label="mean held")
+    _draw_line(axes, robots[0].top_speed)
+    axes.set(title="Speed", xlabel="Speed [m/s]")
+
+
+def _draw_times(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
+    times = [robot.time_100m for robot in robots if robot.time_100m is not None]
+    edge = SLOW * min(times, default=1.0)
+    for place, robot in enumerate(robots):
+        look = FULL if robot.lane_kept else HOLLOW
+        if robot.time_100m is None:
+            _draw_cross(axes, place)
+        elif robot.time_100m > edge:
+            at = axes.get_yaxis_transform()
+            axes.plot(0.97, place, ">", **look, transform=at)
+            axes.text(0.93, place, f"{robot.time_100m:.1f} s", transform=at, ha="right", va="center")
+        else:
+            axes.plot(robot.time_100m, place, "o", **look)
+    axes.plot([], [], "o", **FULL, label="in its lane")
+    axes.plot([], [], "o", **HOLLOW, label="not")
+    _draw_line(axes, robots[0].time_100m)
+    axes.set(title=f"{TRACK:g} m", xlabel="Time [s]")
+
+
+def _draw_cross(axes: Axes, place: int) -> None:
+    axes.plot(0.03, place, "X", ms=8, color=FALL, transform=axes.get_yaxis_transform())
+
+
+def _draw_line(axes: Axes, value: float | None) -> None:
+    """Where the robot as assumed is."""
+    if value is not None:
+        axes.axvline(value, color=INK, linewidth=1.0, zorder=0.9)
+    axes.margins(x=0.12)

@@ -1,0 +1,57 @@
+"""How fast a policy runs, and what it takes: from a stand to the commanded speed, and hold it."""
+
+from bp2_rl.evaluation.benchmarks.options import (
+    BACKENDS,
+    Setup,
+    conditions,
+    describe_command,
+    describe_ramp,
+    describe_simulator,
+    speed_to_command,
+)
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation
+from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
+from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
+from bp2_rl.evaluation.runs.rollout import ACCELERATION, Ramp
+from bp2_rl.learning.policy import Policy
+
+HOLD = 20.0  # s
+TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"
+
+
+def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Ramp to the commanded speed, hold it, and measure the run."""
+    name = describe_command(policy, ramp.target[0])
+    run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name)
+    metrics = measure(run)
+    return Evaluation(
+        benchmark="topspeed",
+        subject=name,
+        backend=run.backend,
+        conditions=conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend), setup.operator),
+        verdict=verdict(metrics),
+        good=metrics.fell_at is None,
+        rows=run_rows(metrics),
+        tiles=TILES,
+        pictures=run_pictures(run),
+        metrics=metrics,
+        results=run_results(metrics),
+        tables=run_tables(metrics),
+        trajectory=run,
+    )
+
+
+def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
+    """The schedule."""
+    return Ramp(
+        (setup.speed or speed_to_command(policy), 0.0, 0.0),
+        acceleration=setup.acceleration or ACCELERATION,
+        hold=setup.hold or HOLD,
+    )
+
+
+def verdict(metrics: RunMetrics) -> str:
+    """The run in one sentence."""
+    if metrics.fell_at is not None:
+        return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
+    return f"Held {metrics.mean_speed:.2f} m/s for {metrics.hold_time:.1f} s without a fall."

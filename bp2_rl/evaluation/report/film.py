@@ -1,0 +1,135 @@
+"""A film of a run's best seconds, for machines with a GL library.
+
+MuJoCo binds its GL library when it is first imported and a wrong choice can end the process, so the film is made by
+a process of its own: `make_video` starts it once for each library, this module run as a script is that process.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.robot.model import load_model
+
+GL_LIBRARIES = ("egl", "osmesa")
+LENGTH = 4.0  # s
+FRAME_RATE = 30  # frames/s
+WIDTH, HEIGHT = 960, 544  # pixels; multiples of 16, as the codec wants
+SLOW_FRAME = 0.1  # s: a frame that takes longer is drawn by the CPU, and the film is made simpler
+TIME_LIMIT = 300.0  # s, for one library
+CAMERA = "track"
+
+
+class NoVideo(Exception):
+    """This machine cannot make one; the message says why, and how to mend it, in one line."""
+
+
+def make_video(trajectory: Path, output: Path, gl_library: str | None = None) -> None:
+    """Film the trajectory saved at `trajectory` with the given GL library, or the first that works.
+
+    Raises:
+        NoVideo: no GL library works here.
+    """
+    reasons = []
+    for library in (gl_library,) if gl_library else GL_LIBRARIES:
+        error = _film_with(library, trajectory, output)
+        if error is None:
+            return
+        reasons.append(f"{library}: {error}")
+    remedy = "unset MUJOCO_GL" if gl_library else "apt-get install libegl1 libgl1-mesa-dri libosmesa6 (Debian, Ubuntu)"
+    raise NoVideo(f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}, or pass --no-video")
+
+
+def _film_with(library: str, trajectory: Path, output: Path) -> str | None:
+    """Run this module with one GL library: None when the film is there, else the last line of the complaint."""
+    environment = os.environ | {"MUJOCO_GL": library, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    if library == "egl":
+        environment.setdefault("PYOPENGL_PLATFORM", "egl")
+    command = [sys.executable, "-m", __name__, str(trajectory), str(output)]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        return f"not done after {TIME_LIMIT:.0f} s"
+    if done.returncode == 0:
+        return None
+    lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+    return lines[-1].strip()
+
+
+def film(run: Trajectory, output: Path) -> None:
+    """Render the `LENGTH` seconds around the best second from the tracking camera, in real time."""
+    model = load_model(run.hardware)
+    data = mujoco.MjData(model)
+    if _seconds_a_frame(model, data) > SLOW_FRAME:
+        model.vis.quality.offsamples = 0
+        model.vis.quality.shadowsize = 1024
+        model.mat_reflectance[:] = 0.0
+    temporary = output.with_name(f".{output.stem}.tmp{output.suffix}")
+    writer = imageio_ffmpeg.write_frames(str(temporary), (WIDTH, HEIGHT), fps=FRAME_RATE, quality=7)
+    writer.send(None)
+    try:
+        with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
+            for k in frame_samples(run):
+                data.qpos[:] = run.qpos[k]
+                mujoco.mj_forward(model, data)
+                renderer.update_scene(data, camera=CAMERA)
+                writer.send(_captioned(renderer.render(), _caption(run, k)))
+    finally:
+        writer.close()
+    os.replace(temporary, output)
+
+
+def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
+        mujoco.mj_forward(model, data)
+        renderer.update_scene(data, camera=CAMERA)
+        renderer.render()  # the first one sets up the scene
+        start = time.perf_counter()
+        renderer.render()
+        return time.perf_counter() - start
+
+
+def frame_samples(run: Trajectory) -> np.ndarray:
+    """Which samples to show: `LENGTH` seconds at `FRAME_RATE` around the best second, or all of a shorter run."""
+    end = len(run) * run.dt
+    best = best_window(run, 1.0)
+    middle = best.start + 0.5 if best is not None else 0.0
+    start = min(max(middle - LENGTH / 2, 0.0), max(end - LENGTH, 0.0))
+    times = np.arange(start, min(start + LENGTH, end), 1.0 / FRAME_RATE)
+    return np.minimum(np.round(times / run.dt).astype(int), len(run) - 1)
+
+
+def _caption(run: Trajectory, k: int) -> str:
+    """Speed (mean of the last quarter of a second) and time."""
+    recent = run.ground_velocity[max(0, k - round(RIPPLE / run.dt)) : k + 1, 0]
+    return f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
+
+
+def _captioned(frame: np.ndarray, text: str) -> bytes:
+    image = Image.fromarray(frame)
+    place, font = (28, HEIGHT - 48), ImageFont.load_default(24)
+    ImageDraw.Draw(image).text(place, text, font=font, fill="white", stroke_width=2, stroke_fill="#1F2328")
+    return image.tobytes()
+
+
+def _main() -> int:
+    trajectory, output = map(Path, sys.argv[1:])
+    try:
+        film(Trajectory.load(trajectory), output)
+    except Exception as error:
+        # What a missing or broken GL library raises depends on the library: the parent only wants to read why.
+        print(f"{type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

@@ -1,0 +1,366 @@
+"""A policy x a command schedule x a simulator -> Trajectory.
+
+C MuJoCo is the judge: an independent implementation of the physics, in float64 with a converged solver, so that
+nothing a policy has learnt about MJX's approximations helps it there. MJX runs the policy in the simulator it was
+trained in. Both start from the same settled stand and run the same controller and the same motors.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from mujoco import mjx
+
+from bp2_rl.env.config import EnvConfig, TerminationConfig
+from bp2_rl.env.controller import Controller, motors_of
+from bp2_rl.env.observations import measure
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.evaluation.runs.trajectory import Trajectory, heading
+from bp2_rl.robot import dynamics, specs
+from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
+from bp2_rl.robot.specs import HardwareSpec
+
+Array = Any  # numpy or jax array
+ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
+
+ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+SETTLING_TIME = 4.0  # s of standing before the clock starts
+SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
+DT = specs.PHYSICS_STEP
+
+
+# --- What the robot is asked to do ---------------------------------------------------------------------------
+
+
+@runtime_checkable
+class Schedule(Protocol):
+    """A velocity command over time."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, s."""
+        ...
+
+    @property
+    def steady_from(self) -> float:
+        """Time from which the command no longer changes, s."""
+        ...
+
+    def command(self, time: float) -> Float[np.ndarray, "3"]:
+        """Forward and leftward velocity (m/s) and yaw rate (rad/s) at a time."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Ramp:
+    """From rest to a target at constant acceleration, then hold."""
+
+    target: tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
+    acceleration: float = ACCELERATION  # m/s2, along the target's direction
+    hold: float = 20.0  # s
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        if not all(map(math.isfinite, self.target)):
+            raise UserError(f"a commanded velocity must be finite, got {self.target}")
+        if not (math.isfinite(self.acceleration) and self.acceleration > 0):
+            raise UserError(f"acceleration must be a positive number of m/s2, got {self.acceleration:g}")
+        if not (math.isfinite(self.hold) and self.hold > 0):
+            raise UserError(f"hold must be a positive number of seconds, got {self.hold:g}")
+
+    @property
+    def steady_from(self) -> float:
+        """When the target is reached, s; a pure turn has no ramp."""
+        return math.hypot(*self.target[:2]) / self.acceleration
+
+    @property
+    def duration(self) -> float:
+        """Ramp and hold, s."""
+        return self.steady_from + self.hold
+
+    def command(self, time: float) -> Float[np.ndarray, "3"]:
+        """The command at a time."""
+        share = min(time / self.steady_from, 1.0) if self.steady_from > 0 else 1.0
+        return share * np.array(self.target)
+
+
+# --- The simulators ------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How C MuJoCo computes a millisecond; the defaults are how a run is judged."""
+
+    steps: int = 1  # physics steps
+    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
+    iterations: int = 100  # of the constraint solver, at most
+    line_search_iterations: int = 50  # likewise, in each of them
+    tolerance: float = 1e-10  # scaled residual at which the solver is done
+
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Set the model's options; the physics alone changes, not the robot."""
+        model.opt.timestep = DT / self.steps
+        model.opt.iterations, model.opt.ls_iterations = self.iterations, self.line_search_iterations
+        model.opt.tolerance = self.tolerance
+
+
+JUDGE = Numerics()
+
+
+def rollout_mujoco(
+    policy: ActionFunction,
+    schedule: Schedule,
+    config: EnvConfig,
+    *,
+    operator: HeadingHold = HEADING_HOLD,
+    name: str = "policy",
+    finish: float = math.inf,
+    numerics: Numerics = JUDGE,
+    hardware: HardwareSpec | None = None,
+) -> Trajectory:
+    """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
+
+    Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
+    CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
+    and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
+    controller take it for.
+    """
+    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
+    model = converged_model(robot)
+    data = standing_start(model, robot)
+    numerics.apply(model)
+    motors = motors_of(robot)
+    commands = sampled_commands(schedule)
+    recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
+
+    with jax.default_device(jax.devices("cpu")[0]):
+        control = _compiled_control_step(policy, config, operator)
+        state = Controller(config).init(commands[0])
+        for k, next_command in enumerate(commands[1:]):
+            command = np.asarray(state.command)
+            state, target = control(state, data.qpos, data.qvel, next_command)
+            position, velocity = np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)
+            for step in range(k * specs.SUBSTEPS, (k + 1) * specs.SUBSTEPS):
+                recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
+                recording.target[step], recording.command[step] = position, command
+                recording.torque[step] = _millisecond(model, data, motors, position, velocity, numerics)
+                recording.foot_force[step] = foot_forces(model, data)
+                fell = fallen(data.qpos, data.qvel, config.termination)
+                if fell or recording.qpos[step, 0] >= finish:
+                    return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
+    return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
+
+
+def _millisecond(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    motors: Actuator,
+    q_target: Float[np.ndarray, "12"],
+    qd_target: Float[np.ndarray, "12"],
+    numerics: Numerics,
+) -> Float[np.ndarray, "12"]:
+    """Motors and physics from one sample to the next; returns the torque applied at the beginning, Nm."""
+    updates = numerics.steps if numerics.motors_each_step else 1
+    torques = []
+    for _ in range(updates):
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, q_target, qd_target, DT / updates)
+        torques.append(data.ctrl.copy())
+        mujoco.mj_step(model, data, nstep=numerics.steps // updates)
+    return torques[0]
+
+
+def rollout_mjx(
+    policy: ActionFunction,
+    schedule: Schedule,
+    config: EnvConfig,
+    *,
+    operator: HeadingHold = HEADING_HOLD,
+    name: str = "policy",
+    finish: float = math.inf,
+) -> Trajectory:
+    """The same run in MJX on JAX's default device, with the solver settings and the float32 of training.
+
+    Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
+    """
+    model = converged_model(config)
+    start = standing_start(model, config)
+    commands = sampled_commands(schedule)
+    state = Controller(config).init(commands[0])
+    with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
+        run = _compiled_mjx_run(policy, config, operator)
+        recorded = run(state, start.qpos, start.qvel, start.ctrl, commands[1:])
+    qpos, qvel, torque, target, command = (
+        np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
+    )
+    down = np.flatnonzero([fallen(*state, config.termination) for state in zip(qpos, qvel, strict=True)])
+    length = int(down[0]) if len(down) else len(qpos)
+    fell = len(down) > 0
+    there = np.flatnonzero(qpos[:length, 0] >= finish)
+    if len(there):
+        length, fell = int(there[0]) + 1, False
+    recording = _Recording(qpos, qvel, torque, target, command, np.zeros((len(qpos), 4, 3)))
+    for step in range(length):
+        start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
+        mujoco.mj_forward(model, start)
+        recording.foot_force[step] = foot_forces(model, start)
+    return recording.trajectory(length, fell, schedule, model, config, name, "MJX")
+
+
+def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., tuple[Array, ...]]:
+    """A pure function that runs one robot through MJX; jit it, and vmap it for many.
+
+    (controller state, qpos, qvel, torque, commands "K 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
+    """
+    # A run counts to the fall only, and a robot falls before its trunk touches.
+    model = mjx.put_model(load_model(config.hardware, visual=False, trunk_contact=False))
+    motors = motors_of(config)
+    control = _control_step(policy, config, operator)
+
+    def control_period(carry, next_command):
+        state, data, torque = carry
+        command = state.command
+        state, target = control(state, data.qpos, data.qvel, next_command)
+
+        def physics_step(carry, _):
+            data, torque = carry
+            q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+            torque = joint_torque(motors, torque, q, qd, target.position, target.velocity, DT)
+            sample = data.qpos, data.qvel, torque, target.position, command
+            return (dynamics.step(model, data.replace(ctrl=torque)), torque), sample
+
+        (data, torque), samples = jax.lax.scan(physics_step, (data, torque), length=specs.SUBSTEPS)
+        return (state, data, torque), samples
+
+    def run(state, qpos, qvel, torque, commands):
+        qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
+        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel)
+        return jax.lax.scan(control_period, (state, data, torque), commands)[1]
+
+    return run
+
+
+# --- Parts that both share -----------------------------------------------------------------------------------
+
+
+def converged_model(config: EnvConfig) -> mujoco.MjModel:
+    """BP2 for C MuJoCo with the solver run to convergence; a state gone bad stays visible instead of being reset."""
+    model = load_model(config.hardware, visual=False)
+    JUDGE.apply(model)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return model
+
+
+def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:
+    """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    motors = motors_of(config)
+    stand, still = data.qpos[MOTOR_QPOS], np.zeros(specs.NUM_MOTORS)
+    for _ in range(round(SETTLING_TIME / DT)):
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, stand, still, DT)
+        mujoco.mj_step(model, data)
+        data.qvel *= 1.0 - SETTLING_DAMPING * DT
+    data.qpos[:2] = 0.0
+    data.qvel[:] = 0.0
+    data.time = 0.0
+    return data
+
+
+def fallen(qpos: np.ndarray, qvel: np.ndarray, termination: TerminationConfig) -> bool:
+    """Whether the trunk is too low or too tilted, or the state no longer that of a robot (NaN included)."""
+    up = 1.0 - 2.0 * (qpos[4] ** 2 + qpos[5] ** 2)
+    upright = qpos[2] >= termination.min_height and up >= termination.min_up
+    return not (upright and np.max(np.abs(qvel)) <= termination.max_speed)
+
+
+def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
+    """The ground's force on each foot at the state last passed to `mj_step` or `mj_forward`, world frame, N."""
+    forces = np.zeros((4, 3))
+    wrench = np.zeros(6)
+    legs = {geom: leg for leg, geom in enumerate(foot_geom_ids(model))}
+    for i, (geom, frame) in enumerate(zip(data.contact.geom2, data.contact.frame, strict=True)):
+        if geom in legs:  # a plane is always the first geom of a contact, and the force acts on the second
+            mujoco.mj_contactForce(model, data, i, wrench)
+            forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
+    return forces
+
+
+def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+    """(controller state, qpos, qvel, scheduled next command) -> (controller state, targets): one tick of 200 Hz."""
+    controller = Controller(config)
+
+    def control(state, qpos, qvel, next_command):
+        qpos, qvel, next_command = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, next_command))
+        action = policy(controller.observe(state, measure(qpos, qvel)))
+        return controller.act(state, action, operator.steer(next_command, qpos[1], heading(qpos[3:7])))
+
+    return control
+
+
+# One compilation serves all runs of a policy: a benchmark may need many.
+@functools.lru_cache(maxsize=8)
+def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+    return jax.jit(_control_step(policy, config, operator))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled_mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+    return jax.jit(mjx_run(policy, config, operator))
+
+
+def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
+    """The scheduled command at every control step and at the end of the last."""
+    steps = math.ceil(schedule.duration * specs.POLICY_RATE - 1e-9)
+    return np.stack([schedule.command(k * specs.CONTROL_STEP) for k in range(steps + 1)])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Recording:
+    """The samples of a run as they come in: arrays over physics steps."""
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    torque: np.ndarray
+    target: np.ndarray
+    command: np.ndarray
+    foot_force: np.ndarray
+
+    @classmethod
+    def empty(cls, steps: int) -> "_Recording":
+        sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
+        return cls(*(np.zeros((steps, *size)) for size in sizes))
+
+    def trajectory(
+        self,
+        length: int,
+        fell: bool,
+        schedule: Schedule,
+        model: mujoco.MjModel,
+        config: EnvConfig,
+        name: str,
+        backend: str,
+    ) -> Trajectory:
+        """The first `length` samples; `fell`: the next state was that of a fallen robot."""
+        arrays = {field.name: getattr(self, field.name)[:length] for field in dataclasses.fields(self)}
+        return Trajectory(
+            time=np.arange(length) * DT,
+            **arrays,
+            dt=DT,
+            steady_from=schedule.steady_from,
+            fell_at=round(length * DT, 6) if fell else None,
+            mass=float(np.sum(model.body_mass)),
+            hardware=config.hardware,
+            name=name,
+            backend=backend,
+        )

@@ -1,0 +1,262 @@
+"""`python eval.py` as a user meets it: what it prints, what it leaves, how it ends."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bp2_rl.assets import asset_path
+from bp2_rl.cli import app
+from bp2_rl.cli import eval as command
+from bp2_rl.env.observations import LAYOUT
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
+from bp2_rl.evaluation.benchmarks.topspeed import topspeed
+from bp2_rl.learning.policy import export_policy
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def export(make_card):
+    """Write a policy of zeros around the standing pose: it stands."""
+
+    def export(folder, layout=LAYOUT, **results):
+        size = sum(entry.size for entry in layout)
+        layers = {
+            "MLP_0": {"hidden_0": {"kernel": np.zeros((size, 4)), "bias": np.zeros(4)}},
+            "Dense_0": {"kernel": np.zeros((4, 12)), "bias": np.zeros(12)},
+        }
+        card = make_card(results=results, observation_layout=tuple((name, size) for name, size in layout))
+        normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
+        export_policy(folder, params={"params": layers}, normalizer=normalizer, card=card)
+
+    return export
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working directory, with the process's JAX and MuJoCo left as the tests have them."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
+    monkeypatch.setenv("MUJOCO_GL", "")
+    return tmp_path
+
+
+@pytest.fixture
+def policy(here, export):
+    export(here / "policy", topspeed={"top_speed": 0.5})
+    return here / "policy"
+
+
+def run(capsys, *arguments):
+    """(exit status, standard output, standard error) of the command."""
+    status = command.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def assert_refused(capsys, arguments, *words):
+    """Exit status 2 and one line that holds the words; nothing is left behind."""
+    before = sorted(Path.cwd().rglob("*"))
+    status, _, err = run(capsys, *arguments)
+    assert status == 2
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    for word in words:
+        assert word in err
+    assert sorted(Path.cwd().rglob("*")) == before
+
+
+# --- Done ------------------------------------------------------------------------------------------------------
+
+
+def test_eval_leaves_a_table_and_a_report(policy, capsys):
+    status, out, err = run(capsys, policy, "--hold", 1.2, "--no-video")
+    assert status == 0
+    assert err == ""
+    assert "Top speed" in out
+    assert "Held" in out
+    (folder,) = Path("reports").iterdir()
+    assert folder.name.startswith("topspeed-")
+    assert str(folder / "index.html") in out.replace("\n", "")
+    data = json.loads((folder / "metrics.json").read_text())
+    assert data["metrics"]["commanded_speed"] == pytest.approx(0.5)  # from the card
+    assert data["metrics"]["outside_envelope"] == 0
+    assert "0.5 m/s at 2.4 m/s" in data["conditions"]["schedule"]
+    assert "heading" in data["conditions"]["operator"]
+
+
+def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(policy, capsys, monkeypatch):
+    def again(*arguments):
+        return dataclasses.replace(topspeed(*arguments), benchmark="again", verdict="Once more.")
+
+    of_topspeed = BENCHMARKS["topspeed"]
+    benchmarks = {"topspeed": of_topspeed, "again": of_topspeed._replace(run=again)}
+    monkeypatch.setattr("bp2_rl.evaluation.benchmarks.registry.BENCHMARKS", benchmarks)
+    flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]
+    out = ""
+    for _ in range(2):  # the second replaces the first
+        status, out, err = run(capsys, policy, *flags)
+        assert (status, err) == (0, "")
+    assert out.count("Once more.") == 2  # below its table, and in the last one
+    assert [path.parent.name for path in sorted(Path("report").glob("*/index.html"))] == ["again", "topspeed"]
+    data = json.loads(Path("report/metrics.json").read_text())
+    assert data["benchmark"] == "all"
+    assert data["results"]["again"] == data["results"]["topspeed"]
+    assert data["results"]["topspeed"]["commanded_speed"] == 0.5
+
+
+def test_the_policy_that_ships_is_evaluated_if_none_is_named(here, export):
+    export(here / "runs" / "mine" / "policy")
+    assert command.choose_policy(command.EvalConfig()) == asset_path(command.DEFAULT_POLICY)
+
+
+def test_eval_script_runs_by_itself_from_anywhere(policy, here):
+    flags = ["--policy", policy, "--speed", "0.3", "--hold", "0.5", "--out", "a/report", "--no-video"]
+    done = subprocess.run(
+        [sys.executable, REPOSITORY / "eval.py", *flags],
+        capture_output=True,
+        text=True,
+        cwd=here,
+        env=os.environ | {"MUJOCO_GL": "none-such"},  # a broken choice of renderer is no reason not to measure
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Top speed" in done.stdout
+    data = json.loads((here / "a" / "report" / "metrics.json").read_text())
+    assert data["metrics"]["commanded_speed"] == pytest.approx(0.3)
+
+
+def test_help_explains_every_flag(capsys):
+    with pytest.raises(SystemExit) as end:
+        command.main(["--help"])
+    assert end.value.code == 0
+    out = capsys.readouterr().out
+    for field in dataclasses.fields(command.EvalConfig):
+        assert (f"--{field.name}" if field.name != "run" else "POLICY_OR_RUN") in out
+
+
+# --- Wrong input -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--benchmark", "dash"], ("--benchmark dash", "topspeed", "sprint", "all")),
+        (["--benchmark", "sprint", "--hold", "3"], ("--hold is not of --benchmark sprint", "--acceleration")),
+        (["--benchmark", "sprint", "--acceleration", "0.01"], ("--acceleration 0.01", "30 s")),
+        (["--benchmark", "convergence", "--backend", "mjx"], ("--backend is not of --benchmark convergence",)),
+        (["--robots", "3"], ("--robots is not of --benchmark topspeed",)),
+        (["--benchmark", "robustness", "--robots", "0"], ("--robots", "0")),
+        (["--acceleration", "0"], ("--acceleration", "0")),
+        (["--operator.limit", "-1"], ("--operator.limit", "-1")),
+        (["--backend", "bullet"], ("--backend bullet", "mujoco", "mjx")),
+        (["--speed", "-3"], ("--speed", "-3")),
+        (["--speed", "0"], ("--speed", "0")),
+        (["--speed", "nan"], ("--speed", "nan")),
+        (["--speed", "fast"], ("--speed", "fast")),
+        (["--hold", "-1"], ("--hold", "-1")),
+        (["--hold", "inf"], ("--hold", "inf")),
+        (["--hold", "1e-12"], ("--hold", "at least 0.1")),
+        (["--spede", "3"], ("--spede", "--speed")),
+        (["--speed"], ("--speed",)),
+        (["again"], ("again",)),
+        (["--policy", "another"], ("another", "name one")),
+    ],
+)
+def test_wrong_flags_are_named_in_one_line(policy, capsys, arguments, words):
+    assert_refused(capsys, [policy, *arguments], *words)
+
+
+@pytest.mark.parametrize("name", ["gone", "gone/deeper"])
+def test_a_missing_policy(here, capsys, name):
+    assert_refused(capsys, [name], f"no policy at {name}")
+
+
+def test_a_file_that_is_no_policy(here, capsys):
+    (here / "notes.txt").write_text("hello")
+    assert_refused(capsys, ["notes.txt"], "notes.txt is a file")
+
+
+def test_a_truncated_policy(policy, capsys):
+    weights = policy / "weights.npz"
+    weights.write_bytes(weights.read_bytes()[:-50])
+    assert_refused(capsys, [policy], "weights.npz", "checksum")
+
+
+def test_a_policy_with_another_observation(here, export, capsys):
+    export(here / "blind", layout=[entry for entry in LAYOUT if entry.name != "phase"])
+    assert_refused(capsys, ["blind"], "other observations", "'phase'")
+
+
+def test_an_unwritable_folder(policy, here, capsys):
+    (here / "file").touch()
+    assert_refused(capsys, [policy, "--out", "file/report"], "--out file/report", "cannot be written")
+
+
+def test_a_folder_that_holds_other_things(policy, here, capsys):
+    assert_refused(capsys, [policy, "--out", policy], "holds other files")
+
+
+# --- Failure ---------------------------------------------------------------------------------------------------
+
+
+def test_a_failure_names_its_log_and_shows_no_traceback(policy, capsys, monkeypatch, tmp_path):
+    def fail(*_, **__):
+        raise RuntimeError("the solver\nexploded")
+
+    monkeypatch.setattr("bp2_rl.evaluation.report.report.write_report", fail)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    status, _, err = run(capsys, policy, "--hold", 0.5, "--no-video")
+    assert status == 1
+    assert err.startswith("failed: RuntimeError: the solver exploded; log: ")
+    assert err.count("\n") == 1
+    log = Path(err.split("log: ")[1].strip()).read_text()
+    assert "Traceback" in log
+    assert "the solver\nexploded" in log
+
+
+def test_exit_statuses(capsys):
+    def wrong():
+        raise UserError("two\nlines")
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    assert app.run(lambda: None) == 0
+    assert app.run(wrong) == 2
+    assert capsys.readouterr().err == "error: two lines\n"
+    assert app.run(interrupted) == 130
+
+
+@dataclasses.dataclass(frozen=True)
+class _Nested:
+    depth: int = 1
+
+    def __post_init__(self):
+        if self.depth < 0:
+            raise UserError(
+                f"nested.depth must not be negative, got {self.depth}; " + "and so on, " * 20 + "to the end"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Config:
+    count: int = 3
+    nested: _Nested = _Nested()
+
+
+def test_parse_gives_defaults_and_flags():
+    assert app.parse(_Config, [], "test.py") == _Config()
+    assert app.parse(_Config, ["--count", "4"], "test.py", _Config(nested=_Nested(7))) == _Config(4, _Nested(7))
+
+
+def test_parse_tells_a_configs_own_complaint_to_its_end():
+    with pytest.raises(UserError, match=r"nested\.depth must not be negative, got -1; .* to the end"):
+        app.parse(_Config, ["--nested.depth", "-1"], "test.py")

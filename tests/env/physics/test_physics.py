@@ -1,0 +1,197 @@
+"""The physics engines: C MuJoCo and Warp against MJX, and what a host outside XLA must not do."""
+
+import os
+import subprocess
+import sys
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bp2_rl.cli.train import _parse
+from bp2_rl.env import randomization
+from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.physics.interface import AGES, Impl, in_force
+from bp2_rl.errors import UserError
+
+ROBOTS, STEPS = 64, 100
+KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
+ACTIONS = 0.1 * jax.random.normal(jax.random.PRNGKey(1), (STEPS, ROBOTS, 12))
+"""Small departures from the reference: every robot trots at its own speed of up to 4 m/s."""
+
+FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)  # contacts in the critic's observation
+
+
+@pytest.fixture(params=["c", "warp"])
+def impl(request, monkeypatch) -> Impl:
+    """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors, too."""
+    if request.param == "c" and jax.default_backend() != "cpu":
+        pytest.skip("C MuJoCo is for processors: set JAX_PLATFORMS=cpu")
+    if request.param == "warp":
+        pytest.importorskip("warp", reason="needs the extra `warp`")
+        monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    return request.param
+
+
+@cache
+def stepper(impl: Impl):
+    return jax.jit(jax.vmap(BP2Env(impl=impl, num_robots=ROBOTS).step))
+
+
+@cache
+def start(randomised: bool):
+    state = jax.jit(jax.vmap(BP2Env().reset))(KEYS)
+    if randomised:
+        return state
+    nominal = randomization.nominal(BP2Env().mj_model.nbody, 0.9)
+    nominal = jax.tree.map(lambda x: jnp.broadcast_to(x, (ROBOTS, *x.shape)), nominal)
+    return state.replace(pipeline_state=state.pipeline_state.replace(randomization=nominal))
+
+
+def run(impl: Impl, state):
+    """The states before the steps and after the last, and whether each robot had not fallen before."""
+    states, upright = [state], [np.ones(ROBOTS, bool)]
+    for action in ACTIONS:
+        states.append(stepper(impl)(states[-1], action))
+        upright.append(upright[-1] & (np.asarray(states[-1].done) == 0.0))
+    return states, np.array(upright)
+
+
+@cache
+def reference_run(randomised: bool):
+    return run("jax", start(randomised))
+
+
+def physics(state):
+    return state.pipeline_state.physics
+
+
+def apart(ours, theirs, field: str) -> np.ndarray:
+    """The largest difference of each robot."""
+    a, b = (np.asarray(getattr(physics(state), field)) for state in (ours, theirs))
+    return np.abs(a - b).reshape(ROBOTS, -1).max(axis=1)
+
+
+@pytest.mark.parametrize("randomised", [True, False])
+def test_every_engine_takes_the_same_step_from_the_same_state(impl, randomised):
+    """Over 100 control steps of a trot, started anew each time from where MJX stands.
+
+    99 of 100 differ by float32's rounding: of positions of 1 m, of speeds of 10 rad/s and accelerations of 10^4 over
+    1 ms, and of the 250 Nm/rad of the joints. In a few, at impacts, MJX's five iterations do not converge.
+    """
+    engine = stepper(impl)
+    states, upright = reference_run(randomised)
+    differences = {"qpos": [], "qvel": [], "torque": []}
+    feet = []
+    for before, after, action, up in zip(states, states[1:], ACTIONS, upright, strict=False):
+        ours = engine(before, action)
+        for field, found in differences.items():
+            found.extend(apart(ours, after, field)[up])
+        seen, expected = (np.asarray(state.obs["privileged_state"])[up, FEET] for state in (ours, after))
+        feet.extend(np.all(seen == expected, axis=1).tolist())
+    assert len(feet) > 0.9 * STEPS * ROBOTS
+    # m and rad, m/s and rad/s, Nm
+    for field, usual, largest in (("qpos", 2e-6, 2e-3), ("qvel", 3e-4, 2.0), ("torque", 1e-3, 5.0)):
+        assert np.quantile(differences[field], 0.99) < usual, field
+        assert np.max(differences[field]) < largest, field
+    assert np.mean(feet) > 0.999
+
+
+def test_engines_drift_apart_slowly(impl):
+    """Contact makes rounding grow; half a second into the trot it is still far below what a policy would notice."""
+    (theirs, up), (ours, ours_up) = reference_run(True), run(impl, start(True))
+    for steps, usual in ((1, 1e-6), (10, 1e-5), (100, 1e-4)):
+        both = up[steps] & ours_up[steps]
+        assert np.median(apart(ours[steps], theirs[steps], "qpos")[both]) < usual
+    assert np.quantile(apart(ours[-1], theirs[-1], "qpos")[both], 0.9) < 0.01
+    assert np.sum(up[-1] != ours_up[-1]) <= 1
+
+
+def test_latency_chooses_the_newest_target_that_has_got_through():
+    """Targets are issued every 5 ms, and a physics step takes 1 ms."""
+    latency = np.array([0.0, 0.001, 0.003, 0.005, 0.006, 0.010])
+    chosen = [[0, 1, 1, 1, 2, 2], [0, 0, 1, 1, 1, 2], [0, 0, 1, 1, 1, 2], [0, 0, 0, 1, 1, 2], [0, 0, 0, 1, 1, 2]]
+    assert [list(in_force(ages, latency)) for ages in AGES] == chosen
+    assert [list(in_force(jnp.asarray(ages), jnp.asarray(latency))) for ages in AGES] == chosen
+
+
+# --- C MuJoCo, called from XLA -------------------------------------------------------------------------------
+
+
+def test_c_gives_equal_bits_for_equal_arguments_in_any_company():
+    """Exact resume stands on it: neither the other robots of a batch nor what was simulated before may matter."""
+    state, env = start(True).pipeline_state, BP2Env(impl="c")
+    targets = jax.jit(jax.vmap(env.controller.act))(state.controller, ACTIONS[0], state.command.current)[1]
+    arguments = state.physics, targets, state.randomization
+    simulate = jax.jit(jax.vmap(env._simulate))
+    first = simulate(*arguments)
+    order = np.random.default_rng(0).permutation(ROBOTS)
+    for robots in (order, order[:3], np.array([5] * 7)):
+        some = simulate(*jax.tree.map(lambda x, robots=robots: x[robots], arguments))
+        jax.tree.map(lambda x, y, robots=robots: np.testing.assert_array_equal(x, y[robots]), some, first)
+    fresh = jax.jit(jax.vmap(BP2Env(impl="c")._simulate))(*arguments)
+    jax.tree.map(np.testing.assert_array_equal, fresh, first)
+
+
+@pytest.mark.parametrize("size", [np.nan, np.inf, 1e9, 1e30])
+@pytest.mark.parametrize("field", ["qpos", "qvel", "qacc_warmstart", "torque"])
+def test_c_sees_no_state_that_is_no_physics_and_says_nothing_of_it(field, size, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    state = start(True)
+    bad = getattr(physics(state), field).at[3, 8].set(size)
+    bad = state.pipeline_state.replace(physics=physics(state).replace(**{field: bad}))
+    after = stepper("c")(state.replace(pipeline_state=bad), ACTIONS[0])
+    healthy = stepper("c")(state, ACTIONS[0])
+    others = np.arange(ROBOTS) != 3
+    np.testing.assert_array_equal(after.obs["state"][others], healthy.obs["state"][others])
+    if field in ("qpos", "qvel") or not np.isfinite(np.float32(size)):
+        assert float(after.metrics["fall/exploded"][3]) == 1.0
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves((after.obs, after.reward, after.metrics)))
+    assert not list(tmp_path.iterdir())  # MUJOCO_LOG.TXT
+    assert capfd.readouterr() == ("", "")
+
+
+def test_c_runs_on_several_devices_and_inside_loops():
+    """Two host devices call at the same time, each with half of the robots."""
+    program = """
+import jax, jax.numpy as jnp, numpy as np
+from jax.sharding import Mesh, PartitionSpec
+from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.randomization import nominal
+
+assert jax.device_count() == 2
+env = BP2Env(impl="c")
+state = env._at_rest(), nominal(env.mj_model.nbody, 0.9), 0.1 * jnp.sin(jnp.arange(12.0))
+physics, robot, change = jax.tree.map(lambda x: jnp.tile(x, (16,) + (1,) * x.ndim), state)
+change *= jnp.arange(16.0)[:, None] / 16
+
+def run(physics, robot, change):
+    def step(physics, robot, change):
+        command = jnp.zeros(3)
+        targets = env.controller.act(env.controller.init(command), change, command)[1]
+        return env._simulate(physics, targets, robot)[0]
+    return jax.lax.scan(lambda physics, _: (jax.vmap(step)(physics, robot, change), None), physics, length=50)[0]
+
+robots = PartitionSpec("robots")
+mesh = Mesh(np.array(jax.devices()), ("robots",))
+spread = jax.shard_map(run, mesh=mesh, in_specs=robots, out_specs=robots, check_vma=False)
+both, alone = (jax.jit(f)(physics, robot, change) for f in (spread, run))
+assert len(np.unique(both.qpos[:, 9])) == 16
+jax.tree.map(np.testing.assert_array_equal, both, alone)
+"""
+    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    subprocess.run([sys.executable, "-c", program], env=os.environ | flags, check=True, timeout=120)
+
+
+def test_c_says_what_to_do_where_jax_has_an_accelerator(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with pytest.raises(UserError, match="JAX_PLATFORMS=cpu"):
+        BP2Env(impl="c")
+
+
+def test_small_machines_train_in_c_unless_told_otherwise():
+    assert _parse(["--preset", "cpu"]).impl == "c"
+    assert _parse(["--preset", "cpu", "--impl", "jax"]).impl == "jax"
+    assert _parse(["--preset", "gpu"]).impl == _parse(["--preset", "smoke"]).impl == "jax"

@@ -1,0 +1,93 @@
+import re
+
+import pytest
+
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks import options as setups
+from bp2_rl.evaluation.benchmarks import topspeed as module
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS, choose
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed, verdict
+from bp2_rl.evaluation.runs.metrics import measure
+from bp2_rl.evaluation.runs.operator import HeadingHold
+
+
+@pytest.fixture
+def asked(monkeypatch, make_run):
+    """What the simulators were asked for, instead of running them."""
+    calls = []
+
+    def backend(name):
+        def rollout(policy, schedule, config, **rest):
+            calls.append((name, schedule, config, rest))
+            return make_run(duration=3.0)
+
+        return rollout
+
+    monkeypatch.setattr(module, "BACKENDS", {name: backend(name) for name in setups.BACKENDS})
+    return calls
+
+
+# --- Which, with which flags -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_is_given_what_is_chosen_of_it(name):
+    chosen = Setup(operator=HeadingHold(limit=0.1), speed=3.0)
+    assert choose(name, chosen) == {name: chosen}
+
+
+@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3)), ("seed", Setup(seed=3))])
+def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
+    with pytest.raises(UserError, match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed"):
+        choose("topspeed", wrong)
+
+
+def test_an_unknown_benchmark_is_refused_with_those_there_are():
+    with pytest.raises(UserError, match=re.escape(f"--benchmark dash: there are {', '.join(BENCHMARKS)}, and all")):
+        choose("dash", Setup())
+
+
+def test_all_gives_each_benchmark_the_flags_that_it_knows():
+    everything = Setup(
+        backend="mjx", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1, operator=HeadingHold(1.0)
+    )
+    chosen = choose("all", everything)
+    assert list(chosen) == list(BENCHMARKS)
+    for name, benchmark in BENCHMARKS.items():
+        assert set(chosen[name].chosen) == set(benchmark.flags)
+        assert chosen[name].speed == 5.0
+
+
+# --- Top speed -------------------------------------------------------------------------------------------------
+
+
+def run(policy, setup):
+    return topspeed(policy, ramp_to_topspeed(policy, setup), setup)
+
+
+@pytest.mark.parametrize("backend", ["mujoco", "mjx"])
+def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
+    operator = HeadingHold(heading_gain=1.0)
+    policy = make_policy()
+    evaluation = run(policy, Setup(backend=backend, speed=6.0, operator=operator))
+    ((name, schedule, config, rest),) = asked
+    assert name == backend
+    assert config is policy.card.env
+    assert rest["operator"] is operator
+    assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
+    assert evaluation.benchmark == "topspeed"
+    assert evaluation.metrics.best_speed == pytest.approx(5.0)
+    assert evaluation.results["top_speed"] == pytest.approx(5.0)
+    assert "6 m/s" in evaluation.conditions["schedule"]
+
+
+def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
+    run(make_policy(), Setup(speed=6.0, acceleration=3.0, hold=1.5))
+    ((_, schedule, *_),) = asked
+    assert (schedule.acceleration, schedule.hold) == (3.0, 1.5)
+
+
+def test_the_verdict_tells_a_fall(make_run):
+    assert verdict(measure(make_run())) == "Held 5.00 m/s for 6.0 s without a fall."
+    assert verdict(measure(make_run(duration=3.5, fell_at=3.5))) == "Fell after 3.50 s, 1.5 s into the hold."

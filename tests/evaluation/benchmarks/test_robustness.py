@@ -1,0 +1,157 @@
+import dataclasses
+import io
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from PIL import Image
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.env.commands import fastest_turn
+from bp2_rl.env.config import CommandConfig, RandomizationConfig
+from bp2_rl.evaluation.benchmarks import robustness as module
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.robustness import (
+    RobustnessMetrics,
+    describe_randomization,
+    describe_steering,
+    fleet_figure,
+    fleet_rows,
+    measure_fleet,
+    ramp_to_robustness,
+    robots_figure,
+    robustness,
+    verdict,
+    wilson_interval,
+)
+from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.runs.batch import FleetRun
+
+DT = 5e-3
+
+
+def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
+    """Robots that rise to their speeds within a second and hold them, each 0.1 m farther off the line than the last."""
+    speeds = np.asarray(speeds, float)
+    count = len(speeds)
+    time = DT * np.arange(1, round(duration / DT) + 1)
+    rise = np.minimum(time, 1.0)
+    return FleetRun(
+        time=time,
+        command=10.0 * rise,
+        speed=rise[:, None] * speeds,
+        offset=0.1 * np.sin(time)[:, None] * np.arange(count),
+        fell_at=np.full(count, np.inf) if fell_at is None else np.asarray(fell_at, float),
+        robots={
+            "friction": np.linspace(0.5, 1.1, count),
+            "latency": np.linspace(0.0, 0.01, count),
+            "mass": np.linspace(33.0, 39.0, count),
+            "strength": np.linspace(0.9, 1.0, count),
+        },
+        steady_from=1.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "interval"),
+    [
+        # Newcombe, Two-sided confidence intervals for the single proportion, Stat. Med. 17 (1998), Table I, method 3
+        (81, 263, (0.2553, 0.3662)),
+        (15, 148, (0.0624, 0.1605)),
+        (0, 20, (0.0, 0.1611)),
+        (1, 29, (0.0061, 0.1718)),
+        (200, 200, (0.9812, 1.0)),  # n / (n + z^2)
+    ],
+)
+def test_wilson_interval_of_published_examples(successes, trials, interval):
+    assert wilson_interval(successes, trials) == pytest.approx(interval, abs=5e-5)  # as printed
+
+
+def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
+    fleet = make_fleet([9.0, 9.5, 10.0, 3.0, 10.5, 11.0], [np.inf, np.inf, np.inf, 2.0, np.inf, np.inf])
+    m = measure_fleet(fleet)
+    assert (m.upright, m.share) == (5, pytest.approx(5 / 6))
+    assert m.share_interval == wilson_interval(5, 6)
+    assert m.mean_speed is not None
+    assert m.offset is not None
+    assert m.mean_speed.median == pytest.approx(10.0)
+    assert m.mean_speed.low == pytest.approx(9.1)  # linear between the order statistics
+    assert m.mean_speed.high == pytest.approx(10.9)
+    assert m.offset.median == pytest.approx(0.2, rel=1e-4)
+    assert m.greatest_offset == pytest.approx(0.5, rel=1e-4)
+    assert m.fallen_at == (2.0,)
+    assert verdict(m) == "5 of 6 robots did not fall at a command of 10 m/s."
+
+
+def test_each_robot_is_told_with_what_was_drawn_for_it():
+    m = measure_fleet(make_fleet([9.0, 9.5, 10.0], [np.inf, 3.0, np.inf]))
+    first, fallen, last = m.robots
+    assert first.mean_speed == pytest.approx(9.0)
+    assert (first.friction, first.latency, first.mass, first.strength) == (0.5, 0.0, 33.0, 0.9)
+    assert (fallen.mean_speed, fallen.offset, fallen.fell_at) == (None, None, 3.0)
+    assert (last.fell_at, last.friction) == (None, 1.1)
+
+
+def test_a_fleet_of_which_none_stands_has_no_speed():
+    m = measure_fleet(make_fleet([9.0, 9.5], [0.5, 0.25]))
+    assert (m.upright, m.mean_speed, m.offset, m.greatest_offset) == (0, None, None, None)
+    assert m.fallen_at == (0.25, 0.5)
+    assert {row.label: row.value for row in fleet_rows(m)}["Mean speed"] == "-"
+
+
+def test_metrics_survive_strict_json():
+    for fell_at in (None, [0.5, np.inf], [0.5, 0.6]):
+        m = measure_fleet(make_fleet([9.0, 9.5], fell_at))
+        assert from_json(RobustnessMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+
+
+def test_the_ranges_are_said_in_words():
+    said = describe_randomization(dataclasses.replace(RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)))
+    assert "friction 0.45 to 0.90" in said
+    assert "latency 0 to 10 ms" in said
+    assert "each body's mass by itself x 0.9 to 1.1" in said
+    assert "pushes of up to 0.5 m/s on each axis" in said
+
+
+def test_the_limit_of_the_steering_is_that_of_the_environment():
+    commands = CommandConfig(max_turn=3.0)
+    limit = float(fastest_turn(jnp.asarray(10.74), commands))
+    assert describe_steering(commands, 10.74).endswith(f"{limit:.3f} rad/s at 10.74 m/s")
+
+
+@pytest.mark.parametrize(("backend", "impl"), [("mujoco", "c"), ("mjx", "jax")])
+def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, assert_fits, backend, impl):
+    asked = {}
+
+    def rollout(policy, schedule, config, **rest):
+        asked.update(rest, schedule=schedule)
+        return make_fleet([9.0, 9.5])
+
+    monkeypatch.setattr(module, "rollout_fleet", rollout)
+    policy, setup = make_policy(results={"topspeed": {"commanded_speed": 16.0}}), Setup(backend=backend)
+    evaluation = robustness(policy, ramp_to_robustness(policy, setup), setup)
+    ramp = asked["schedule"]
+    assert (ramp.target, ramp.acceleration, ramp.hold) == ((10.74, 0.0, 0.0), 2.4, 15.0)
+    assert (asked["robots"], asked["seed"], asked["impl"]) == (200, 0, impl)
+    assert asked["randomization"] == RandomizationConfig()  # not the policy's own
+    assert evaluation.good
+    assert "0.279 rad/s" in report.card_results(evaluation)["steering"]
+    assert evaluation.trajectory is None
+    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
+    assert_fits(evaluation)
+    other = Setup(robots=7, seed=5, speed=8.0, acceleration=2.0, hold=3.0)
+    robustness(policy, ramp_to_robustness(policy, other), other)
+    ramp = asked["schedule"]
+    assert (asked["robots"], asked["seed"], ramp.target[0], ramp.acceleration, ramp.hold) == (7, 5, 8.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("fell_at", [None, [np.inf, 2.0, np.inf], [0.5, 2.0, 0.6], [DT, DT, DT]])
+def test_figures_can_be_drawn_whoever_falls(fell_at):
+    fleet = make_fleet([9.0, 9.5, 10.0], fell_at)
+    for figure in (robots_figure(measure_fleet(fleet)), fleet_figure(fleet)):
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png")
+        assert Image.open(buffer).width >= 1200
+        labels = figure.axes[0].get_legend_handles_labels()[1]
+        assert any("fell" in label or "falls" in label for label in labels) == (fell_at is not None)

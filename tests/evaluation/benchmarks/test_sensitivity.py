@@ -1,0 +1,114 @@
+import dataclasses
+import io
+import json
+
+import pytest
+from PIL import Image
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks import sensitivity as module
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.registry import choose
+from bp2_rl.evaluation.benchmarks.sensitivity import (
+    AS_ASSUMED,
+    RobotMetrics,
+    SensitivityMetrics,
+    compare,
+    ramp_to_sensitivity,
+    robots_of,
+    sensitivity,
+    sensitivity_figure,
+    sensitivity_rows,
+    verdict,
+)
+from bp2_rl.evaluation.report import report
+from bp2_rl.robot.specs import BP2, HardwareSpec
+
+ROBOT = RobotMetrics(
+    AS_ASSUMED, 15.0, 14.9, fell_at=None, stop_hits=0, time_100m=9.5, fell_in_sprint_at=None, lane_kept=True
+)
+SLOW = dataclasses.replace(ROBOT, name="slow", top_speed=14.0, mean_speed=13.9, time_100m=20.0, lane_kept=False)
+FELL = dataclasses.replace(ROBOT, name="fell", top_speed=16.0, mean_speed=None, fell_at=8.0)
+FELL_RACING = dataclasses.replace(ROBOT, name="fell racing", top_speed=17.0, time_100m=None, fell_in_sprint_at=2.0)
+
+
+def test_each_other_robot_differs_in_one_property():
+    robots = robots_of(BP2)
+    assert robots.pop(AS_ASSUMED) == BP2
+    for name, robot in robots.items():
+        changed = [f.name for f in dataclasses.fields(HardwareSpec) if getattr(robot, f.name) != getattr(BP2, f.name)]
+        assert len(changed) == 1, name
+    assert robots["spring stop x 10"].spring_stop_stiffness == 300e3
+    assert robots["spring travel -10 mm"].spring_travel == pytest.approx(0.12)
+    assert robots["mass +10 %"].mass_scale == pytest.approx(1.1)
+
+
+def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
+    m = compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING])
+    assert (m.upright, m.top_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
+    assert verdict(m) == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
+    late = dataclasses.replace(ROBOT, time_100m=None)
+    assert verdict(compare(16.0, [late])) == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
+    assert verdict(compare(16.0, [FELL])) == "0 of 1 robots did not fall."
+    assert from_json(SensitivityMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+
+
+def test_a_reader_is_told_of_falls_and_of_lanes_left():
+    rows = sensitivity_rows(compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING]))
+    said = {row.label: row.meaning for row in rows}
+    assert {row.label: row.value for row in rows}["Lane kept"] == "3 of 4"
+    assert said["As assumed"] == "100 m in 9.50 s"
+    assert said["Slow"] == "100 m in 20.00 s, left its lane"
+    assert said["Fell"] == "fell at 8.00 s; 100 m in 9.50 s"
+    assert said["Fell racing"] == "100 m: fell at 2.00 s"
+
+
+def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_controller(
+    make_policy, make_run, monkeypatch, assert_fits
+):
+    asked = []
+
+    def rollout(policy, schedule, config, *, operator, name, hardware, finish=None):
+        asked.append((name, hardware, finish, schedule))
+        assert config is policy.card.env
+        fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
+        return fast if finish else fast.between(0.0, 7.0)
+
+    monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0)
+    evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
+    robots = robots_of(policy.card.env.hardware)
+    for finish, acceleration in ((None, 2.4), (100.0, 3.5)):
+        runs = [run for run in asked if run[2] == finish]
+        assert {name: hardware for name, hardware, *_ in runs} == robots
+        assert all(run[3].acceleration == acceleration for run in runs)
+    assert [run[3].hold for run in asked if run[2] is None] == [5.0] * len(robots)
+    assert evaluation.good
+    assert evaluation.results["lanes_kept"] == len(robots)
+    assert report.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
+    assert evaluation.results["top_speeds"]["mass +10 %"] == pytest.approx(10.0)
+    assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
+    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
+    assert_fits(evaluation)
+
+
+def test_a_race_that_cannot_be_run_is_refused_before_any_robot_runs(make_policy):
+    with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
+        ramp_to_sensitivity(make_policy(), Setup(speed=10.0, acceleration=0.3))
+
+
+def test_mjx_runs_no_other_robots():
+    with pytest.raises(UserError, match="--backend is not of --benchmark sensitivity"):
+        choose("sensitivity", Setup(backend="mjx"))
+
+
+@pytest.mark.parametrize("robots", [[ROBOT, SLOW, FELL, FELL_RACING], [FELL, FELL_RACING]])
+def test_the_figure_can_be_drawn_whoever_falls(robots):
+    figure = sensitivity_figure(compare(16.0, robots))
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    assert Image.open(buffer).width >= 1200
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == [robot.name for robot in robots]
+    crosses = [sum(line.get_marker() == "X" for line in axes.lines) for axes in figure.axes]
+    assert crosses == [sum(r.fell_at is not None for r in robots), sum(r.time_100m is None for r in robots)]

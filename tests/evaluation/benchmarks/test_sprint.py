@@ -1,0 +1,232 @@
+import dataclasses
+import io
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks import options as setups
+from bp2_rl.evaluation.benchmarks import sprint as module
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.registry import choose
+from bp2_rl.evaluation.benchmarks.sprint import (
+    BOLT_SPLITS,
+    SprintMetrics,
+    foot_centres,
+    foot_edges,
+    measure_launch,
+    measure_sprint,
+    race,
+    sprint,
+    sprint_figure,
+    time_at,
+    track_position,
+    trunk_edges,
+    verdict,
+)
+from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import foot_geom_ids, load_model
+
+
+@pytest.fixture
+def make_race(make_run):
+    """A run of constant acceleration to a top speed that ends with the first sample beyond 100 m."""
+
+    def make(acceleration=5.0, speed=10.0, duration=20.0, **changes):
+        run = make_run(duration=duration)
+        time = run.time
+        rising = np.minimum(time, speed / acceleration)
+        qpos, qvel = run.qpos.copy(), run.qvel.copy()
+        qpos[:, 0] = 0.5 * acceleration * rising**2 + speed * (time - rising)
+        qvel[:, 0] = acceleration * rising
+        whole = make_run(**({"duration": duration, "qpos": qpos, "qvel": qvel} | changes))
+        past = np.flatnonzero(qpos[:, 0] >= 100.0)
+        return whole.between(0.0, time[past[0]] + run.dt) if len(past) else whole
+
+    return make
+
+
+def crossing(distance, acceleration, speed):
+    """When constant acceleration to a top speed covers a distance, s."""
+    reached = 0.5 * speed**2 / acceleration
+    return (
+        (2 * distance / acceleration) ** 0.5
+        if distance < reached
+        else speed / acceleration + (distance - reached) / speed
+    )
+
+
+# --- The clock -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("acceleration", "speed"), [(5.0, 10.0), (2.4, 8.2), (6.0, 15.3)])
+def test_times_and_splits_of_a_constant_acceleration(make_race, acceleration, speed):
+    m = measure_sprint(make_race(acceleration, speed), acceleration)
+    times = [crossing(10.0 * k, acceleration, speed) for k in range(1, 11)]
+    # A straight line between samples is off by a dt^2 / 8 of the way, 1e-6 m: 1e-7 s at these speeds.
+    assert m.time == pytest.approx(times[-1], abs=1e-6)
+    assert [split.time for split in m.splits] == pytest.approx(times, abs=1e-6)
+    assert [split.distance for split in m.splits] == [10.0 * k for k in range(1, 11)]
+    assert [split.speed for split in m.splits] == pytest.approx(10.0 / np.diff([0.0, *times]), rel=1e-5)
+    assert m.sprint_acceleration == acceleration
+
+
+@pytest.mark.parametrize("acceleration", [2.38, 5.0])
+def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(make_race, acceleration):
+    launch = measure_launch(make_race(acceleration, speed=10.0))
+    assert launch is not None
+    assert launch.time == pytest.approx((10.0 / acceleration) ** 0.5, abs=1e-6)
+    assert launch.speed == pytest.approx((10.0 * acceleration) ** 0.5, rel=1e-5)
+    assert launch.mean_acceleration == pytest.approx(acceleration, rel=1e-5)
+    assert launch.equivalent_acceleration == pytest.approx(acceleration, rel=1e-5)
+
+
+def test_accelerations_of_a_launch_at_constant_speed_differ(make_race):
+    """Off at 5 m/s: 1 s for 5 m, at 5 m/s; but 10 m/s2 would have been needed to take as long from rest."""
+    launch = measure_launch(make_race(acceleration=1e6, speed=5.0))
+    assert launch is not None
+    assert launch.mean_acceleration == pytest.approx(5.0, rel=1e-4)
+    assert launch.equivalent_acceleration == pytest.approx(10.0, rel=1e-4)
+
+
+def test_a_race_not_run_to_its_end_has_no_time(make_race):
+    run = make_race(speed=10.0, duration=4.5)  # 35 m
+    m = measure_sprint(run, 5.0)
+    assert m.time is None
+    assert [split.distance for split in m.splits] == [10.0, 20.0, 30.0]
+    assert verdict(m) == "Came 35.0 m far in 4 s."
+    fell = measure_sprint(dataclasses.replace(run, fell_at=4.5), 5.0)
+    assert verdict(fell) == "Fell after 4.50 s and 35.0 m."
+
+
+def test_a_fall_before_five_metres_has_no_launch(make_race):
+    assert measure_launch(make_race(acceleration=5.0, duration=1.0)) is None
+    assert measure_sprint(make_race(acceleration=5.0, duration=1.0), 5.0).splits == ()
+
+
+def test_the_clock_runs_along_the_first_heading(make_race):
+    straight = make_race()
+    turn, qpos = 0.4, straight.qpos.copy()
+    qpos[:, 0], qpos[:, 1] = 3.0 + np.cos(turn) * qpos[:, 0], -2.0 + np.sin(turn) * qpos[:, 0]
+    qpos[:, 3], qpos[:, 6] = np.cos(turn / 2), np.sin(turn / 2)
+    turned = dataclasses.replace(straight, qpos=qpos)
+    assert time_at(turned, 70.0) == pytest.approx(time_at(straight, 70.0), abs=1e-9)
+    np.testing.assert_allclose(track_position(turned)[1], 0.0, atol=1e-9)
+
+
+def test_the_world_record_is_one():
+    assert BOLT_SPLITS[-1] == 9.58
+    assert 10.0 / min(np.diff(BOLT_SPLITS)) == pytest.approx(12.35, abs=0.01)  # 0.81 s from 60 to 70 m
+
+
+# --- The lane --------------------------------------------------------------------------------------------------
+
+
+def test_the_trunks_way_is_measured_from_the_line(make_race):
+    run = make_race()
+    qpos = run.qpos.copy()
+    qpos[:, 1] = 0.3 * np.sin(run.time)
+    lane = measure_sprint(dataclasses.replace(run, qpos=qpos), 5.0).lane
+    assert lane.trunk_offset == pytest.approx(0.3, abs=1e-6)
+    assert lane.trunk_reach == pytest.approx(0.3 + 0.22, abs=1e-6)
+    assert lane.kept
+    qpos[:, 1] = 0.4 * np.sin(run.time)  # 0.62 m
+    assert not measure_sprint(dataclasses.replace(run, qpos=qpos), 5.0).lane.kept
+
+
+def test_a_turned_trunk_is_wider(make_race):
+    run = make_race()
+    qpos, yaw = run.qpos.copy(), 0.2
+    qpos[1:, 3], qpos[1:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
+    edges = trunk_edges(dataclasses.replace(run, qpos=qpos))
+    corners = np.array([[x, y] for x in (-0.4, 0.4) for y in (-0.22, 0.22)])
+    across = corners @ np.array([np.sin(yaw), np.cos(yaw)])
+    np.testing.assert_allclose(edges[5], (across.min(), across.max()), atol=1e-12)
+    np.testing.assert_allclose(edges[0], (-0.22, 0.22), atol=1e-12)
+
+
+def test_feet_are_where_mujoco_has_them(make_run):
+    rng = np.random.default_rng(0)
+    model = load_model(visual=False)
+    data = mujoco.MjData(model)
+    run = make_run(duration=0.01)
+    qpos = run.qpos + rng.normal(scale=0.2, size=run.qpos.shape)
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    centres = foot_centres(dataclasses.replace(run, qpos=qpos))
+    for k, state in enumerate(qpos):
+        data.qpos[:] = state
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(centres[k], data.geom_xpos[foot_geom_ids(model)], atol=1e-12)
+
+
+def test_a_foot_beside_the_lane_leaves_it(make_race):
+    run = make_race()
+    qpos = run.qpos.copy()
+    qpos[500, 11] = 0.9  # the front left leg to the side
+    apart = dataclasses.replace(run, qpos=qpos)
+    lane, foot = measure_sprint(apart, 5.0).lane, foot_centres(apart)[500, 1, 1]
+    assert lane.foot_reach == pytest.approx(foot + specs.FOOT_RADIUS)
+    assert foot_edges(apart)[500, 1] == pytest.approx(lane.foot_reach)
+    assert lane.trunk_reach == pytest.approx(0.22)
+    assert lane.kept == (lane.foot_reach <= 0.61)
+    assert not lane.kept
+
+
+# --- The benchmark ---------------------------------------------------------------------------------------------
+
+
+def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_fits):
+    asked = []
+
+    def rollout(policy, schedule, config, **rest):
+        asked.append((schedule, rest))
+        return make_race()
+
+    monkeypatch.setattr(module, "BACKENDS", dict.fromkeys(setups.BACKENDS, rollout))
+    policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
+    evaluation = sprint(policy, race(policy, setup), setup)
+    ((schedule, rest),) = asked
+    assert (schedule.target, schedule.acceleration, schedule.duration) == ((10.0, 0.0, 0.0), 3.0, 30.0)
+    assert (rest["finish"], rest["operator"]) == (100.0, setup.operator)
+    assert evaluation.verdict == "100 m in 11.00 s, inside one lane."
+    assert evaluation.good
+    assert evaluation.results["time_100m"] == 11.0
+    assert evaluation.results["splits"][0] == 2.0
+    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
+    assert_fits(evaluation)
+    assert from_json(SprintMetrics, to_json(evaluation.metrics)) == evaluation.metrics
+
+
+def test_a_sprint_starts_as_its_card_says(make_policy):
+    measured = {"sprint": {"commanded_speed": 12.0, "sprint_acceleration": 6.0}, "topspeed": {"commanded_speed": 10.0}}
+    ramp = race(make_policy(results=measured), Setup())
+    assert (ramp.target[0], ramp.acceleration) == (12.0, 6.0)
+    ramp = race(make_policy(results=measured), Setup(speed=9.0, acceleration=3.0))
+    assert (ramp.target[0], ramp.acceleration) == (9.0, 3.0)
+
+
+def test_a_start_that_takes_longer_than_the_race_is_refused(make_policy):
+    with pytest.raises(UserError, match=r"--acceleration 0\.3 reaches 10 m/s after"):
+        race(make_policy(), Setup(speed=10.0, acceleration=0.3))
+
+
+@pytest.mark.parametrize(("flag", "wrong"), [("hold", Setup(hold=3.0)), ("robots", Setup(robots=3))])
+def test_flags_of_others_are_refused(flag, wrong):
+    with pytest.raises(UserError, match=f"--{flag} is not of --benchmark sprint, which takes .*--speed"):
+        choose("sprint", wrong)
+
+
+@pytest.mark.parametrize("fell_at", [None, 0.002])
+def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, fell_at):
+    run = make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
+    figure = sprint_figure(run, measure_sprint(run, 5.0))
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Speed", "Lane of 1.22 m", "Time over 100 m"]
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    assert Image.open(buffer).width >= 1200
+    names = [label.get_text() for label in figure.axes[2].get_yticklabels()]
+    assert ("this policy" in names) == (fell_at is None)

@@ -1,0 +1,242 @@
+import dataclasses
+import io
+import json
+import re
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
+from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
+from bp2_rl.evaluation.report import film as video
+from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+
+
+def evaluation_of(run, benchmark="topspeed", **changes):
+    """What a benchmark of a single run leaves, with the fewest of its pictures."""
+    metrics = measure(run)
+    fields = {
+        "benchmark": benchmark,
+        "subject": run.name,
+        "backend": run.backend,
+        "conditions": {"schedule": "ramp & <hold>", "policy": "a policy", "weights_sha256": "0" * 64},
+        "verdict": "It ran.",
+        "good": True,
+        "rows": run_rows(metrics),
+        "tiles": ("Top speed", "Fall"),
+        "pictures": run_pictures(run)[:1],
+        "metrics": metrics,
+        "results": run_results(metrics),
+        "tables": run_tables(metrics),
+        "trajectory": run,
+    }
+    return Evaluation(**(fields | changes))
+
+
+class Page(HTMLParser):
+    """The page's tags, and a complaint about any that is not closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.sources = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.sources += [value for name, value in attrs if name in ("src", "href")]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_report_folder_explains_itself(busy_run, tmp_path):
+    evaluation = evaluation_of(busy_run, pictures=run_pictures(busy_run))
+    assert report.write_report(evaluation, tmp_path, video=False) is None
+    names = {path.name for path in tmp_path.iterdir()}
+    pictures = {"speed.png", "torque_speed.png", "gait.png", "joints.png"}
+    assert names == pictures | {"metrics.json", "trajectory.npz", "index.html"}
+    data = json.loads((tmp_path / "metrics.json").read_text())
+    assert data["benchmark"] == "topspeed"
+    assert from_json(RunMetrics, data["metrics"]) == evaluation.metrics
+    assert data["results"] == {"topspeed": {"schedule": "ramp & <hold>"} | evaluation.results}
+    np.testing.assert_array_equal(Trajectory.load(tmp_path / "trajectory.npz").qpos, busy_run.qpos)
+
+
+def test_page_needs_no_other_file_and_no_script(busy_run, tmp_path):
+    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    text = (tmp_path / "index.html").read_text()
+    page = Page(text)
+    assert "script" not in page.tags
+    assert len(page.sources) == 1
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert "ramp &amp; &lt;hold&gt;" in text
+    for leg in ("FR", "FL", "RR", "RL"):
+        assert f"{leg}_knee" in text
+
+
+def test_page_shows_the_film_where_there_is_one(busy_run):
+    page = Page(report.page(evaluation_of(busy_run), {}, has_video=True))
+    assert page.sources == ["run.mp4"]
+
+
+def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
+    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    (tmp_path / "run.mp4").write_bytes(b"of the older run")
+    report.open_folder(tmp_path, "topspeed")
+    report.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
+    assert not (tmp_path / "run.mp4").exists()
+    assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
+
+
+def test_a_folder_of_other_things_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(UserError, match="holds other files"):
+        report.open_folder(tmp_path, "topspeed")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file", tmp_path / "file" / "report"):
+        with pytest.raises(UserError, match="cannot be written"):
+            report.open_folder(place, "topspeed")
+
+
+def test_a_new_folder_is_made_with_its_parents(tmp_path):
+    report.open_folder(tmp_path / "a" / "b", "topspeed")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_a_report_of_another_benchmark_is_left_alone(busy_run, tmp_path):
+    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    with pytest.raises(UserError, match="holds a report of topspeed: name another folder for sprint"):
+        report.open_folder(tmp_path, "sprint")
+
+
+def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
+    evaluation = evaluation_of(busy_run, trajectory=None, tables=())
+    assert report.write_report(evaluation, tmp_path) is None
+    assert {path.name for path in tmp_path.iterdir()} == {"metrics.json", "speed.png", "index.html"}
+
+
+def test_a_page_shows_rows_tables_and_the_mood(busy_run):
+    table = Table("Splits", ("Mark", "Time"), [("10 m", "1.23")])
+    evaluation = evaluation_of(
+        busy_run, rows=(Row("Lead", "0.6 s", "at <5 m"),), tiles=("Lead",), tables=(table,), good=False
+    )
+    text = report.page(evaluation, {}, has_video=False)
+    Page(text)
+    assert "<div><b>0.6 s</b><span>Lead</span></div>" in text
+    assert "at &lt;5 m" in text
+    assert "<h2>Splits</h2>" in text
+    assert '<p class="verdict bad">It ran.</p>' in text
+
+
+def test_the_overview_leads_to_every_page(busy_run, tmp_path):
+    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    report.write_overview(evaluations, tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    assert Page(text).sources == ["topspeed/index.html", "sprint/index.html"]
+    assert "sprint done." in text
+    found = report.read_report(tmp_path)
+    assert found.benchmark == "all"
+    assert found.conditions == {"policy": "a policy", "weights_sha256": "0" * 64}
+    assert found.results == {each.benchmark: report.card_results(each) for each in evaluations}
+
+
+def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
+    terminal = io.StringIO()
+    evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
+    report.print_overview(evaluations, Console(file=terminal, width=80))
+    assert [line.split() for line in terminal.getvalue().splitlines()[1:]] == [
+        ["topspeed", "topspeed", "done."],
+        ["sprint", "sprint", "done."],
+    ]
+
+
+def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run, assert_fits):
+    for run in (busy_run, make_run(duration=0.5, fell_at=0.5)):
+        assert_fits(evaluation_of(run))
+
+
+def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_run):
+    metrics = measure(make_run(duration=0.5, fell_at=0.5))
+    assert to_json(metrics)["best_speed"] is None
+    assert {row.label: row.value for row in run_rows(metrics)}["Top speed"] == "-"
+    assert show(None, ".2f", "m/s") == "-"
+    assert show(1.234, ".2f", "m/s") == "1.23 m/s"
+
+
+def test_a_card_says_four_digits():
+    assert rounded({"a": 1.23456, "b": [0.000123456, None], "c": 123456, "d": {"e": 12345.6, "f": "x"}}) == {
+        "a": 1.235,
+        "b": [0.0001235, None],
+        "c": 123456,
+        "d": {"e": 12350.0, "f": "x"},
+    }
+
+
+# --- The film ----------------------------------------------------------------------------------------------------
+
+
+def test_film_shows_the_seconds_around_the_best_one(make_run):
+    run = make_run(duration=20.0)
+    qvel = run.qvel.copy()
+    qvel[9000:10000, 0] = 7.0
+    times = video.frame_samples(make_run(duration=20.0, qvel=qvel)) * 1e-3
+    assert times[0] == pytest.approx(9.5 - video.LENGTH / 2, abs=1e-3)
+    assert times[-1] == pytest.approx(9.5 + video.LENGTH / 2, abs=1.1 / video.FRAME_RATE)
+    np.testing.assert_allclose(np.diff(times), 1 / video.FRAME_RATE, atol=1.1e-3)
+
+
+@pytest.mark.parametrize("duration", [0.5, 3.0, 4.5])
+def test_film_of_a_short_run_shows_as_much_as_there_is(make_run, duration):
+    samples = video.frame_samples(make_run(duration=duration))
+    assert len(samples) == pytest.approx(min(duration, video.LENGTH) * video.FRAME_RATE, abs=1)
+    assert samples[0] >= 0
+    assert samples[-1] < 1000 * duration
+
+
+def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
+    reason = report.write_report(evaluation_of(busy_run), tmp_path, gl_library="none-such")
+    assert reason is not None
+    assert re.fullmatch(r"no video: no GL library works here \(none-such: .*\); unset MUJOCO_GL, or .*", reason)
+    assert "Traceback" not in reason
+    assert not list(tmp_path.glob("*.mp4"))
+    assert "<video" not in (tmp_path / "index.html").read_text()
+
+
+def test_film_is_a_film(make_run, tmp_path):
+    """Where there is no GL library, the reason is all there is."""
+    path = tmp_path / "trajectory.npz"
+    run = make_run(duration=0.2)
+    run.save(path)
+    try:
+        video.make_video(path, tmp_path / "run.mp4")
+    except video.NoVideo as reason:
+        pytest.skip(str(reason))
+    decode = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "run.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    pixels = np.frombuffer(subprocess.run(decode, capture_output=True, check=True).stdout, np.uint8)
+    frames = pixels.reshape(-1, video.HEIGHT, video.WIDTH, 3)
+    assert len(frames) == 6
+    assert all(np.std(frame) > 10 for frame in frames)
+    assert {entry.name for entry in tmp_path.iterdir()} == {"trajectory.npz", "run.mp4"}
+
+
+def test_reports_are_of_the_hardware_that_ran(busy_run, tmp_path):
+    longer = dataclasses.replace(busy_run.hardware, leg_length=0.4)
+    run = dataclasses.replace(busy_run, hardware=longer)
+    report.write_report(evaluation_of(run), tmp_path, video=False)
+    assert Trajectory.load(Path(tmp_path) / "trajectory.npz").hardware == longer

@@ -1,0 +1,296 @@
+"""Studies: what is run in which order, what is not run again, and the figures over seeds."""
+
+import dataclasses
+import json
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bp2_rl.cli import study as command
+from bp2_rl.cli.train import _parse
+from bp2_rl.errors import UserError
+from bp2_rl.learning import train
+from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.learning.stages import RunConfig, make_config
+from bp2_rl.study import study
+from bp2_rl.study.study import Judgement, Plan, Training
+
+PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
+
+
+# --- What is run ---------------------------------------------------------------------------------------------
+
+
+def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
+    names = [[training.name for training in chain] for chain in PLAN.chains]
+    assert names == [[f"ours-{s}-imitation", f"ours-{s}-relaxed", f"paper-{s}-relaxed"] for s in (0, 1)]
+    words = PLAN.command(Training("paper", 1, "relaxed"), Path("folder"))
+    assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
+
+
+@pytest.mark.parametrize("name", study.VARIANTS)
+def test_train_understands_the_flags_of_every_variant(name):
+    """Each sets what its meaning says, on top of the preset."""
+    plan = dataclasses.replace(PLAN, variants=(name,), preset="gpu")
+    imitation = _parse(plan.command(plan.chains[0][0], Path("folder")))
+    assert imitation.run.steps == 2048
+    assert imitation.env.reference == (name if name in ("kinematic", "none") else "collocation")
+    assert imitation.env.reset.standing_fraction == (1.0 if name == "standing" else 0.3)
+
+
+def test_the_steps_of_a_study_are_the_presets():
+    assert study.default_steps("gpu") == (60_000_000, 100_000_000)
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch, make_card):
+    """A folder for a study in which trainings take no time; `started` names those that were run."""
+    started: list[str] = []
+
+    def run_train(self, training, gpu):
+        started.append(training.name)
+        if training.name in failing:
+            return False
+        run_dir = self._folder / training.name
+        config = dataclasses.replace(make_config("imitation", "smoke"), run=RunConfig(steps=2048))
+        for steps in (1024, 2048):
+            card = make_card(physics_steps=5 * steps, created="2026-01-01T00:01:00Z")
+            layers = tuple(
+                (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32)) for shape in ((47, 4), (4, 12))
+            )
+            mean = np.full(47, steps + len(started), np.float32)
+            save_policy(run_dir / train.POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
+        train.save_config(run_dir / "config.json", config)
+        run_dir.with_suffix(".txt").write_text(f"2026-01-01T00:00:00+00:00 --out {run_dir}\nnoise\n")
+        return True
+
+    def judge(policy, wall):
+        steps = policy.card.physics_steps // 5
+        return Judgement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
+
+    failing: set[str] = set()
+    monkeypatch.setattr(study._Trainer, "_train", run_train)
+    monkeypatch.setattr(study, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(study, "_judge", judge)
+    return tmp_path / "study", started, failing
+
+
+def run(folder, plan=PLAN):
+    said: list[str] = []
+    return study.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
+
+
+def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
+    folder, started, _ = trained
+    assert run(folder)[0] == []
+    assert sorted(started) == sorted(training.name for chain in PLAN.chains for training in chain)
+    judged = study.judgements(folder / "paper-1-relaxed")
+    assert [(j.control_steps, j.top_speed, j.wall_time) for j in judged] == [(1024, 8.0, 60.0), (2048, 16.0, 60.0)]
+    before = list(started)
+    assert run(folder)[0] == []
+    assert started == before
+
+
+def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
+    folder, *_ = trained
+    run(folder)
+    (run_dir,) = folder.glob("paper-1-relaxed")
+    save_policy(run_dir / train.POLICIES / "1024", load_policy(run_dir / train.POLICIES / "2048"))
+    assert [j.control_steps for j in study.judge(run_dir)] == [2048, 2048]
+
+
+def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
+    folder, started, failing = trained
+    failing |= {"ours-0-imitation", "ours-1-relaxed"}
+    without, said = run(folder)
+    assert [training.name for training in without if training.seed == 0] == [
+        "ours-0-imitation", "ours-0-relaxed", "paper-0-relaxed",
+    ]  # fmt: skip
+    assert [training.name for training in without if training.seed == 1] == ["ours-1-relaxed"]
+    assert "paper-1-relaxed" in started
+    assert "ours-0-relaxed" not in started
+    assert any("ours-0-imitation failed: see" in line for line in said)
+
+
+def test_the_table_and_the_curves_say_which_seeds_are_there(trained, capsys):
+    folder, _, failing = trained
+    failing.add("ours-0-relaxed")
+    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    assert command.main(flags) == 1
+    printed = capsys.readouterr()
+    assert "| ours | 1 | 16.00 |" in printed.out
+    assert "| paper | 0, 1 | 16.00 |" in printed.out
+    assert printed.err == "not trained: ours-0-relaxed; call again to go on\n"
+
+
+def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch):
+    folder, *_ = trained
+    run(folder)
+    with pytest.raises(UserError, match=r"holds a study with --preset smoke --steps 2048 1024"):
+        run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
+    monkeypatch.setattr(study, "make_config", lambda stage, preset: make_config(stage, "cpu"))
+    with pytest.raises(UserError, match="other default settings"):
+        run(folder)
+
+
+def test_two_studies_do_not_work_on_one_folder(trained):
+    folder, *_ = trained
+    with study._alone(folder), pytest.raises(UserError, match="another study is at work"):
+        run(folder)
+    assert run(folder)[0] == []
+
+
+def test_the_command_leaves_a_table_and_learning_curves(trained, capsys):
+    folder, *_ = trained
+    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    assert command.main(flags) == 0
+    assert "| paper | 0, 1 | 16.00 |" in capsys.readouterr().out
+    assert json.loads((folder / "ours.json").read_text())["steps_to_goal"] == [2048, 2048]
+    assert (folder / "learning_curves.png").stat().st_size > 10_000
+    assert "| ours | 0, 1 | 16.00 |" in (folder / "table.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--variants", "fast"], "no variant 'fast'"),
+        (["--seeds"], "seed"),
+        (["--seeds", "1", "1"], "each once"),
+        (["--seeds", "-1"], "negative"),
+        (["--steps", "0", "5"], "steps must be positive"),
+        (["--judges", "0"], "--judges"),
+        (["--no-train"], "no judged run of ours"),
+    ],
+)
+def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(flags) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not any(tmp_path.iterdir())
+
+
+# --- A training's process ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trainer(tmp_path, monkeypatch):
+    """A trainer whose train.py prints what it is told and then does what `code` says."""
+
+    def make(code=""):
+        script = tmp_path / "python"
+        script.write_text(
+            f"#!{PYTHON}\nimport os, sys, time\n"
+            f"print(os.environ['CUDA_VISIBLE_DEVICES'], sys.argv[1:], flush=True)\n{code}\n"
+        )
+        script.chmod(0o755)
+        monkeypatch.setattr(study.sys, "executable", str(script))
+        return study._Trainer(PLAN, tmp_path, ("3",), print, print)
+
+    return make
+
+
+RUN, PYTHON = PLAN.chains[0][0], sys.executable
+
+
+@pytest.mark.parametrize(("code", "ended"), [("", True), ("raise SystemExit(2)", False)])
+def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, ended):
+    killed_early = tmp_path / RUN.name
+    killed_early.mkdir()
+    output = killed_early.with_suffix(".txt")
+    assert trainer(code)._train(RUN, "3") is ended
+    assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
+    assert not killed_early.exists()
+    (killed_early / "checkpoints" / "2").mkdir(parents=True)
+    trainer(code)._train(RUN, "3")
+    assert f"'--resume', '{killed_early}'" in output.read_text()
+
+
+def test_a_run_that_has_policies_is_never_deleted(tmp_path, trainer):
+    policy = tmp_path / RUN.name / train.POLICIES / "1024"
+    policy.mkdir(parents=True)
+    trainer()._train(RUN, "3")
+    assert policy.is_dir()
+
+
+def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
+    running = trainer("time.sleep(60)")
+    with ThreadPoolExecutor(1) as threads:
+        chain = threads.submit(running.follow, PLAN.chains[0])
+        output = (tmp_path / RUN.name).with_suffix(".txt")
+        while not (output.is_file() and "-m" in output.read_text()):
+            time.sleep(0.01)
+        running.stop()
+        chain.result(timeout=30.0)
+    assert running.failed == PLAN.chains[0]
+    running.follow(PLAN.chains[1])
+    assert not (tmp_path / PLAN.chains[1][0].name).with_suffix(".txt").exists()
+
+
+# --- Judging and figures -------------------------------------------------------------------------------------
+
+
+def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
+    """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
+
+    def rollout(policy, ramp, config):
+        speed = ramp.target[0]
+        return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
+
+    monkeypatch.setattr(study, "rollout_mujoco", rollout)
+    judgement = study._judge(make_policy(), None)
+    assert judgement.top_speed == pytest.approx(9.0)
+    assert judgement.falls == 2
+
+
+def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
+    monkeypatch.setattr(study, "rollout_mujoco", lambda *_: make_run(fell_at=7.9))
+    judgement = study._judge(make_policy(), None)
+    assert (judgement.top_speed, judgement.falls, judgement.cruise_speed) == (0.0, 3, 0.0)
+    assert judgement.cruise_cost is None
+
+
+def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_than_told(
+    monkeypatch, make_policy, make_run
+):
+    told: list[float] = []
+
+    def rollout(policy, ramp, config):
+        told.append(ramp.target[0])
+        return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
+
+    monkeypatch.setattr(study, "rollout_mujoco", rollout)
+    judgement = study._judge(make_policy(), None)
+    # 12.4 m/s under 15.5: told 12.4 it could not be faster, so that is not tried.
+    assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)
+    assert judgement.cruise_speed == pytest.approx(10.0, rel=1e-3)
+    assert judgement.cruise_cost == 0.0  # nothing in this run takes power
+
+
+def test_the_interquartile_mean_leaves_out_the_outer_quarters():
+    assert study.interquartile_mean(np.array([0.0, 1.0, 2.0, 3.0, 100.0])) == pytest.approx(2.0)
+    assert study.interquartile_mean(np.array([1.0, 2.0, 6.0])) == pytest.approx(3.0)
+
+
+def test_the_bootstrap_interval_is_scipys():
+    values = np.random.default_rng(3).normal(15.0, 0.2, 12)
+    peer = stats.bootstrap((values,), study.interquartile_mean, method="percentile", rng=np.random.default_rng(5))
+    assert study.bootstrap_interval(values) == pytest.approx(tuple(peer.confidence_interval), abs=0.01)
+
+
+def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
+    def judged(*speeds, wall=10.0, before=0):
+        return [Judgement(before + i, "", wall * i, v, 0, 0.0, None) for i, v in enumerate(speeds, start=1)]
+
+    slow, fast = judged(3.0, 9.0), judged(9.0, 10.74, 10.0, before=2)
+    assert study._goal(fast, fast) == (4, 20.0)
+    assert study._goal(slow, fast) == (4, 40.0)
+    assert study._goal(slow, slow) == (None, None)
+    resumed = [dataclasses.replace(j, wall_time=None) for j in slow]
+    assert study._goal(resumed, fast) == (4, None)
