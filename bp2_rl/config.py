@@ -10,7 +10,6 @@ import hashlib
 import importlib.metadata
 import json
 import math
-import os
 import types
 import typing
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import bp2_rl
 from bp2_rl.errors import UserError
+from bp2_rl.files import BadFileError, read_json, write_text
 
 Config = TypeVar("Config")
 
@@ -70,26 +70,11 @@ def load_config(cls: type[Config], path: Path) -> Config:
         ConfigError: the file is missing, is not JSON, or does not describe a `cls`.
     """
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read config {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path} is not a JSON file: {error}") from error
-    try:
-        return from_json(cls, data)
+        return from_json(cls, read_json(path))
+    except BadFileError as error:
+        raise ConfigError(str(error)) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all: to a temporary name, to disk, then renamed into place."""
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
 
 
 def package_versions() -> dict[str, str]:

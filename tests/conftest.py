@@ -55,3 +55,4 @@ def _unchecked(*args, **kwargs):
 
 flax.struct.dataclass = _unchecked
 jaxtyping.install_import_hook("bp2_rl", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+pytest_plugins = ["synthetic"]  # runs, cards and policies for tests of the evidence, the study and the commands

@@ -180,7 +180,7 @@ def test_a_file_round_trips_and_leaves_nothing_else_behind(tmp_path: Path):
 
 def test_a_file_that_is_not_ours_is_refused_by_its_name(tmp_path: Path):
     path = tmp_path / "config.json"
-    with pytest.raises(ConfigError, match=r"cannot read config .*config\.json: No such file"):
+    with pytest.raises(ConfigError, match=r"config\.json cannot be read: No such file"):
         load_config(Outer, path)
     path.write_text('{"steps": 1')
     with pytest.raises(ConfigError, match=r"config\.json is not a JSON file"):

@@ -11,8 +11,9 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.cli import app, runtime  # noqa: F401
-from bp2_rl.config import save_config, write_text
+from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.files import write_text
 from bp2_rl.learning.stages import Preset
 from bp2_rl.study import study
 from bp2_rl.study.figure import learning_curves

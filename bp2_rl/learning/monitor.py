@@ -23,8 +23,8 @@ from tensorboardX.event_file_writer import EventsWriter
 from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
 from tensorboardX.summary import scalar
 
-from bp2_rl.config import write_text
 from bp2_rl.errors import UserError
+from bp2_rl.files import write_text
 
 METRICS = "metrics.jsonl"
 LOG = "log.txt"

@@ -25,8 +25,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bp2_rl.config import config_hash, save_config, write_text
+from bp2_rl.config import config_hash, save_config
 from bp2_rl.errors import UserError
+from bp2_rl.files import write_text
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt.problem import Problem, Weights, motor_coordinates

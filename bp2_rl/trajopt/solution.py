@@ -12,6 +12,7 @@ import numpy as np
 
 from bp2_rl import config
 from bp2_rl.errors import UserError
+from bp2_rl.files import write_text
 from bp2_rl.trajopt.problem import Problem
 
 FORMAT = 1
@@ -132,7 +133,7 @@ def save_solution(path: Path, solution: Solution) -> None:
     temporary.replace(path.with_name(path.name + ".npz"))
     facts = {name: getattr(solution, name) for name in ("cost", "violation", "iterations", "seconds", "checks")}
     card = {"format": FORMAT, "problem": config.to_json(solution.problem), **facts, "versions": versions()}
-    config.write_text(path.with_name(path.name + ".json"), json.dumps(card, indent=2) + "\n")
+    write_text(path.with_name(path.name + ".json"), json.dumps(card, indent=2) + "\n")
 
 
 def load_solution(path: Path) -> Solution:

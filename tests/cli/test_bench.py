@@ -5,7 +5,7 @@ import re
 
 import jax
 import pytest
-from aim import Aim  # pyright: ignore[reportMissingImports]  # in tests/learning
+from aim import Aim
 from rich.console import Console
 
 from bp2_rl.bench.measure import OUT_OF_MEMORY, Case

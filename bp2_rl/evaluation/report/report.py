@@ -17,11 +17,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TerminalTable
 
-from bp2_rl.config import load_config, save_config, to_json, write_text
+from bp2_rl.config import load_config, save_config, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
 from bp2_rl.evaluation.benchmarks.registry import ALL
 from bp2_rl.evaluation.report.film import NoVideo, make_video
+from bp2_rl.files import write_text
 
 METRICS, PAGE, TRAJECTORY, VIDEO = "metrics.json", "index.html", "trajectory.npz", "run.mp4"
 

@@ -1,0 +1,151 @@
+"""Files that are whole or not there, and strangers' files that end in one line."""
+
+import contextlib
+import io
+import os
+import random
+import subprocess
+import sys
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+
+from bp2_rl import files
+from bp2_rl.errors import UserError
+from bp2_rl.files import ArraySpec, BadFileError, lock_folder, new_folder, read_json, read_npz, write_npz, write_text
+
+WANTED = {"a": ArraySpec(np.floating, ("n", 3)), "b": ArraySpec(np.dtype(np.float32), ("n",))}
+
+
+@pytest.fixture
+def archive(tmp_path):
+    path = tmp_path / "arrays.npz"
+    rng = np.random.default_rng(0)
+    arrays = {"a": rng.normal(size=(5, 3)), "b": rng.normal(size=5).astype(np.float32), "other": np.zeros(9)}
+    write_npz(path, arrays, compressed=True)
+    return path, arrays
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_text(path, "old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "replace", full)
+    with pytest.raises(OSError, match="space"):
+        write_text(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "folder"
+    for text in ("one", "two"):
+        with new_folder(folder) as fresh:
+            (fresh / "file").write_text(text)
+    with contextlib.suppress(ZeroDivisionError), new_folder(folder) as fresh:
+        (fresh / "file").write_text("three")
+        raise ZeroDivisionError
+    assert (folder / "file").read_text() == "two"
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
+    folder = tmp_path / "folder"
+    with new_folder(folder) as fresh:
+        (fresh / "file").write_text("one")
+    folder.rename(tmp_path / ".folder.old")
+    (tmp_path / ".folder.new").mkdir()
+    files.restore_folder(folder)
+    assert (folder / "file").read_text() == "one"
+
+
+def test_arrays_come_back_as_they_were_and_only_those_wanted(archive):
+    path, arrays = archive
+    found = read_npz(path, WANTED)
+    assert set(found) == set(WANTED)
+    for name, array in found.items():
+        np.testing.assert_array_equal(array, arrays[name])
+    assert files.npz_header(path)["other"] == (np.dtype(float), (9,))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "complaint"),
+    [
+        ({"c": ArraySpec(np.floating, (5,))}, "lacks the array c"),
+        ({"a": ArraySpec(np.floating, (5, 4))}, r"holds a as float64\[5, 3\], expected floating\[5, 4\]"),
+        ({"b": ArraySpec(np.dtype(np.float64), (5,))}, "holds b as float32"),
+        ({"a": ArraySpec(np.floating, ("n", 3)), "other": ArraySpec(np.floating, ("n",))}, r"expected floating\[5\]"),
+    ],
+)
+def test_other_arrays_than_wanted_are_refused_by_name(archive, wanted, complaint):
+    with pytest.raises(BadFileError, match=complaint):
+        read_npz(archive[0], wanted)
+
+
+def test_any_flipped_bit_ends_in_the_arrays_or_in_one_line(archive, tmp_path):
+    content = bytearray(archive[0].read_bytes())
+    rng, path = random.Random(0), tmp_path / "flipped.npz"
+    for _ in range(400):
+        flipped = bytearray(content)
+        flipped[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        path.write_bytes(flipped)
+        with contextlib.suppress(UserError):  # anything else fails the test
+            assert read_npz(path, WANTED)["a"].shape == (5, 3)
+
+
+def test_a_small_file_cannot_fill_the_memory(tmp_path):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (1 << 24, 3)})
+        for _ in range(48):
+            member.write(bytes(8 << 20))
+    assert path.stat().st_size < 1 << 20
+    tracemalloc.start()
+    with pytest.raises(BadFileError):
+        read_npz(path, {"a": ArraySpec(np.floating, (5, 3))})
+    with pytest.raises(BadFileError, match="at most are read"):
+        read_npz(path, {"a": ArraySpec(np.floating, ("n", 3))}, largest=1 << 20)
+    assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    tracemalloc.stop()
+
+
+def test_no_pickle_is_opened(tmp_path):
+    path, buffer = tmp_path / "pickle.npz", io.BytesIO()
+    np.savez(buffer, a=np.array([print], dtype=object))
+    path.write_bytes(buffer.getvalue())
+    with pytest.raises(BadFileError, match="holds a as object"):
+        read_npz(path, {"a": ArraySpec(np.dtype(object), (1,))})
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 10_000])
+def test_what_is_not_json_ends_in_one_line(tmp_path, content):
+    path = tmp_path / "file.json"
+    path.write_bytes(content)
+    with pytest.raises(BadFileError, match=str(path)):
+        read_json(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(BadFileError, match=r"nowhere\.json cannot be read: No such file"):
+        read_json(tmp_path / "nowhere.json")
+
+
+def test_a_lock_is_held_by_a_child_that_outlives_its_parent(tmp_path):
+    with lock_folder(tmp_path, "busy") as descriptor:
+        with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
+            pass
+        child = subprocess.Popen(
+            [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=(descriptor,), env=dict(os.environ)
+        )
+    try:
+        with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
+            pass
+    finally:
+        child.communicate(b"\n", timeout=30)
+    with lock_folder(tmp_path, "busy"):
+        pass
