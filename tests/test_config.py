@@ -183,7 +183,7 @@ def test_a_file_that_is_not_ours_is_refused_by_its_name(tmp_path: Path):
     with pytest.raises(ConfigError, match=r"config\.json cannot be read: No such file"):
         load_config(Outer, path)
     path.write_text('{"steps": 1')
-    with pytest.raises(ConfigError, match=r"config\.json is not a JSON file"):
+    with pytest.raises(ConfigError, match=r"config\.json is damaged or not JSON"):
         load_config(Outer, path)
     path.write_text('{"steps": "x"}')
     with pytest.raises(ConfigError, match=r"config\.json: steps: expected an integer"):
