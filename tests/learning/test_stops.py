@@ -95,12 +95,12 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
             if kill % 2:
                 time.sleep(moments.uniform(0.0, 0.3))
             else:
-                wait_for(lambda: any((run / "checkpoints").glob(".new-*")), process)
+                wait_for(lambda: any((run / "checkpoints").glob(".*.new")), process)
                 time.sleep(moments.uniform(0.0, 0.1))
             process.kill()
             process.communicate()
         assert process.returncode == -signal.SIGKILL
-        within_saves += any((run / "checkpoints").glob(".new-*"))
+        within_saves += any((run / "checkpoints").glob(".*.new"))
         arguments = ["--resume", run]
     print(f"{within_saves} of {kills} kills left a save half-written")
     assert (latest_step(run) or 0) < total
