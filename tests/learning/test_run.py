@@ -9,10 +9,12 @@ import jax
 import numpy as np
 import pytest
 
+from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
 from bp2_rl.env.bp2_env import SPEED_BINS
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
+from bp2_rl.files import lock_folder
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
@@ -200,3 +202,67 @@ def test_summaries_turn_means_into_rates():
     assert out["falls_per_second"] == pytest.approx(0.06)
     assert out["reward_rms"] == pytest.approx(0.5)
     assert "speed_error/0" not in out
+
+
+@pytest.mark.parametrize("lost", [(256,), (128,), (128, 256)])
+def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(run, tmp_path, lost):
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    for steps in lost:
+        shutil.rmtree(killed / "policies" / str(steps))
+    if 256 in lost:  # the run's own policy is of the save before
+        shutil.rmtree(killed / "policy")
+        shutil.copytree(run / "policies" / "128", killed / "policy")
+    training.resume(killed)
+    for name in ("policies/128", "policies/256", "policy"):
+        assert (killed / name / "weights.npz").read_bytes() == (run / name / "weights.npz").read_bytes()
+        assert load_policy(killed / name).card.physics_steps == load_policy(run / name).card.physics_steps
+
+
+def test_a_damaged_older_checkpoint_does_not_keep_a_run_from_going_on(run, tmp_path):
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    shutil.rmtree(killed / "policies" / "128")
+    (killed / "checkpoints" / "2" / "state.npz").write_bytes(b"")
+    training.resume(killed)
+    assert "warning: no policy of step 2: " in (killed / "log.txt").read_text()
+
+
+def test_a_second_process_is_refused_in_one_line_and_changes_nothing(run, tmp_path):
+    copy, fresh = tmp_path / "copy", tmp_path / "fresh"
+    shutil.copytree(run, copy)
+    fresh.mkdir()
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    with lock_folder(copy, "busy"), pytest.raises(UserError, match=f"another process trains in {copy}: wait for it"):
+        training.resume(copy)
+    with lock_folder(fresh, "busy"), pytest.raises(UserError, match="another process trains in"):
+        training.start(tiny(), fresh)
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before | {copy / ".lock": b""}
+    assert [path.name for path in fresh.iterdir()] == [".lock"]
+
+
+@pytest.mark.parametrize("flag", ["--resume", "--replay", "--from", "--out"])
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(flag, name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main([flag, name]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: no file or folder can be called ")
+    assert error.count("\n") == 1
+    assert len(error) < 150
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_is_not_there_is_said_not_to_be_there(capsys):
+    assert command.main(["--resume", "runs/doesnotexist"]) == 2
+    assert capsys.readouterr().err == "error: no training run at runs/doesnotexist: there is no such folder\n"
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 9223372036854775808])
+def test_a_seed_that_jax_does_not_take_is_refused(seed, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["--preset", "smoke", "--run.seed", str(seed)]) == 2
+    error = capsys.readouterr().err
+    assert f"run.seed must be 0 to 4294967295, got {seed}" in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

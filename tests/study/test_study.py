@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import os
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -238,6 +240,64 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
     assert running.failed == PLAN.chains[0]
     running.follow(PLAN.chains[1])
     assert not (tmp_path / PLAN.chains[1][0].name).with_suffix(".txt").exists()
+
+
+STUDY = """
+import sys
+from pathlib import Path
+from bp2_rl.study import training
+from bp2_rl.study.plan import Plan
+
+if __name__ == "__main__":
+    training.sys.executable = sys.argv[1]
+    plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
+    training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
+"""
+TRAINING = """
+import os, signal, time
+from bp2_rl.workers import end_with_caller
+
+def save(*_):
+    while not os.path.exists("let go"):
+        time.sleep(0.01)
+    os._exit(0)
+
+signal.signal(signal.SIGTERM, save)
+end_with_caller()
+print("training", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_before(tmp_path):
+    folder, study, fake = tmp_path / "study", tmp_path / "study.py", tmp_path / "python"
+    study.write_text(STUDY)
+    fake.write_text(f"#!{PYTHON}\n{TRAINING}")
+    fake.chmod(0o755)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    log = folder / "ours-0-imitation.txt"
+    with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
+        wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
+        process.kill()
+    with pytest.raises(UserError, match="busy"), lock_folder(folder, "busy"):
+        pass
+    (tmp_path / "let go").touch()
+    wait_until(lambda: is_free(folder))
+
+
+def is_free(folder):
+    try:
+        with lock_folder(folder, "busy"):
+            return True
+    except UserError:
+        return False
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 # --- Judging and figures -------------------------------------------------------------------------------------

@@ -101,7 +101,7 @@ def test_whatever_a_trajectorys_file_says_of_itself_it_is_loaded_or_refused(make
     make_run(duration=0.1).save(path)
     arrays = dict(np.load(path))
     for text in strange_json(json.loads(str(arrays["facts"])), 200):
-        np.savez(path, **(arrays | {"facts": np.array(text)}))
+        write_npz(path, arrays | {"facts": np.array(text)})
         with contextlib.suppress(TrajectoryError):  # anything else fails the test
             Trajectory.load(path)
 
