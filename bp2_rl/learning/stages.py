@@ -43,8 +43,8 @@ class RunConfig:
         for name in ("steps", "checkpoints", "logs"):
             if getattr(self, name) < 1:
                 raise UserError(f"run.{name} must be at least 1, got {getattr(self, name)}")
-        if self.seed < 0:
-            raise UserError(f"run.seed must not be negative, got {self.seed}")
+        if not 0 <= self.seed < 2**32:  # JAX takes the 32 lower bits of it
+            raise UserError(f"run.seed must be 0 to {2**32 - 1}, got {self.seed}")
 
 
 @dataclasses.dataclass(frozen=True)
