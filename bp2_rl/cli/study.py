@@ -13,7 +13,7 @@ import tyro
 from bp2_rl.cli import app, runtime  # noqa: F401
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.files import write_text
+from bp2_rl.files import require_name, write_text
 from bp2_rl.learning.stages import Preset
 from bp2_rl.study.figure import learning_curves
 from bp2_rl.study.outcome import outcome, table
@@ -51,6 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _study(arguments: Arguments) -> None:
     if arguments.judges < 1:
         raise UserError(f"--judges must be at least 1, got {arguments.judges}")
+    require_name(arguments.out)
     steps = arguments.steps or default_steps(arguments.preset)
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
     missing = []

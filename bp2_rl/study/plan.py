@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from bp2_rl.errors import UserError
-from bp2_rl.learning.stages import Preset, Stage, make_config
+from bp2_rl.learning.stages import Preset, RunConfig, Stage, make_config
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 
@@ -59,8 +59,8 @@ class Plan:
         for name, values in (("variant", self.variants), ("seed", self.seeds)):
             if not values or len(set(values)) < len(values):
                 raise UserError(f"a study needs at least one {name}, and each once")
-        if min(self.seeds) < 0:
-            raise UserError(f"seeds must not be negative, got {min(self.seeds)}")
+        for seed in self.seeds:
+            RunConfig(seed=seed)  # says which may be
         if min(self.steps) < 1:
             raise UserError(f"steps must be positive, got {self.steps[0]} and {self.steps[1]}")
 

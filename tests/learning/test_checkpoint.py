@@ -17,6 +17,7 @@ import pytest
 from brax.training.acme import running_statistics
 from damage import flipped_bits, strange_json
 from flax import struct
+from killer import killed_at_every_operation
 
 from bp2_rl.learning import checkpoint
 from bp2_rl.learning.checkpoint import (
@@ -317,51 +318,14 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_saved(tmp_path: Path):
         assert np.all(np.asarray(restored["y"]) == step)
 
 
-KILLED = """
-import os, shutil, sys
-from pathlib import Path
-import numpy as np
-from bp2_rl.learning.checkpoint import save_checkpoint
-
-class Killer:  # ends the process at its n-th operation on files
-    def __init__(self, n):
-        self.left = n
-        for name in ("replace", "rename", "fsync", "mkdir", "rmdir", "unlink", "open"):
-            setattr(os, name, self.wrap(getattr(os, name)))
-    def wrap(self, real):
-        def wrapped(*args, **kwargs):
-            self.left -= 1
-            if self.left == 0:
-                os._exit(9)
-            return real(*args, **kwargs)
-        return wrapped
-
-folder, step = Path(sys.argv[1]), int(sys.argv[2])
-for n in range(1, 1000):
-    run = folder / str(n)
-    shutil.copytree(folder / "run", run)
-    child = os.fork()
-    if not child:  # JAX has started no thread yet
-        Killer(n)
-        save_checkpoint(run, step, {"x": np.full(1000, 7.0)}, keep=2)
-        os._exit(0)
-    if os.waitpid(child, 0)[1] == 0:
-        break
-"""
-
-
 @pytest.mark.parametrize("step", [2, 3], ids=["the same step again", "another step"])
 def test_a_save_killed_at_any_operation_leaves_the_one_before_or_the_new_one(tmp_path: Path, step: int):
     template = {"x": np.zeros(1000)}
     (tmp_path / "run").mkdir()
     for before in (1, 2):
         save_checkpoint(tmp_path / "run", before, {"x": np.full(1000, float(before))})
-    done = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(step)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    kills = sorted(int(path.name) for path in tmp_path.iterdir() if path.name.isdecimal())
-    assert len(kills) > 15
     found = []
-    for run in (tmp_path / str(kill) for kill in kills):
+    for run in killed_at_every_operation(tmp_path, "save_step", step):
         newest, state = restore_checkpoint(run, template)
         assert (newest, state["x"][0]) in {(2, 2.0), (step, 7.0)}
         assert np.all(state["x"] == state["x"][0])

@@ -17,6 +17,7 @@ from brax.training import networks
 from brax.training.acme import running_statistics
 from damage import flipped_bits, strange_json
 from flax import linen
+from killer import killed_at_every_operation
 
 from bp2_rl.config import to_json
 from bp2_rl.env.config import EnvConfig
@@ -208,6 +209,19 @@ def test_a_policy_set_aside_by_a_killed_export_comes_back(
         export_policy(policy_dir, params=brax_params, normalizer=normalizer, card=make_card())
     monkeypatch.undo()
     assert load_policy(policy_dir).card.seed == 7
+
+
+def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(policy_dir: Path, tmp_path: Path):
+    (tmp_path / "run").mkdir()
+    shutil.copytree(policy_dir, tmp_path / "run" / "policy")
+    seeds = []
+    for run in killed_at_every_operation(tmp_path, "save_card"):
+        policy = load_policy(run)
+        seeds.append(policy.card.seed)
+        save_policy(run / "policy", policy)  # and exports go on
+        assert [path.name for path in run.iterdir()] == ["policy"]
+    assert seeds == sorted(seeds)
+    assert {*seeds} == {7, 8}
 
 
 def _no_space(self: Path, *args: Any, **kwargs: Any) -> None:
