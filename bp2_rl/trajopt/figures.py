@@ -229,7 +229,7 @@ def _rows(figure: Figure, *heights: float) -> list[SubFigure]:
 
 
 def _in_numbers(solution: Solution) -> _Figures:
-    motion = _finely(solution).trajectory
+    motion = _finely(solution).motion
     legs = len(solution.problem.stride.legs)
     joints = motion.q[..., TRUNK:].reshape(*motion.q.shape[:2], legs, PER_LEG)
     torque = np.max(np.abs(motion.tau), axis=(0, 1)).reshape(legs, 2).max(axis=0)
@@ -249,9 +249,7 @@ def _in_numbers(solution: Solution) -> _Figures:
 def _finely(solution: Solution) -> Solution:
     """The solution as its scheme's polynomials go on between the points of its mesh."""
     problem = solution.problem.on_mesh(FINE)
-    return dataclasses.replace(
-        solution, problem=problem, trajectory=resample(solution.problem, solution.trajectory, problem)
-    )
+    return dataclasses.replace(solution, problem=problem, motion=resample(solution.problem, solution.motion, problem))
 
 
 def _shown_leg(cycle: Cycle) -> str:
