@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl import config
 from bp2_rl.bounds import Within, check_bounds
@@ -180,7 +181,7 @@ class _Provenance:
     schema: str
 
 
-def arrays_of(family: list[Solution]) -> dict[str, np.ndarray]:
+def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
     """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions."""
     motions = {name: np.stack([getattr(solution.motion, name) for solution in family]) for name in ARRAYS}
     return {"speeds": np.array([solution.problem.speed for solution in family]), **motions}
@@ -196,7 +197,7 @@ def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, A
     return config.to_json(_Provenance(settings=settings, solutions=facts, versions=versions(), schema=schema))
 
 
-def family_of(arrays: Mapping[str, np.ndarray], provenance: Any) -> list[Solution]:
+def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
     """The family that `arrays_of` and `provenance_of` made them from.
 
     Raises:

@@ -13,10 +13,10 @@ class Program:
 
     def __init__(self) -> None:
         self._unknowns: list[ca.MX] = []
-        self._guess: list[np.ndarray] = []
-        self._limits: list[tuple[np.ndarray, np.ndarray]] = []
+        self._guess: list[Float[np.ndarray, " x"]] = []
+        self._limits: list[tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]] = []
         self._constraints: list[ca.MX] = []
-        self._ranges: list[tuple[np.ndarray, np.ndarray]] = []
+        self._ranges: list[tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]] = []
         self.cost: ca.MX = ca.MX(0)
 
     def unknown(
@@ -45,7 +45,9 @@ class Program:
         self.at_least_zero(bound - expression, scale)
         self.at_least_zero(bound + expression, scale)
 
-    def solve(self, unknowns: list[list[ca.MX]], time_limit: float) -> tuple[list[np.ndarray], dict[str, Any], float]:
+    def solve(
+        self, unknowns: list[list[ca.MX]], time_limit: float
+    ) -> tuple[list[Float[np.ndarray, "group columns rows"]], dict[str, Any], float]:
         """The unknowns at the optimum, each group stacked with its columns first; statistics; largest violation."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {

@@ -40,11 +40,13 @@ class Motion:
     impulse: Float[np.ndarray, "segments contacts"]  # N s, at the beginning of each segment
 
     @property
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
         """By name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
 
+Points = Float[np.ndarray, "segments points _"]
+Instants = Float[np.ndarray, "instants _"]
 ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
@@ -116,20 +118,20 @@ def sample(problem: Problem, motion: Motion, segment: int, share: Float[np.ndarr
     h = duration / intervals
     step = 2 if problem.scheme == "hermite-simpson" else 1
 
-    def ends(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def ends(x: Points) -> tuple[Instants, Instants]:
         return x[segment, step * k], x[segment, step * k + step]
 
-    def linear(x: np.ndarray) -> np.ndarray:
+    def linear(x: Points) -> Instants:
         return line(s, *ends(x))
 
-    def held(x: np.ndarray) -> np.ndarray:
+    def held(x: Points) -> Instants:
         return ends(x)[0]
 
-    def quadratic(x: np.ndarray) -> np.ndarray:
+    def quadratic(x: Points) -> Instants:
         left, right = ends(x)
         return parabola(s, left, x[segment, 2 * k + 1], right)
 
-    def cubic(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    def cubic(x: Points, rate: Points) -> Instants:
         return hermite(s, h, *ends(x), *ends(rate))
 
     rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[problem.scheme]
@@ -222,7 +224,7 @@ def array_specs(problem: Problem) -> dict[str, ArraySpec]:
     return {name: ArraySpec(np.floating, shape) for name, shape in shapes.items()}
 
 
-def not_finite(arrays: Mapping[str, np.ndarray]) -> str:
+def not_finite(arrays: Mapping[str, Float[np.ndarray, "..."]]) -> str:
     """The name of the first array that holds NaN or an infinity; empty if none does."""
     return next((name for name, array in arrays.items() if not np.isfinite(array).all()), "")
 

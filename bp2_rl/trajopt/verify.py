@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -114,8 +115,10 @@ def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -
     return lines
 
 
-def resimulate(solution: Solution, rtol: float = 1e-9) -> tuple[np.ndarray, np.ndarray]:
-    """q and v at the mesh's points as its torques and durations make them: (segments, points, nq) each.
+def resimulate(
+    solution: Solution, rtol: float = 1e-9
+) -> tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]]:
+    """q and v at the mesh's points as its torques and durations make them.
 
     From the solution's own state after the first impact, standing feet held exactly, every landing a perfectly
     inelastic impact; DOP853, interval by interval, as torques have corners where intervals meet. NaN from where the
@@ -235,7 +238,10 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     }
 
 
-def _against(simulated: tuple[np.ndarray, np.ndarray], solution: Solution) -> dict[str, float]:
+def _against(
+    simulated: tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]],
+    solution: Solution,
+) -> dict[str, float]:
     q, v = simulated
     return {
         "position_error": float(np.max(np.abs(q - solution.motion.q))),
@@ -244,9 +250,14 @@ def _against(simulated: tuple[np.ndarray, np.ndarray], solution: Solution) -> di
 
 
 def _simulate_segment(
-    model: PlanarModel, solution: Solution, segment: int, q: np.ndarray, v: np.ndarray, rtol: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """q and v at the points of one segment, (points, nq) each, from its beginning."""
+    model: PlanarModel,
+    solution: Solution,
+    segment: int,
+    q: Float[np.ndarray, " nq"],
+    v: Float[np.ndarray, " nq"],
+    rtol: float,
+) -> tuple[Float[np.ndarray, "points nq"], Float[np.ndarray, "points nq"]]:
+    """q and v at the points of one segment from its beginning."""
     problem = solution.problem
     standing = contact_rows(problem.stride.legs, problem.stride.standing[segment])
     h = solution.motion.durations[segment] / problem.intervals
@@ -270,15 +281,15 @@ def _simulate_segment(
     return q, v
 
 
-def _torque_polynomial(solution: Solution, segment: int, interval: int) -> np.ndarray:
-    """tau in one interval as (motors, 3) coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
+def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float[np.ndarray, "motors 3"]:
+    """tau in one interval as coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
     s = np.array([0.2, 0.5, 0.8])
     shares = (interval + s) / solution.problem.intervals
     tau = sample(solution.problem, solution.motion, segment, shares).tau
     return np.linalg.solve(np.vander(s, increasing=True), tau).T
 
 
-def _befores(solution: Solution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
     """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
     problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
@@ -294,10 +305,10 @@ def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
         yield segment, sample(problem, motion, segment, shares)
 
 
-def _series(motion: Motion) -> tuple[np.ndarray, ...]:
+def _series(motion: Motion) -> tuple[Float[np.ndarray, "segments points _"], ...]:
     return motion.q, motion.v, motion.a, motion.tau, motion.force
 
 
-def _kinetic(mass: np.ndarray, v: np.ndarray) -> float:
+def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:
     """Kinetic energy, J."""
     return float(v @ mass @ v) / 2.0

@@ -18,7 +18,10 @@ from bp2_rl.errors import UserError
 from bp2_rl.plotting import QUIET
 from bp2_rl.trajopt.cycle import cost_of_transport
 from bp2_rl.trajopt.decomposition import TERMS, Decomposition, Trends, decompose, find_trends
-from bp2_rl.trajopt.figures import LEFT, RIGHT, TERM_COLORS, decomposition_figure, family_figure, trajectory_figure
+from bp2_rl.trajopt.figures.decomposition import TERM_COLORS, decomposition_figure
+from bp2_rl.trajopt.figures.family import family_figure
+from bp2_rl.trajopt.figures.style import LEFT, RIGHT
+from bp2_rl.trajopt.figures.trajectory import trajectory_figure
 from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution

@@ -47,13 +47,15 @@ def _figures(arguments: Arguments) -> None:
     make_folder(arguments.out)
 
     from bp2_rl.trajopt import decomposition
-    from bp2_rl.trajopt import figures as drawings
+    from bp2_rl.trajopt.figures.decomposition import decomposition_figure
+    from bp2_rl.trajopt.figures.family import family_figure
+    from bp2_rl.trajopt.figures.trajectory import trajectory_figure
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
     for name, figure in (
-        ("decomposition", drawings.decomposition_figure(terms, trends)),
-        ("trajectory", drawings.trajectory_figure(shown)),
-        ("family", drawings.family_figure(solutions)),
+        ("decomposition", decomposition_figure(terms, trends)),
+        ("trajectory", trajectory_figure(shown)),
+        ("family", family_figure(solutions)),
     ):
         output.save_figure(figure, arguments.out / f"{name}.png")
     print(f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm")

@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _solve(arguments: Arguments) -> None:
     """Leave a solution, named after its speed, in the output folder."""
     from bp2_rl.trajopt.collocation import refine, solve_best
-    from bp2_rl.trajopt.figures import trajectory_figure
+    from bp2_rl.trajopt.figures.trajectory import trajectory_figure
     from bp2_rl.trajopt.verify import verify
 
     make_folder(arguments.out)

@@ -53,7 +53,7 @@ class MotionLibrary:
     provenance: dict[str, Any]  # problem, versions and what was verified
 
     @property
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
         """All but the provenance, by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 

@@ -243,10 +243,10 @@ class _Moment(NamedTuple):
 class _Stand(NamedTuple):
     """Standing still: `specs.STAND_JOINTS` on springs that bear the weight, with legs without mass."""
 
-    feet: np.ndarray  # (4, 3) m, centres of the feet from the trunk's centre
+    feet: Float[np.ndarray, "4 3"]  # m, centres of the feet from the trunk's centre
     sag: float  # m
     height: float  # m, of the trunk's centre
-    torque: np.ndarray  # (2,) Nm, hip and knee
+    torque: Float[np.ndarray, "2"]  # Nm, hip and knee
 
 
 @functools.lru_cache(maxsize=8)
