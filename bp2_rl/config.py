@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import bp2_rl
 from bp2_rl.errors import UserError
-from bp2_rl.files import BadFileError, read_json, write_text
+from bp2_rl.files import BadFileError, make_folder, read_json, write_text
 
 Config = TypeVar("Config")
 
@@ -96,6 +96,32 @@ def load_config(cls: type[Config], path: Path) -> Config:
         raise ConfigError(str(error)) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
+    """Make a folder, and make it that of `settings`, so that work which goes on in it later is the same work.
+
+    Args:
+        folder: of the work.
+        card: the file in it that holds the settings.
+        settings: a config.
+        what: the work, with its article, for the message.
+
+    Raises:
+        UserError: the folder cannot be made or written, or belongs to other settings.
+    """
+    make_folder(folder)
+    path = folder / card
+    if not path.is_file():
+        save_config(path, settings)
+        return
+    old = load_config(type(settings), path)
+    changed = [f.name for f in dataclasses.fields(old) if getattr(old, f.name) != getattr(settings, f.name)]
+    if changed:
+        raise UserError(
+            f"{folder} holds {what} with another {' and '.join(changed)} (see {path}): "
+            "choose another folder, or remove it"
+        )
 
 
 def package_versions() -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.library import CollocationGait
+from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.reference import ReferenceMotion
 from bp2_rl.gait.standing import Standing

@@ -63,6 +63,11 @@ def torque_limits(actuator: Actuator, qd: Joints) -> tuple[Joints, Joints]:
     return -_upper_limit(actuator, -qd), _upper_limit(actuator, qd)
 
 
+def stall_torque(peak: Parameter, corner: Parameter, no_load: Parameter) -> Parameter:
+    """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's numbers are welcome as well."""
+    return peak / (1.0 - corner / no_load)
+
+
 def pd_torque(actuator: Actuator, q: Joints, qd: Joints, q_target: Joints, qd_target: Joints) -> Joints:
     """Torque that the PD law asks for, Nm."""
     return actuator.stiffness * (q_target - q) + actuator.damping * (qd_target - qd)
@@ -93,7 +98,7 @@ def joint_torque(
 def _upper_limit(actuator: Actuator, qd: Joints) -> Joints:
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
-    stall = peak / (1.0 - actuator.corner_speed / actuator.no_load_speed)
+    stall = stall_torque(peak, actuator.corner_speed, actuator.no_load_speed)
     return xp.clip(stall * (1.0 - qd / actuator.no_load_speed), -peak, peak)
 
 
