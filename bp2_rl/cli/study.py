@@ -10,6 +10,7 @@ from typing import Annotated
 
 import tyro
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app, runtime  # noqa: F401
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
@@ -37,10 +38,14 @@ class Arguments:
     """control steps of the imitation and of the relaxed stage; by default the preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
-    judges: int = max(1, (os.cpu_count() or 2) // 2)
+    judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
     """processes that judge policies while others train"""
     train: bool = True
     """--no-train: only summarise what is there"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,8 +54,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(arguments: Arguments) -> None:
-    if arguments.judges < 1:
-        raise UserError(f"--judges must be at least 1, got {arguments.judges}")
     require_name(arguments.out)
     steps = arguments.steps or default_steps(arguments.preset)
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)

@@ -1,6 +1,7 @@
 """What a study consists of: variants of the recipe, and the trainings of each."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 
 from bp2_rl.errors import UserError
@@ -59,10 +60,8 @@ class Plan:
         for name, values in (("variant", self.variants), ("seed", self.seeds)):
             if not values or len(set(values)) < len(values):
                 raise UserError(f"a study needs at least one {name}, and each once")
-        for seed in self.seeds:
-            RunConfig(seed=seed)  # says which may be
-        if min(self.steps) < 1:
-            raise UserError(f"steps must be positive, got {self.steps[0]} and {self.steps[1]}")
+        for seed, steps in itertools.product(self.seeds, self.steps):
+            RunConfig(seed=seed, steps=steps)  # says which may be
 
     @property
     def chains(self) -> list[list[Training]]:

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import jax
 
-from bp2_rl.config import config_hash, load_config, save_config
-from bp2_rl.errors import UserError
+from bp2_rl.config import claim_folder, config_hash
 from bp2_rl.files import find_folder, lock_folder, make_folder
 from bp2_rl.learning.loop import POLICIES, control_steps
 from bp2_rl.learning.run import load_run_config
@@ -173,17 +172,7 @@ class _Recipe:
 def _claim(plan: Plan, folder: Path) -> None:
     """What the folder holds already must have been trained by the same recipe."""
     settings = tuple(config_hash(make_config(stage, plan.preset)) for stage in STAGES)
-    recipe, path = _Recipe(plan.preset, plan.steps, settings), folder / RECIPE
-    if path.is_file():
-        old = load_config(_Recipe, path)
-        if (old.preset, old.steps) != (plan.preset, plan.steps):
-            raise UserError(
-                f"{folder} holds a study with --preset {old.preset} --steps {old.steps[0]} {old.steps[1]}: "
-                "go on with these, or name another --out"
-            )
-        if old != recipe:
-            raise UserError(f"{folder} holds a study of other default settings: name another --out")
-    save_config(path, recipe)
+    claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings), "a study")
 
 
 def _is_finished(run_dir: Path) -> bool:

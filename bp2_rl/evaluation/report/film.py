@@ -8,6 +8,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.files import write_bytes
 from bp2_rl.robot.model import load_model
 
 GL_LIBRARIES = ("egl", "osmesa")
@@ -72,16 +74,23 @@ def film(run: Trajectory, output: Path) -> None:
 
     The scene repeats itself every metre, so the robot is shown by whole metres nearer to its middle than it ran.
     """
-    import imageio_ffmpeg  # an evaluation goes without a film where it is missing
-
     model = load_model(run.hardware)
     data = mujoco.MjData(model)
     if _seconds_a_frame(model, data) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
         model.mat_reflectance[:] = 0.0
-    temporary = output.with_name(f".{output.stem}.tmp{output.suffix}")
-    writer = imageio_ffmpeg.write_frames(str(temporary), (WIDTH, HEIGHT), fps=FRAME_RATE, quality=7)
+    with tempfile.TemporaryDirectory(prefix="bp2-film-") as folder:
+        temporary = Path(folder) / output.name
+        _draw(run, model, data, temporary)
+        write_bytes(output, temporary.read_bytes())
+
+
+def _draw(run: Trajectory, model: mujoco.MjModel, data: mujoco.MjData, output: Path) -> None:
+    """Draw the frames and write them as they come."""
+    import imageio_ffmpeg  # an evaluation goes without a film where it is missing
+
+    writer = imageio_ffmpeg.write_frames(str(output), (WIDTH, HEIGHT), fps=FRAME_RATE, quality=7)
     writer.send(None)
     try:
         with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
@@ -94,7 +103,6 @@ def film(run: Trajectory, output: Path) -> None:
                 writer.send(_captioned(renderer.render(), _caption(run, k)))
     finally:
         writer.close()
-    os.replace(temporary, output)
 
 
 def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData) -> float:
