@@ -170,8 +170,8 @@ def test_the_command_leaves_a_table_and_learning_curves(trained, capsys):
         (["--seeds", "-1"], "seed must be 0 to"),
         (["--seeds", str(2**63)], "seed must be 0 to"),
         (["--no-train", "--out", "x" * 5000], "no file or folder can be called"),
-        (["--steps", "0", "5"], "steps must be positive"),
-        (["--judges", "0"], "--judges"),
+        (["--steps", "0", "5"], "run.steps must be"),
+        (["--judges", "0"], "judges"),
         (["--no-train"], "no judged run of ours"),
     ],
 )
