@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
+from bp2_rl.config import ConfigError, claim_folder, config_hash, from_json, load_config, save_config, to_json
 from bp2_rl.env.config import EnvConfig
+from bp2_rl.errors import UserError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,3 +196,18 @@ def _unchecked(config: Any, **values: Any) -> Any:
     for name, value in values.items():
         object.__setattr__(config, name, value)
     return config
+
+
+def test_a_folder_is_claimed_once_and_says_what_is_another(tmp_path):
+    folder = tmp_path / "deep" / "folder"
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    written = (folder / "card.json").stat().st_mtime_ns
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    assert (folder / "card.json").stat().st_mtime_ns == written
+    with pytest.raises(UserError, match=r"holds a walk with another sizes \(see .*card.json\): choose another folder"):
+        claim_folder(folder, "card.json", Inner(sizes=(1,)), "a walk")
+
+
+def test_a_folder_that_cannot_be_is_not_claimed():
+    with pytest.raises(UserError, match="cannot write to /dev/null/here"):
+        claim_folder(Path("/dev/null/here"), "card.json", Inner(), "a walk")
