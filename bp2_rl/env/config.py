@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from bp2_rl.config import ConfigError
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.library import CollocationGait
-from bp2_rl.gait.kinematic import KinematicGait
+from bp2_rl.gait.collocation.library import CollocationConfig, CollocationGait
+from bp2_rl.gait.kinematic import KinematicConfig, KinematicGait
 from bp2_rl.gait.reference import ReferenceMotion
 from bp2_rl.gait.standing import Standing
 from bp2_rl.robot.specs import HardwareSpec
@@ -123,8 +124,8 @@ class EnvConfig:
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that residual actions, imitation rewards and episode starts are about; none: standing still"""
     hardware: HardwareSpec = HardwareSpec()
-    gait: KinematicGait = KinematicGait()
-    library: CollocationGait = CollocationGait()
+    gait: KinematicConfig = KinematicConfig()
+    library: CollocationConfig = CollocationConfig()
     control: ControlConfig = ControlConfig()
     commands: CommandConfig = CommandConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
@@ -134,9 +135,7 @@ class EnvConfig:
     reward: RewardConfig = RewardConfig()
 
     def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field; gaits are those of this hardware's legs."""
-        object.__setattr__(self, "gait", dataclasses.replace(self.gait, hardware=self.hardware))
-        object.__setattr__(self, "library", dataclasses.replace(self.library, hardware=self.hardware))
+        """Refuse impossible values with a line that names the field."""
         _check_finite(self, "")
         for name, group in (("commands", self.commands), ("randomization", self.randomization), ("reset", self.reset)):
             for field in dataclasses.fields(group):
@@ -189,13 +188,36 @@ class EnvConfig:
 
     @property
     def motion(self) -> ReferenceMotion:
-        """The reference motion that `reference` names."""
-        motions: dict[str, ReferenceMotion] = {
-            "kinematic": self.gait,
-            "collocation": self.library,
-            "none": Standing(self.hardware),
-        }
-        return motions[self.reference]
+        """The reference motion that `reference` names, on this robot."""
+        match self.reference:
+            case "kinematic":
+                return KinematicGait(**vars(self.gait), hardware=self.hardware)
+            case "collocation":
+                return CollocationGait(**vars(self.library), hardware=self.hardware)
+            case "none":
+                return Standing(self.hardware)
+
+
+def upgrade(data: Any) -> Any:
+    """The JSON of a policy's card or of a run's settings, made by any version, as `from_json` of this one reads it.
+
+    Once both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
+    nothing is lost without them; a file in which one differs was never written by us.
+
+    Raises:
+        ConfigError: a gait is of another robot than the environment.
+    """
+    env = data.get("env") if isinstance(data, dict) else None
+    if not isinstance(env, dict):
+        return data
+    changed = dict(env)
+    for name in ("gait", "library"):
+        gait = env.get(name)
+        if isinstance(gait, dict) and "hardware" in gait:
+            if gait["hardware"] != env.get("hardware"):
+                raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
+            changed[name] = {key: value for key, value in gait.items() if key != "hardware"}
+    return data | {"env": changed}
 
 
 MAY_BE_INFINITE = ("control.torque_rate", "reward.tracking_width")

@@ -13,12 +13,10 @@ grows smoothly out of standing still. How the defaults were found is in docs/not
 
 import dataclasses
 import math
-from typing import Annotated
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Float
 
 from bp2_rl.errors import UserError
@@ -38,11 +36,8 @@ SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
 
 
 @dataclasses.dataclass(frozen=True)
-class KinematicGait:
-    """Configuration of the kinematic gait, and the `ReferenceMotion` that it defines.
-
-    Lengths are for BP2's own leg; they scale with `hardware.leg_length`.
-    """
+class KinematicConfig:
+    """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the robot's."""
 
     height: float = specs.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
     slow_stance: float = 0.22  # s, stance time at low speed
@@ -52,7 +47,6 @@ class KinematicGait:
     follow_through: int = 7  # n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing
     landing: float = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
     start_speed: float = 0.2  # m/s, the scale on which stepping grows out of standing
-    hardware: Annotated[specs.HardwareSpec, tyro.conf.Suppress] = specs.BP2  # EnvConfig puts its own here
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -70,6 +64,13 @@ class KinematicGait:
             raise UserError(
                 f"gait.height ({self.height}) and gait.sweep ({self.sweep}) exceed the legs' reach of {longest:.3f} m"
             )
+
+
+@dataclasses.dataclass(frozen=True)
+class KinematicGait(KinematicConfig):
+    """The `ReferenceMotion` that the settings make of a robot."""
+
+    hardware: specs.HardwareSpec = specs.BP2
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""

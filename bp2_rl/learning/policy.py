@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.config import ConfigError, from_json, to_json
-from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
 
 FORMAT_VERSION = 1
@@ -227,7 +227,7 @@ def _read_card(directory: Path) -> tuple[PolicyCard, str]:
             f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
         )
     try:
-        card = from_json(PolicyCard, data)
+        card = from_json(PolicyCard, upgrade(data))
     except ConfigError as error:
         versions = data.get("versions")
         author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"

@@ -16,6 +16,7 @@ import numpy as np
 
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, package_versions, save_config, to_json
 from bp2_rl.env.bp2_env import SPEED_BINS, BP2Env
+from bp2_rl.env.config import upgrade
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.learning import cluster, guards
@@ -113,7 +114,7 @@ def load_run_config(run_dir: Path) -> TrainConfig:
     """The config of a run; raises `UserError` where there is none."""
     if not (Path(run_dir) / CONFIG).is_file():
         raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
-    return load_config(TrainConfig, Path(run_dir) / CONFIG)
+    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
 
 
 def is_finished(run_dir: Path) -> bool:
@@ -410,7 +411,7 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:
-        there = _fields(to_json(from_json(TrainConfig, metadata["config"])))
+        there = _fields(to_json(from_json(TrainConfig, upgrade(metadata["config"]))))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
     here = _fields(to_json(config))

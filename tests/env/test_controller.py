@@ -36,7 +36,8 @@ def test_the_reference_is_the_one_that_was_named(name, motion):
 
 def test_the_reference_has_the_hardware_of_the_robot():
     config = EnvConfig(hardware=HardwareSpec(mass_scale=1.1))
-    assert config.gait.hardware == config.library.hardware == config.hardware
+    for reference in ("kinematic", "collocation", "none"):
+        assert dataclasses.replace(config, reference=reference).motion.hardware == config.hardware
 
 
 def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on():
