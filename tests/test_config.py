@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
 from bp2_rl.env.config import EnvConfig
+from bp2_rl.trajopt.problem import Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +90,10 @@ def test_a_config_survives_json(config: Outer):
 def test_the_environments_config_survives_json():
     config = dataclasses.replace(EnvConfig(), reward=dataclasses.replace(EnvConfig().reward, tracking=0.123))
     assert from_json(EnvConfig, json.loads(json.dumps(to_json(config), allow_nan=False))) == config
+
+
+def test_the_standard_problem_survives_json():
+    assert from_json(Problem, json.loads(json.dumps(to_json(Problem()), allow_nan=False))) == Problem()
 
 
 def test_nan_survives_as_a_string():

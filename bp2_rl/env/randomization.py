@@ -7,7 +7,8 @@ from flax import struct
 from jaxtyping import Array, Float
 from mujoco import mjx
 
-from bp2_rl.env.config import RandomizationConfig, Range
+from bp2_rl.bounds import Range
+from bp2_rl.env.config import RandomizationConfig
 from bp2_rl.robot.actuator import Actuator
 
 

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 from mujoco import mjx
 
+from bp2_rl.bounds import Positive, check_bounds
 from bp2_rl.env.config import EnvConfig, TerminationConfig
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
@@ -65,17 +65,12 @@ class Ramp:
     """From rest to a target at constant acceleration, then hold."""
 
     target: tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
-    acceleration: float = ACCELERATION  # m/s2, along the target's direction
-    hold: float = 20.0  # s
+    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
+    hold: Positive = 20.0  # s
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
-        if not all(map(math.isfinite, self.target)):
-            raise UserError(f"a commanded velocity must be finite, got {self.target}")
-        if not (math.isfinite(self.acceleration) and self.acceleration > 0):
-            raise UserError(f"acceleration must be a positive number of m/s2, got {self.acceleration:g}")
-        if not (math.isfinite(self.hold) and self.hold > 0):
-            raise UserError(f"hold must be a positive number of seconds, got {self.hold:g}")
+        check_bounds(self, "ramp.")
 
     @property
     def steady_from(self) -> float:

@@ -21,7 +21,7 @@ import math
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from bp2_rl.assets import asset_path
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.gait.kinematic import STANDING, TROT, _ground, _square_speed, _turn
 from bp2_rl.gait.reference import Reference
@@ -139,12 +140,11 @@ class CollocationConfig:
     """Which motion library is played, and how it grows out of standing."""
 
     path: str = ""  # of the library; empty: the one that ships
-    start_speed: float = 0.4  # m/s, below which steps shrink, to nothing when standing
+    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.4  # m/s, below which steps shrink, to nothing when standing
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field; the library is read at first use."""
-        if not (math.isfinite(self.start_speed) and self.start_speed > 0):
-            raise UserError(f"gait.start_speed must be a finite number > 0, got {self.start_speed}")
+        check_bounds(self, "library.")
 
     @property
     def file(self) -> Path:
