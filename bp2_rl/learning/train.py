@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, package_versions, save_config, to_json
-from bp2_rl.env.bp2_env import SPEED_BINS, BP2Env
+from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.config import upgrade
+from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.learning import cluster, guards
