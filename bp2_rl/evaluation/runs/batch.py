@@ -73,11 +73,11 @@ def rollout_fleet(
 
     def control_step(state, command):
         actions = jax.vmap(policy)(state.obs["state"])
-        qpos = state.pipeline_state.physics.qpos
-        steered = jax.vmap(lambda qpos: operator.steer(command, qpos[1], yaw(qpos[3:7])))(qpos)
-        state = jax.vmap(lambda state, action, command: env.step(state, action, command=command))(
-            state, actions, steered
-        )
+        def step(state, action):
+            qpos = state.pipeline_state.physics.qpos
+            return env.step(state, action, command=operator.steer(command, qpos[1], yaw(qpos[3:7])))
+
+        state = jax.vmap(step)(state, actions)
         after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         physics = after.physics
         speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
