@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import bp2_rl
 from bp2_rl.errors import UserError
-from bp2_rl.files import BadFileError, read_json, write_text
+from bp2_rl.files import BadFileError, make_folder, read_json, write_text
 
 Config = TypeVar("Config")
 
@@ -54,8 +54,29 @@ def from_json(cls: type[Config], data: Any) -> Config:
 
 def config_hash(config: Any) -> str:
     """Twelve hex digits that are equal for equal configs, on every machine and in every process."""
-    canonical = json.dumps(to_json(config), sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+    return _sha256(to_json(config))[:12]
+
+
+def seal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A JSON object with a checksum of all its values, under `name`."""
+    return {**data, name: _sha256(data)}
+
+
+def unseal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The object that `seal` was given. One without a checksum is taken as it is: made before there was any.
+
+    Raises:
+        ConfigError: it is not what was sealed.
+    """
+    rest = {key: value for key, value in data.items() if key != name}
+    if name in data and data[name] != _sha256(rest):
+        raise ConfigError(f"damaged or edited: {name} is the checksum of something else")
+    return rest
+
+
+def _sha256(data: Mapping[str, Any]) -> str:
+    """The checksum of a JSON object, however it is laid out in a file."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def save_config(path: Path, config: Any) -> None:
@@ -75,6 +96,32 @@ def load_config(cls: type[Config], path: Path, *, upgrade: Callable[[Any], Any] 
         raise ConfigError(str(error)) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
+    """Make a folder, and make it that of `settings`, so that work which goes on in it later is the same work.
+
+    Args:
+        folder: of the work.
+        card: the file in it that holds the settings.
+        settings: a config.
+        what: the work, with its article, for the message.
+
+    Raises:
+        UserError: the folder cannot be made or written, or belongs to other settings.
+    """
+    make_folder(folder)
+    path = folder / card
+    if not path.is_file():
+        save_config(path, settings)
+        return
+    old = load_config(type(settings), path)
+    changed = [f.name for f in dataclasses.fields(old) if getattr(old, f.name) != getattr(settings, f.name)]
+    if changed:
+        raise UserError(
+            f"{folder} holds {what} with another {' and '.join(changed)} (see {path}): "
+            "choose another folder, or remove it"
+        )
 
 
 def package_versions() -> dict[str, str]:
@@ -130,7 +177,10 @@ def _decode(annotation: Any, data: Any, path: str) -> Any:
         if isinstance(data, str) and data in _NON_FINITE:
             return _NON_FINITE[data]
         _require(isinstance(data, int | float) and not isinstance(data, bool), annotation, data, path)
-        return float(data)
+        try:
+            return float(data)
+        except OverflowError as error:  # an integer of hundreds of digits
+            raise _mismatch(annotation, data, path) from error
     if annotation is Path:
         _require(isinstance(data, str), annotation, data, path)
         return Path(data)
@@ -161,7 +211,7 @@ def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
             raise ConfigError(f"{_join(path, name)}: missing, and {cls.__name__} has no default for it")
     try:
         return cls(**values)
-    except ValueError as error:  # the dataclass's own checks, in __post_init__
+    except (ValueError, ArithmeticError) as error:  # the dataclass's own checks, in __post_init__
         raise ConfigError(f"{path}: {error}" if path else str(error)) from error
 
 

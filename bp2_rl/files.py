@@ -6,11 +6,13 @@ wrong with it.
 """
 
 import contextlib
+import errno
 import fcntl
 import io
 import json
 import math
 import os
+import re
 import shutil
 import struct
 import tokenize
@@ -18,7 +20,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,8 @@ LARGEST_TEXT = 64 << 20
 """Bytes of the largest JSON file that is read: all of ours are far smaller."""
 LARGEST_ARRAYS = 1 << 30
 """Bytes that the arrays of one .npz file may have unless the reader says otherwise."""
+DEEPEST = 50
+"""Levels of lists and objects within each other in a JSON value that is read."""
 
 
 class BadFileError(UserError):
@@ -37,8 +41,9 @@ class BadFileError(UserError):
 # --- Writing -------------------------------------------------------------------------------------------------
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all: under another name, to disk, then renamed into place.
+@contextlib.contextmanager
+def new_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to fill, which takes the place of `path` when the block ends, whole and on disk, or not at all.
 
     Raises:
         OSError: the disk is full, or the folder not ours; what was there before still is.
@@ -47,15 +52,20 @@ def write_bytes(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            yield file
+            flush(file)
         os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise
     sync(path.parent)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all; raises as `new_file`."""
+    with new_file(path) as file:
+        file.write(content)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -65,9 +75,8 @@ def write_text(path: Path, text: str) -> None:
 
 def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
     """The same for named arrays, by `np.savez` or `np.savez_compressed`."""
-    buffer = io.BytesIO()
-    (np.savez_compressed if compressed else np.savez)(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    write_bytes(path, buffer.getvalue())
+    with new_file(path) as file:
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)
 
 
 @contextlib.contextmanager
@@ -75,7 +84,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `path` when the block ends, whole or not at all.
 
     Killed at any moment, either the old folder or the new one is there under its name, or the old one is complete
-    under `.NAME.old`, from where `restore_folder` brings it back.
+    under `.NAME.old`, where `find_folder` finds it and from where `restore_folder` brings it back.
 
     Raises:
         OSError: as `write_bytes`.
@@ -104,11 +113,48 @@ def new_folder(path: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def remove_folder(path: Path) -> None:
+    """Remove a folder so that, killed half-way, nothing of it is left under its name."""
+    doomed = _aside(Path(path), "gone")
+    Path(path).rename(doomed)
+    shutil.rmtree(doomed)
+
+
+def find_folder(path: Path) -> Path:
+    """Where the folder is that `new_folder` calls `path`: there, or set aside by a process that was killed."""
+    path = Path(path)
+    return path if path.exists() or not _aside(path, "old").is_dir() else _aside(path, "old")
+
+
+def folder_names(parent: Path) -> set[str]:
+    """Names of the folders in a folder, of those with an own name and those that `find_folder` finds aside."""
+    names = {entry.name for entry in Path(parent).iterdir() if entry.is_dir()}
+    asides = {name: match for name in names if (match := _ASIDE.fullmatch(name))}
+    return names - asides.keys() | {match[1] for match in asides.values() if match[2] == "old"}
+
+
 def restore_folder(path: Path) -> None:
     """Undo what a process left that was killed between the two renames of `new_folder`."""
     old = _aside(Path(path), "old")
     if old.is_dir() and not Path(path).exists():
         old.rename(path)
+
+
+def tidy(parent: Path) -> None:
+    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have left in a folder."""
+    for entry in list(Path(parent).iterdir()):
+        match = _ASIDE.fullmatch(entry.name)
+        if match and entry.is_dir():
+            if match[2] == "old":
+                restore_folder(entry.with_name(match[1]))
+            if entry.exists():
+                shutil.rmtree(entry)
+
+
+def flush(file: IO[Any] | io.IOBase) -> None:
+    """Until what has been written to an open file is on disk."""
+    file.flush()
+    os.fsync(file.fileno())
 
 
 def sync(path: Path) -> None:
@@ -122,6 +168,9 @@ def sync(path: Path) -> None:
 
 def _aside(path: Path, kind: str) -> Path:
     return path.with_name(f".{path.name}.{kind}")
+
+
+_ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
 
 
 # --- Reading -------------------------------------------------------------------------------------------------
@@ -146,16 +195,39 @@ def read_json(path: Path) -> Any:
     """The JSON value in a file.
 
     Raises:
-        BadFileError: as `read_bytes`, or it is not JSON, or nested too deeply.
+        BadFileError: as `read_bytes` and `parse_json`.
+    """
+    return parse_json(read_bytes(path, LARGEST_TEXT), str(path))
+
+
+def parse_json(content: bytes | str, source: str) -> Any:
+    """The JSON value that a file's content stands for.
+
+    Raises:
+        BadFileError: it is not JSON in UTF-8, or nested too deeply; `source` stands before the line.
     """
     try:
-        return json.loads(read_bytes(path, LARGEST_TEXT).decode())
+        value = json.loads(content if isinstance(content, str) else content.decode())
+        _check_json(value)
     except RecursionError as error:
-        raise BadFileError(f"{path} is no JSON file of ours: it is nested too deeply") from error
-    except UserError:
-        raise
+        raise BadFileError(f"{source} is no JSON file of ours: it is nested too deeply") from error
     except ValueError as error:  # JSON, UTF-8 and endless integers alike
-        raise BadFileError(f"{path} is damaged or not JSON: {error}") from error
+        raise BadFileError(f"{source} is damaged or not JSON: {error}") from error
+    return value
+
+
+def _check_json(value: Any) -> None:
+    """Raise RecursionError or ValueError where a JSON value is nested too deeply or holds half a character."""
+    level = [value]
+    for _ in range(DEEPEST):
+        for text in (entry for entry in level if isinstance(entry, str)):
+            text.encode()
+        inner = [(list(entry) + list(entry.values()) if isinstance(entry, dict) else entry) for entry in level
+                 if isinstance(entry, dict | list)]  # fmt: skip
+        level = [entry for entries in inner for entry in entries]
+        if not level:
+            return
+    raise RecursionError
 
 
 class ArraySpec(NamedTuple):
@@ -268,6 +340,23 @@ def _describe(spec: ArraySpec, sizes: Mapping[str, int]) -> str:
 
 # --- Folders that are somebody's -----------------------------------------------------------------------------
 
+LOCK = ".lock"
+"""The file in a folder that `lock_folder` locks; it stays there."""
+
+
+def require_name(path: Path) -> None:
+    """Raise `UserError` unless a file or a folder can be called so, whether there is one or not."""
+    try:
+        str(path).encode()
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
+        name = ascii(str(path))
+        name = name if len(name) <= 60 else f"{name[:57]}..."
+        what = error.strerror if isinstance(error, OSError) else "it holds a NUL or bytes that are not UTF-8"
+        raise UserError(f"no file or folder can be called {name}: {what}") from error
+
 
 @contextlib.contextmanager
 def lock_folder(folder: Path, busy: str) -> Iterator[int]:
@@ -280,15 +369,23 @@ def lock_folder(folder: Path, busy: str) -> Iterator[int]:
         folder: of the work.
         busy: the line for whoever comes second.
 
+    Where the file system knows no locks, as on some clusters, there is none.
+
     Raises:
-        UserError: another process holds it.
-        OSError: the folder cannot be written.
+        UserError: another process holds it, or the folder cannot be written.
     """
-    with (Path(folder) / ".lock").open("w") as file:
+    try:
+        file = (Path(folder) / LOCK).open("w")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UserError(busy) from None
+        except OSError as error:
+            if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+                raise
         yield file.fileno()
 
 
@@ -298,11 +395,10 @@ def make_folder(folder: Path) -> None:
     Raises:
         UserError: it cannot be made, or cannot be written.
     """
+    require_name(folder)
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise UserError(f"cannot write to {folder}: choose another folder")
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error
-    except ValueError as error:  # a NUL in the name
-        raise UserError(f"no folder can be called {str(folder)!r}: {error}") from error

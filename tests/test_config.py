@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import json
 import math
@@ -7,11 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
+from damage import strange_json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
+from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, seal, to_json, unseal
 from bp2_rl.env.config import EnvConfig
+from bp2_rl.errors import UserError
+from bp2_rl.learning.stages import TrainConfig, make_config
 from bp2_rl.trajopt.problem import Problem
 
 
@@ -200,3 +204,26 @@ def _unchecked(config: Any, **values: Any) -> Any:
     for name, value in values.items():
         object.__setattr__(config, name, value)
     return config
+
+
+def test_an_integer_that_no_number_can_hold_is_refused_by_its_key():
+    with pytest.raises(ConfigError, match=r"env\.commands\.max_forward: expected a number, got 1000"):
+        from_json(TrainConfig, {"env": {"commands": {"max_forward": 10**400}}})
+
+
+def test_whatever_a_config_file_holds_it_is_read_or_refused(tmp_path: Path):
+    path = tmp_path / "config.json"
+    for text in strange_json(to_json(make_config("imitation", "smoke")), 1000):
+        path.write_text(text)
+        with contextlib.suppress(UserError):  # anything else fails the test
+            load_config(TrainConfig, path)
+
+
+def test_what_was_sealed_comes_back_and_nothing_else_does():
+    data = {"a": 1.5, "b": {"c": [None, "x"]}}
+    sealed = seal(data, "sum")
+    assert unseal(json.loads(json.dumps(sealed, indent=3, sort_keys=True)), "sum") == data
+    assert unseal(data, "sum") == data
+    for changed in ({**sealed, "a": 1.25}, {**sealed, "d": 0}, {**sealed, "sum": None}):
+        with pytest.raises(ConfigError, match="damaged or edited"):
+            unseal(changed, "sum")

@@ -4,6 +4,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+import bp2_rl
 from bp2_rl.errors import UserError
 
 COMMANDS = {
@@ -25,7 +26,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     name, rest = arguments[0], arguments[1:]
     if name in ("-h", "--help"):
-        print(USAGE + "\n\n`bp2 COMMAND --help` lists a command's flags.")
+        print(USAGE + "\n\n`bp2 COMMAND --help` lists a command's flags; `bp2 --version` says which version this is.")
+        return 0
+    if name == "--version":
+        print(f"bp2_rl {bp2_rl.__version__}")
         return 0
     if name not in COMMANDS:
         print(f"error: no command {name!r}; bp2 has: {', '.join(COMMANDS)}", file=sys.stderr)

@@ -25,7 +25,8 @@ OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 def run(command: Callable[[], None]) -> int:
     """Run a command and turn how it ends into an exit status; no traceback reaches the terminal."""
     try:
-        command()
+        with _whoever_listens():
+            command()
     except UserError as error:
         print(f"error: {_one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
@@ -40,6 +41,45 @@ def run(command: Callable[[], None]) -> int:
         print(f"failed: {logged}", file=sys.stderr)
         return FAILED
     return OK
+
+
+@contextlib.contextmanager
+def _whoever_listens() -> Iterator[None]:
+    """Go on where the reader of standard output leaves early, as `head` does: what is done for is on disk."""
+    stream = sys.stdout
+    sys.stdout = _Unheard(stream)
+    try:
+        yield
+        sys.stdout.flush()
+    finally:
+        sys.stdout = stream
+
+
+class _Unheard:
+    """A stream that says so once, on standard error, when its reader has left, and swallows the rest."""
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            self._leave()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._leave()
+
+    def _leave(self) -> None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())  # what is still buffered goes there, too
+        print("nobody reads the output any more; going on in silence", file=sys.stderr)
 
 
 class LoggedError(Exception):
@@ -94,13 +134,40 @@ def parse(
 
 
 def _in_one_line(box: str) -> str:
-    """What tyro says in the framed message it prints: up to its first rule or blank line, and the flag it suggests."""
-    lines = [line.strip("│ ─") for line in box.splitlines() if not re.match("[╭╰]", line)]
-    end = lines.index("") if "" in lines else len(lines)
-    text = _one_line(" ".join(lines[:end])).rstrip(".") or "wrong command line"
+    """What tyro says in the message it prints, without its frame, its title and its foot, and the flag it suggests."""
+    framed = box.lstrip().startswith("╭")  # else the console knows no such signs, and the title is a paragraph
+    lines = [line.strip("│ ").strip() for line in box.splitlines() if not re.match("[╭╰]", line)]
+    paragraphs = "\n".join("" if re.fullmatch("[─-]*", line) else line for line in lines).strip("\n").split("\n\n")
+    text = _one_line(paragraphs[0 if framed else min(1, len(paragraphs) - 1)]).rstrip(".") or "wrong command line"
+    for pattern, words in _WORDS:
+        if found := re.search(pattern, text):
+            text = words(found)
+            break
     suggestion = re.search(r"Perhaps you meant:\s+(--[\w.-]+)", " ".join(lines))
     return f"{text}; perhaps {suggestion[1]}?" if suggestion else text
 
 
+_KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "a word"}
+_WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
+    (r"Error parsing (\S+): no type matching (\S+) could be instantiated from \['(.*)'\]",
+     lambda found: f"{found[1]} takes {_in_words(found[2])}, got {found[3]}"),
+    (r"Error parsing (\S+): could not convert string to float: '(.*)'",
+     lambda found: f"{found[1]} takes a number, got {found[2]}"),
+    (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
+     lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
+    (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
+     lambda found: f"{found[2]} {found[1]}: there are {found[3].replace(chr(39), '').rstrip(',')}"),
+    (r"Error parsing \S+: (\S+ must .*)", lambda found: found[1]),
+    (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
+)  # fmt: skip
+"""What tyro says in terms of Python, and how a user would say it."""
+
+
+def _in_words(metavar: str) -> str:
+    """A type as tyro shows it, `{None}|FLOAT`: a number or None."""
+    return " or ".join(_KINDS.get(kind, kind.strip("{}")) for kind in reversed(metavar.split("|")))
+
+
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    """The text without line breaks, and without what no terminal can show, such as a name that is not UTF-8."""
+    return " ".join(text.encode(errors="backslashreplace").decode().split())

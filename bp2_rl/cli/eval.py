@@ -5,7 +5,7 @@ import datetime
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -15,6 +15,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.runs.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/default"
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "convergence", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,11 +29,11 @@ class EvalConfig:
     """A policy folder or a training run's folder."""
     policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """The same, as a flag."""
-    benchmark: str = "topspeed"
+    benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. convergence: topspeed under finer physics. sensitivity: topspeed and sprint on robots other
     than the one assumed. all: one after the other."""
-    backend: str = "mujoco"
+    backend: Literal["mujoco", "mjx"] = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
     """Speed to command; by default the one at which the card's result was measured (robustness: 10.74)."""
@@ -69,7 +70,7 @@ def evaluate(config: EvalConfig) -> None:
     from bp2_rl.env.observations import LAYOUT
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
-    from bp2_rl.evaluation.report import report
+    from bp2_rl.evaluation.report import folder, page, terminal
     from bp2_rl.learning.policy import load_policy
 
     if config.backend == "mujoco":
@@ -91,25 +92,27 @@ def evaluate(config: EvalConfig) -> None:
     policy = load_policy(path, expected_layout=LAYOUT)
     schedules = {name: BENCHMARKS[name].schedule(policy, setup) for name, setup in chosen.items()}
     now = datetime.datetime.now()
-    folder = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"
-    folders = {name: folder / name if config.benchmark == ALL else folder for name in chosen}
-    report.open_folder(folder, config.benchmark)
+    out = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"
+    folders = {name: out / name if config.benchmark == ALL else out for name in chosen}
+    folder.open_folder(out, config.benchmark)
 
     console, evaluations = Console(), []
     for name, setup in chosen.items():
-        report.open_folder(folders[name], name)
-        console.print(f"{name} of {path} in {setup.backend}", style="dim")
+        folder.open_folder(folders[name], name)
+        console.print(f"{name} of {path} in {setup.backend}", style="dim", markup=False)
         evaluation = BENCHMARKS[name].run(policy, schedules[name], setup)
-        report.print_table(evaluation, console)
-        no_video = report.write_report(evaluation, folders[name], video=config.video, gl_library=gl_library)
+        terminal.print_table(evaluation, console)
+        if config.video and evaluation.trajectory is not None:
+            console.print("filming the best seconds; without a GPU that takes a minute or two", style="dim")
+        no_video = folder.write_report(evaluation, folders[name], video=config.video, gl_library=gl_library)
         if no_video is not None:
-            console.print(no_video, soft_wrap=True)
+            console.print(no_video, soft_wrap=True, markup=False)
         evaluations.append(evaluation)
         if config.benchmark == ALL:
-            report.write_overview(evaluations, folder)
+            folder.write_overview(evaluations, out)
     if config.benchmark == ALL:
-        report.print_overview(evaluations, console)
-    console.print(f"report: {folder / report.PAGE}", soft_wrap=True)
+        terminal.print_overview(evaluations, console)
+    console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)
 
 
 def choose_policy(config: EvalConfig) -> Path:

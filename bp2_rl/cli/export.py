@@ -39,7 +39,7 @@ def export(config: ExportConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip
 
-    from bp2_rl.evaluation.report.report import read_report
+    from bp2_rl.evaluation.report.folder import read_report
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)

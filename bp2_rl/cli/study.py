@@ -10,13 +10,16 @@ from typing import Annotated
 
 import tyro
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app, runtime  # noqa: F401
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.files import write_text
+from bp2_rl.files import require_name, write_text
 from bp2_rl.learning.stages import Preset
-from bp2_rl.study import study
 from bp2_rl.study.figure import learning_curves
+from bp2_rl.study.outcome import outcome, table
+from bp2_rl.study.plan import VARIANTS, Plan, default_steps
+from bp2_rl.study.training import run, visible_gpus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Arguments:
     One training on each GPU at a time. Stopped, it goes on where it stands when called again.
     """
 
-    variants: tuple[str, ...] = tuple(study.VARIANTS)
+    variants: tuple[str, ...] = tuple(VARIANTS)
     """which: ours, kinematic, none (the reference), standing (no starts on the reference), paper (relaxed weights)"""
     seeds: tuple[int, ...] = (0, 1, 2)
     preset: Preset = "gpu"
@@ -35,10 +38,14 @@ class Arguments:
     """control steps of the imitation and of the relaxed stage; by default the preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
-    judges: int = max(1, (os.cpu_count() or 2) // 2)
+    judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
     """processes that judge policies while others train"""
     train: bool = True
     """--no-train: only summarise what is there"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,24 +54,23 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(arguments: Arguments) -> None:
-    if arguments.judges < 1:
-        raise UserError(f"--judges must be at least 1, got {arguments.judges}")
-    steps = arguments.steps or study.default_steps(arguments.preset)
-    plan = study.Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
+    require_name(arguments.out)
+    steps = arguments.steps or default_steps(arguments.preset)
+    plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
     missing = []
     if arguments.train:
-        gpus = study.visible_gpus()
+        gpus = visible_gpus()
         print(f"{sum(map(len, plan.chains))} trainings on {len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}")
         with _terminated():
-            missing = study.run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
-    found = [study.outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
-    outcomes = [outcome for outcome in found if outcome is not None]
+            missing = run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
+    found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
+    outcomes = [one for one in found if one is not None]
     if outcomes:
-        for outcome in outcomes:
-            save_config(arguments.out / f"{outcome.variant}.json", outcome)
-        write_text(arguments.out / "table.md", study.table(outcomes))
+        for one in outcomes:
+            save_config(arguments.out / f"{one.variant}.json", one)
+        write_text(arguments.out / "table.md", table(outcomes))
         learning_curves(arguments.out, plan.variants, plan.seeds).savefig(arguments.out / "learning_curves.png")
-        print(study.table(outcomes))
+        print(table(outcomes))
         print(f"learning curves: {arguments.out / 'learning_curves.png'}")
     elif not arguments.train:
         raise UserError(f"{arguments.out} holds no judged run of {', '.join(plan.variants)}")

@@ -17,10 +17,12 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import Impl
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.errors import UserError
-from bp2_rl.learning import cluster, train
+from bp2_rl.files import require_name
+from bp2_rl.learning import cluster, run
 from bp2_rl.learning.cluster import ClusterConfig
 from bp2_rl.learning.ppo import PPOConfig
 from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
+from bp2_rl.workers import end_with_caller
 
 RUNS = Path("runs")
 
@@ -67,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _train(argv: list[str]) -> None:
+    end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
     launch = app.parse(Launch, argv, "train.py", part=True)
     prepare_jax(deterministic=launch.deterministic)
@@ -76,15 +79,17 @@ def _train(argv: list[str]) -> None:
         arguments = _parse(argv)
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
-            print(train.replay(arguments.replay))
+            print(run.replay(arguments.replay))
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume):
-            train.resume(arguments.resume)
+            run.resume(arguments.resume)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
+    if arguments.out is not None:
+        require_name(arguments.out)
     clock = np.array(datetime.datetime.now().timetuple()[:6], np.int32)
     now = datetime.datetime(*cluster.from_first(clock).tolist())
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
@@ -93,7 +98,7 @@ def _train(argv: list[str]) -> None:
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
-        train.start(config, out, parent=arguments.parent)
+        run.start(config, out, parent=arguments.parent)
     say(f"see it run: python eval.py {out}")
 
 
@@ -128,11 +133,11 @@ def _parse(argv: list[str]) -> Arguments:
 
 def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     """The stage's settings on the parent's robot, commands and networks."""
-    old = train.load_run_config(parent)
+    old = run.load_run_config(parent)
     return dataclasses.replace(
         defaults,
         env=dataclasses.replace(old.env, reward=defaults.env.reward),
-        ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in train.NETWORK}),
+        ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}),
     )
 
 
@@ -148,10 +153,10 @@ def defaults_here(stage: Stage, named: str | None, weights: Weights | None = Non
 
 def _newest_imitation_run() -> Path:
     runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for run in (path.parent for path in runs):
+    for folder in (path.parent for path in runs):
         try:
-            if train.load_run_config(run).stage == "imitation" and train.is_finished(run):
-                return run
+            if run.load_run_config(folder).stage == "imitation" and run.is_finished(folder):
+                return folder
         except UserError:
             continue  # a damaged run is no reason not to use an older one
     raise UserError(

@@ -8,7 +8,7 @@ import tyro
 from bp2_rl.bounds import Range, Share, Within, check_bounds
 from bp2_rl.config import ConfigError
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.library import CollocationConfig, CollocationGait
+from bp2_rl.gait.collocation.gait import CollocationConfig, CollocationGait
 from bp2_rl.gait.kinematic import KinematicConfig, KinematicGait
 from bp2_rl.gait.reference import ReferenceMotion
 from bp2_rl.gait.standing import Standing
@@ -34,7 +34,7 @@ class ControlConfig:
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
     current_lag: Amount = 0.0  # s, first-order torque lag of the drive; 0 = none
-    torque_rate: Annotated[float, Within(0.0, open_below=True, infinite=True)] = float("inf")  # Nm/s
+    torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")  # Nm/s
 
 
 @dataclasses.dataclass(frozen=True)

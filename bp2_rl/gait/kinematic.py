@@ -23,18 +23,15 @@ from jaxtyping import Array, Float
 from bp2_rl.bounds import Share, Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
+from bp2_rl.gait.stepping import NOMINAL, STANDING, TROT, ground, square_speed
 from bp2_rl.robot import kinematics, specs
 
-TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL goes with RR, FR with RL
 FLEXION = np.array([0.0, 0.5, -1.0])  # of abad, hip, knee: draws the foot straight towards the hip
 AXIAL_SHARE = 0.78  # of a foot's force is along its spring; found on rails, where the ground then bears the weight
 Size = Annotated[float, Within(0.01, 10.0)]
-STANDING = 0.05  # below this much of `_stepping` (0.05 m/s) no foot counts as lifted
 
-# The nominal feet, seen from above, are below the hips. A foot is a sphere and its sole the point that is lowest
-# when the lower leg is upright; as it leans by STAND_HIP or so, the sole stays a little above the ground.
-_NOMINAL = kinematics.LEG_ORIGINS[:, :2] + np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
-_NOMINAL_RADIUS = float(np.max(np.linalg.norm(_NOMINAL, axis=-1)))
+# A foot is a sphere and its sole the point that is lowest when the lower leg is upright; as it leans by STAND_HIP or
+# so, the sole stays a little above the ground.
 SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
 
 
@@ -119,7 +116,7 @@ class KinematicGait(KinematicConfig):
 
     def _stance_time(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """About the lesser of `slow_stance` and the time that the sweep takes, s."""
-        s2 = _square_speed(command)
+        s2 = square_speed(command)
         return self.slow_stance * jax.lax.rsqrt(1.0 + s2 * (self.slow_stance / (self._scale * self.sweep)) ** 2)
 
     def _height(self, command: Float[Array, "... 3"], tau: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -135,7 +132,7 @@ class KinematicGait(KinematicConfig):
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
-        s2 = _square_speed(command)
+        s2 = square_speed(command)
         return s2 / (s2 + self.start_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -155,7 +152,7 @@ class KinematicGait(KinematicConfig):
         pulse = w * (self.landing + (1.0 - self.landing) * w) / (2.0 / 3.0 - 2.0 / 15.0 * (1.0 - self.landing))
         spring = self._at_rest(command)[..., None] + mean[..., None] * pulse
 
-        seen_from_above = _ground(jnp.asarray(_NOMINAL, dtype=tau.dtype), command[..., :2], command[..., 2:], tau)
+        seen_from_above = ground(jnp.asarray(NOMINAL, dtype=tau.dtype), command[..., :2], command[..., 2:], tau)
         z = SOLE_CLEARANCE - self._height(command[..., None, :], tau)
         feet = jnp.concatenate([seen_from_above, z[..., None]], axis=-1)
         return kinematics.joint_angles(feet, spring, leg_length=self.hardware.leg_length), spring
@@ -195,30 +192,3 @@ class KinematicGait(KinematicConfig):
         """Compression of a spring that carries a quarter of the robot, m."""
         weight = self.hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY
         return AXIAL_SHARE * weight / 4.0 / self.hardware.spring_stiffness
-
-
-def _square_speed(command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-    """Square of the planar speed demanded of a foot, yaw included, (m/s)^2."""
-    vx, vy, yaw_rate = command[..., 0], command[..., 1], command[..., 2]
-    return vx**2 + vy**2 + (_NOMINAL_RADIUS * yaw_rate) ** 2
-
-
-def _ground(
-    nominal: Float[Array, "4 2"], v: Float[Array, "... 2"], yaw_rate: Float[Array, "... 1"], tau: Float[Array, "... 4"]
-) -> Float[Array, "... 4 2"]:
-    """Where points of the ground are, seen from the trunk, `tau` seconds after they were at `nominal`.
-
-    The trunk moves at `v` in its own frame and turns at omega = `yaw_rate`, so p' = -v - omega x p. The solution is
-    R(-omega tau) nominal - V v with V the integral of R(-omega u) du from 0 to tau: a chord, of direction
-    R(-omega tau / 2) and length tau sinc(omega tau / 2).
-    """
-    half = yaw_rate * tau / 2.0
-    y = half * half
-    chord = tau * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0)))  # sinc by its series: |half| is below 0.3
-    return _turn(-2.0 * half, nominal) - chord[..., None] * _turn(-half, v[..., None, :])
-
-
-def _turn(angle: Float[Array, "... 4"], p: Float[Array, "... 2"]) -> Float[Array, "... 4 2"]:
-    """p turned by `angle` about z."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * p[..., 0] - s * p[..., 1], s * p[..., 0] + c * p[..., 1]], axis=-1)

@@ -2,21 +2,19 @@
 
     RUN/checkpoints/<step>/state.npz        every array of the state, named by its path: params/policy/...
     RUN/checkpoints/<step>/metadata.json    format, step, versions, config, types and shapes, a checksum of every file
-    RUN/checkpoints/.new-<step>/            a save in progress, or what a killed one left
     RUN/failed/<step>/                      the same, of the state that a train step could not leave
 
-A save is written under the last name but one, flushed to disk, and renamed into place: a folder named by a step is
-complete. Leftovers are passed over by every reader and removed by the next save.
+A save is made by `files.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
+every reader finds the one before it; other leftovers are passed over, and removed by the next save.
 
 With several processes every one calls `host_copy`, `save_checkpoint` and `Saver.save` (they gather what lies on the
 others' devices), the first writes, and all read: the run's folder is on a file system that they share.
 """
 
+import dataclasses
 import datetime
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -26,20 +24,58 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
-from bp2_rl.config import package_versions
+from bp2_rl.config import ConfigError, from_json, package_versions, seal, to_json, unseal
 from bp2_rl.errors import UserError
+from bp2_rl.files import (
+    ArraySpec,
+    BadFileError,
+    find_folder,
+    folder_names,
+    new_folder,
+    read_bytes,
+    read_json,
+    read_npz,
+    remove_folder,
+    tidy,
+    write_npz,
+    write_text,
+)
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
 CHECKPOINTS, FAILED = "checkpoints", "failed"
 METADATA = "metadata.json"
 STATE = "state.npz"
+CHECKSUM = "metadata_sha256"
+"""The entry of the metadata that is the checksum of the others."""
 
 State = TypeVar("State")
 
 
 class CheckpointError(UserError):
     """A checkpoint that cannot be written, or that does not fit the training it is to resume."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FileFacts:
+    """A file as it was written."""
+
+    bytes: int
+    sha256: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Metadata:
+    """What is known of a checkpoint without its arrays."""
+
+    format_version: int
+    step: int
+    created: str  # UTC, ISO 8601
+    versions: dict[str, str]
+    config: dict[str, Any]  # the run's settings, as JSON
+    log: dict[str, Any]  # what the run's log had not yet written, as JSON
+    tree: dict[str, str]  # type and shape of every array by its name
+    files: dict[str, FileFacts]
 
 
 # --- Saving ---------------------------------------------------------------------------------------------------
@@ -72,7 +108,7 @@ def save_checkpoint(
     """Save `state` as the run's checkpoint of `step`; afterwards it is on disk, whole.
 
     Args:
-        run_dir: the run's folder; made if absent.
+        run_dir: the run's folder, which is never made anew: one that was deleted stays so.
         step: names the checkpoint; one of the same step is replaced.
         state: any pytree of JAX or NumPy arrays.
         config: the run's settings, as JSON; `read_metadata` gives them back.
@@ -136,9 +172,14 @@ class Saver:
 
 
 # --- Restoring ------------------------------------------------------------------------------------------------
+def saved_steps(run_dir: Path, folder: str = CHECKPOINTS) -> list[int]:
+    """The steps of a run's complete checkpoints, in no order."""
+    return _steps(Path(run_dir) / folder)
+
+
 def latest_step(run_dir: Path, folder: str = CHECKPOINTS) -> int | None:
     """The newest complete checkpoint's step; None where a run has none."""
-    return max(_steps(Path(run_dir) / folder), default=None)
+    return max(saved_steps(run_dir, folder), default=None)
 
 
 def restore_checkpoint(
@@ -167,47 +208,55 @@ def restore_checkpoint(
         if step is None:
             raise CheckpointError(f"no complete checkpoint in {Path(run_dir) / folder}")
     metadata = read_metadata(run_dir, step, folder)
-    directory = Path(run_dir) / folder / str(step)
-    _verify_files(directory, metadata["files"])
+    directory = find_folder(Path(run_dir) / folder / str(step))
+    content = _read_state(directory, metadata.files[STATE])
     wanted = leaves_by_path(template)
-    _compare_trees(metadata["tree"], {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part)
-    with np.load(directory / STATE, allow_pickle=False) as arrays:
-        leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
+    _compare_trees(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part)
+    specs = {path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape)) for path, leaf in wanted.items()}
+    try:
+        arrays = read_npz(directory / STATE, specs, content=content, largest=len(content))
+    except BadFileError as error:
+        raise CheckpointError(f"{error}; {_advice(directory)}") from error
+    leaves = [place(arrays[path], leaf) for path, leaf in wanted.items()]
     return step, jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
-def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> dict[str, Any]:
-    """What is known of a checkpoint without its arrays: format_version, step, versions, config, log, tree, files.
+def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metadata:
+    """What is known of a checkpoint without its arrays.
 
     Raises:
         CheckpointError: no such checkpoint, or it is half-written, damaged, foreign or of another format.
     """
-    directory = Path(run_dir) / folder / str(step)
+    directory = find_folder(Path(run_dir) / folder / str(step))
     path = directory / METADATA
     if not directory.is_dir():
         there = ", ".join(map(str, sorted(_steps(directory.parent)))) or "none"
         raise CheckpointError(f"no checkpoint of step {step} in {directory.parent}; it has: {there}")
+    if not path.exists():
+        raise CheckpointError(f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl") from error
-    except OSError as error:
-        raise CheckpointError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise CheckpointError(f"{path} is truncated or damaged: {error}; {_advice(directory)}") from error
+        data = read_json(path)
+    except BadFileError as error:
+        raise CheckpointError(f"{error}; {_advice(directory)}") from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if type(version) is not int:
         raise CheckpointError(f"{path} is not of bp2_rl: it has no format_version")
     if version != FORMAT_VERSION:
-        theirs = data.get("versions", {}).get("bp2_rl", "of another version")
+        versions = data.get("versions")
+        theirs = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
         raise CheckpointError(
             f"{directory} has checkpoint format {version}, of bp2_rl {theirs}; this one reads format {FORMAT_VERSION}: "
             + ("update bp2_rl" if version > FORMAT_VERSION else "resume it with the bp2_rl that wrote it")
         )
-    parts = [data.get(name) for name in ("config", "log", "tree", "files")]
-    if data.get("step") != step or not all(isinstance(part, dict) for part in parts) or STATE not in data["files"]:
+    try:
+        metadata = from_json(Metadata, unseal(data, CHECKSUM))
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} is damaged: it does not describe the checkpoint of step {step} ({error})"
+        ) from error
+    if metadata.step != step or STATE not in metadata.files:
         raise CheckpointError(f"{path} is damaged: it does not describe the checkpoint of step {step}")
-    return data
+    return metadata
 
 
 # --- The tree -------------------------------------------------------------------------------------------------
@@ -241,22 +290,20 @@ def _steps(folder: Path) -> list[int]:
     """Steps of the complete checkpoints."""
     if not folder.is_dir():
         return []
-    return [int(entry.name) for entry in folder.iterdir() if entry.name.isdecimal() and (entry / METADATA).is_file()]
+    names = (name for name in folder_names(folder) if name.isdecimal())
+    return [int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()]
 
 
 def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any], keep: int) -> None:
-    """Write a host copy, rename it into place, and remove the oldest."""
-    temporary = folder / f".new-{step}"
+    """Write a host copy, whole or not at all, and remove the oldest."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for leftover in (*folder.glob(".new-*"), *folder.glob(".old-*")):
-            shutil.rmtree(leftover)
-        _write(temporary, step, state, extra)
-        _commit(temporary, folder / str(step))
+        folder.mkdir(exist_ok=True)
+        tidy(folder)
+        with new_folder(folder / str(step)) as fresh:
+            _write(fresh, step, state, extra)
         for old in sorted(s for s in _steps(folder) if s <= step)[:-keep]:
-            _remove(folder / str(old))
+            remove_folder(folder / str(old))
     except OSError as error:
-        shutil.rmtree(temporary, ignore_errors=True)
         kept = max(_steps(folder), default=None)
         raise CheckpointError(
             f"cannot save checkpoint {step} in {folder}: {error.strerror or error}; "
@@ -267,66 +314,39 @@ def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any], keep: i
 def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
     """Write the state, and last of all the metadata that vouches for it."""
     leaves = leaves_by_path(state)
-    directory.mkdir()
     path = directory / STATE
-    np.savez(path, **leaves)
-    _sync(path)
+    write_npz(path, leaves)
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    metadata = {
-        "format_version": FORMAT_VERSION,
-        "step": step,
-        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": package_versions(),
+    metadata = Metadata(
+        format_version=FORMAT_VERSION,
+        step=step,
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        versions=package_versions(),
+        tree={path: _describe(leaf) for path, leaf in leaves.items()},
+        files={STATE: FileFacts(path.stat().st_size, digest)},
         **extra,
-        "tree": {path: _describe(leaf) for path, leaf in leaves.items()},
-        "files": {STATE: {"bytes": path.stat().st_size, "sha256": digest}},
-    }
-    (directory / METADATA).write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
-    _sync(directory / METADATA)
-    _sync(directory)
+    )
+    write_text(directory / METADATA, json.dumps(seal(to_json(metadata), CHECKSUM), indent=1) + "\n")
 
 
-def _commit(temporary: Path, final: Path) -> None:
-    """Rename a complete save into place; one of the same step steps aside for it."""
-    old = final.with_name(f".old-{final.name}")
-    if final.exists():
-        final.rename(old)
-    temporary.rename(final)
-    shutil.rmtree(old, ignore_errors=True)
-    _sync(final.parent)
-
-
-def _remove(checkpoint: Path) -> None:
-    """Remove a checkpoint so that, killed half-way, it is no longer taken for one."""
-    doomed = checkpoint.with_name(f".old-{checkpoint.name}")
-    checkpoint.rename(doomed)
-    shutil.rmtree(doomed)
-
-
-def _sync(path: Path) -> None:
-    """Until a file's content, or a folder's names, are on disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+def _read_state(directory: Path, expected: FileFacts) -> bytes:
+    """The arrays' file, as long as it was and with its checksum."""
+    path = directory / STATE
+    if not path.is_file():
+        raise CheckpointError(f"{directory} is damaged: {STATE} is missing; {_advice(directory)}")
+    size = path.stat().st_size
+    if size != expected.bytes:
+        raise CheckpointError(
+            f"{directory} is damaged: {STATE} has {size} bytes of {expected.bytes}; {_advice(directory)}"
+        )
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _verify_files(directory: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise unless every file is there, as long as it was, and has its checksum."""
-    for name, expected in files.items():
-        path = directory / name
-        if not path.is_file():
-            raise CheckpointError(f"{directory} is damaged: {name} is missing; {_advice(directory)}")
-        size = path.stat().st_size
-        if size != expected["bytes"]:
-            raise CheckpointError(
-                f"{directory} is damaged: {name} has {size} bytes of {expected['bytes']}; {_advice(directory)}"
-            )
-        with path.open("rb") as file:
-            if hashlib.file_digest(file, "sha256").hexdigest() != expected["sha256"]:
-                raise CheckpointError(f"{directory} is damaged: {name} fails its checksum; {_advice(directory)}")
+        content = read_bytes(path)
+    except BadFileError as error:
+        raise CheckpointError(str(error)) from error
+    if hashlib.sha256(content).hexdigest() != expected.sha256:
+        raise CheckpointError(f"{directory} is damaged: {STATE} fails its checksum; {_advice(directory)}")
+    return content
 
 
 def _advice(directory: Path) -> str:

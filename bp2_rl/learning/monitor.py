@@ -6,9 +6,9 @@ The only place of the learner with side effects besides the checkpoint; nothing 
 import collections
 import contextlib
 import datetime
+import itertools
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,7 +24,7 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[re
 from tensorboardX.summary import scalar
 
 from bp2_rl.errors import UserError
-from bp2_rl.files import write_text
+from bp2_rl.files import BadFileError, flush, parse_json, write_bytes
 
 METRICS = "metrics.jsonl"
 LOG = "log.txt"
@@ -60,6 +60,7 @@ class Monitor:
         run_dir: the run's folder; made if absent.
         total_steps: where the run will end.
         start_step: where it starts. On resume, metrics logged past it are of work that was lost: they are dropped.
+            Lines that cannot be read are moved to a file of their own, which log.txt names.
         title: stands before the progress bar.
         console: where to show it; standard output by default.
         clock: seconds, for the throughput.
@@ -87,13 +88,15 @@ class Monitor:
         run_dir = Path(run_dir)
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
-            _truncate(run_dir / METRICS, start_step)
+            damaged = _truncate(run_dir / METRICS, start_step)
             self._metrics_file = (run_dir / METRICS).open("a", encoding="utf-8")
             self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
             self._tensorboard = _open_tensorboard(run_dir, start_step)
         except OSError as error:
             raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
         self._live = Live(self, console=self._console, refresh_per_second=4) if self._console.is_terminal else None
+        if damaged:
+            self.note(f"warning: {METRICS} held lines that cannot be read, now in {damaged}")
 
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
@@ -127,8 +130,7 @@ class Monitor:
         record = {name: value if math.isfinite(value) else None for name, value in values.items()}
         line = {"step": step, "wall_time": round(time.time(), 3), **record}
         self._metrics_file.write(json.dumps(line, allow_nan=False) + "\n")
-        self._metrics_file.flush()
-        os.fsync(self._metrics_file.fileno())
+        flush(self._metrics_file)
         summaries = [scalar(name, value) for name, value in record.items() if value is not None]
         for summary in summaries:
             self._tensorboard.write_event(Event(step=step, wall_time=line["wall_time"], summary=summary))
@@ -270,17 +272,35 @@ def _open_tensorboard(run_dir: Path, start_step: int) -> EventsWriter:
     return writer
 
 
-def _truncate(path: Path, last_step: int) -> None:
-    """Keep the leading whole lines of a metrics file that are of steps up to `last_step`."""
+def _truncate(path: Path, last_step: int) -> Path | None:
+    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read.
+
+    The end of a file without a line break is what a kill has left of a line: it is dropped.
+    """
     if not path.exists():
-        return
-    kept = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True):
-        try:
-            step = json.loads(line)["step"]
-        except (ValueError, KeyError, TypeError):
-            break
-        if not line.endswith("\n") or step > last_step:
-            break
-        kept.append(line)
-    write_text(path, "".join(kept))
+        return None
+    kept, damaged = [], []
+    *lines, _ = path.read_bytes().split(b"\n")
+    for line in lines:
+        step = _step_of(line)
+        if step is None:
+            damaged.append(line)
+        elif step <= last_step:
+            kept.append(line)
+    aside = None
+    if damaged:
+        names = (path.with_name(f"{path.stem}.damaged-{n}{path.suffix}") for n in itertools.count(1))
+        aside = next(name for name in names if not name.exists())
+        write_bytes(aside, b"".join(line + b"\n" for line in damaged))
+    write_bytes(path, b"".join(line + b"\n" for line in kept))
+    return aside
+
+
+def _step_of(line: bytes) -> int | None:
+    """The step of a line of metrics; None if it cannot be read."""
+    try:
+        record = parse_json(line, METRICS)
+    except BadFileError:
+        return None
+    step = record.get("step") if isinstance(record, dict) else None
+    return step if type(step) is int else None

@@ -10,12 +10,8 @@ No pickles: a policy from a stranger is safe to load, and one from another proje
 
 import dataclasses
 import hashlib
-import io
 import itertools
 import json
-import os
-import shutil
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -23,13 +19,31 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.config import ConfigError, from_json, to_json
+from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
 from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
+from bp2_rl.files import (
+    ArraySpec,
+    BadFileError,
+    find_folder,
+    new_folder,
+    read_bytes,
+    read_json,
+    read_npz,
+    require_name,
+    write_npz,
+    write_text,
+)
 
 FORMAT_VERSION = 1
 WEIGHTS = "weights.npz"
 CARD = "card.json"
+CHECKSUM = "card_sha256"
+"""The entry of card.json that is the checksum of the others."""
+LARGEST_WEIGHTS = 256 << 20
+"""Bytes of the largest weights.npz that is read: a hundred times our own."""
+LARGEST_OBSERVATION = 1e3
+"""What no number of an observation exceeds (SI units): below it no action may overflow."""
 # The entry of Brax's observation dictionary that the policy sees.
 POLICY_OBSERVATION = "state"
 
@@ -143,19 +157,24 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     Raises:
         PolicyError: weights and card disagree, a weight is not finite, or the place cannot be written.
     """
+    require_name(directory)
     _check_shapes(policy)
-    arrays = _to_arrays(policy)
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise PolicyError(f"policy not exported to {directory}: {name} is not finite")
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    card = dataclasses.replace(policy.card, weights_sha256=hashlib.sha256(buffer.getvalue()).hexdigest())
-    text = json.dumps(to_json(card), indent=2, allow_nan=False) + "\n"
     try:
-        _replace_directory(Path(directory), {WEIGHTS: buffer.getvalue(), CARD: text.encode()})
+        _check_numbers(policy)
+    except PolicyError as error:
+        raise PolicyError(f"policy not exported to {directory}: {error}") from error
+    try:
+        place = Path(directory).resolve()
+        if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
+            raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
+        with new_folder(place) as fresh:
+            write_npz(fresh / WEIGHTS, _to_arrays(policy))
+            digest = hashlib.sha256((fresh / WEIGHTS).read_bytes()).hexdigest()
+            card = dataclasses.replace(policy.card, weights_sha256=digest)
+            text = json.dumps(seal(to_json(card), CHECKSUM), indent=2, allow_nan=False) + "\n"
+            write_text(fresh / CARD, text)
     except OSError as error:
-        raise PolicyError(f"cannot write policy {directory}: {error.strerror}") from error
+        raise PolicyError(f"cannot write policy {directory}: {error.strerror or error}") from error
     return dataclasses.replace(policy, card=card)
 
 
@@ -170,7 +189,7 @@ def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] 
         PolicyError: one line that says what is wrong with the policy and, where we know, how to mend it.
     """
     directory = _find(Path(path))
-    card, expected_hash = _read_card(directory)
+    card = _read_card(directory)
     if card.library_sha256 and card.library_sha256 != card.env.library.sha256:
         raise PolicyError(
             f"policy {directory} was trained on another motion library: checksum {card.library_sha256[:12]}, that of "
@@ -178,20 +197,16 @@ def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] 
         )
     if expected_layout is not None:
         _check_layout(card, expected_layout, directory)
-    arrays = _read_weights(directory / WEIGHTS, expected_hash)
+    arrays = _read_weights(directory / WEIGHTS, card)
+    count = len(card.hidden_layer_sizes) + 1
+    policy = Policy(
+        card=card,
+        mean=arrays["mean"],
+        std=arrays["std"],
+        layers=tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count)),
+    )
     try:
-        count = len(card.hidden_layer_sizes) + 1
-        policy = Policy(
-            card=card,
-            mean=arrays["mean"],
-            std=arrays["std"],
-            layers=tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count)),
-        )
-        _check_shapes(policy)
-    except KeyError as error:
-        raise PolicyError(
-            f"{directory / WEIGHTS} holds no array {error}: not the weights of {CARD} beside it"
-        ) from error
+        _check_numbers(policy)
     except PolicyError as error:
         raise PolicyError(f"{directory / WEIGHTS}: {error}") from error
     return policy
@@ -199,7 +214,8 @@ def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] 
 
 # --- Reading --------------------------------------------------------------------------------------------------
 def _find(path: Path) -> Path:
-    for directory in (path, path / "policy"):
+    require_name(path)
+    for directory in map(find_folder, (path, path / "policy")):
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
@@ -207,18 +223,16 @@ def _find(path: Path) -> Path:
     if path.is_file():
         raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
     if (path / "checkpoints").is_dir():
-        raise PolicyError(f"run {path} has exported no policy yet: train it to its first evaluation")
+        raise PolicyError(f"run {path} has exported no policy yet: train it to its first save")
     raise PolicyError(f"no policy in {path}: expected {CARD} and {WEIGHTS} there or in its folder policy")
 
 
-def _read_card(directory: Path) -> tuple[PolicyCard, str]:
+def _read_card(directory: Path) -> PolicyCard:
     path = directory / CARD
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PolicyError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise PolicyError(f"{path} is damaged or not a policy card: {error}") from error
+        data = read_json(path)
+    except BadFileError as error:
+        raise PolicyError(str(error)) from error
     version = data.get("format_version") if isinstance(data, dict) else None
     if type(version) is not int:
         raise PolicyError(f"{path} is not a BP2 policy card: it has no format_version")
@@ -227,32 +241,27 @@ def _read_card(directory: Path) -> tuple[PolicyCard, str]:
             f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
         )
     try:
-        card = from_json(PolicyCard, upgrade(data))
+        return from_json(PolicyCard, upgrade(unseal(data, CHECKSUM)))
     except ConfigError as error:
         versions = data.get("versions")
         author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
         raise PolicyError(f"{path} (exported by bp2_rl {author}): {error}") from error
-    return card, card.weights_sha256
 
 
-def _read_weights(path: Path, expected_hash: str) -> dict[str, np.ndarray]:
+def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
+    """The arrays that the card promises, and no others."""
+    if not path.exists():
+        raise PolicyError(f"{path} is missing: the policy was copied without its weights")
     try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise PolicyError(f"{path} is missing: the policy was copied without its weights") from error
-    except OSError as error:
-        raise PolicyError(f"cannot read {path}: {error.strerror}") from error
-    if hashlib.sha256(content).hexdigest() != expected_hash:
-        raise PolicyError(f"{path} is truncated, damaged or from another policy: its checksum differs from {CARD}'s")
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise PolicyError(f"{path} is not an .npz archive of plain arrays") from error
-    for name, array in arrays.items():
-        if array.dtype != np.float32:
-            raise PolicyError(f"{path}: {name} is {array.dtype}, expected float32")
-    return arrays
+        content = read_bytes(path, LARGEST_WEIGHTS)
+        if hashlib.sha256(content).hexdigest() != card.weights_sha256:
+            raise PolicyError(
+                f"{path} is truncated, damaged or from another policy: its checksum differs from {CARD}'s"
+            )
+        specs = {name: ArraySpec(np.dtype(np.float32), shape) for name, shape in _promised_shapes(card).items()}
+        return read_npz(path, specs, content=content, largest=LARGEST_WEIGHTS)
+    except BadFileError as error:
+        raise PolicyError(f"{error}: not the weights of {CARD} beside it") from error
 
 
 def _check_layout(card: PolicyCard, expected: Sequence[tuple[str, int]], directory: Path) -> None:
@@ -268,19 +277,42 @@ def _check_layout(card: PolicyCard, expected: Sequence[tuple[str, int]], directo
     )
 
 
+def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
+    """The shape of every array of a policy with this card."""
+    sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
+    shapes: dict[str, tuple[int, ...]] = {"mean": sizes[:1], "std": sizes[:1]}
+    for i, fans in enumerate(itertools.pairwise(sizes)):
+        shapes |= {f"layer_{i}/kernel": fans, f"layer_{i}/bias": fans[1:]}
+    return shapes
+
+
 def _check_shapes(policy: Policy) -> None:
     """Raise unless the arrays have the shapes that the card promises."""
-    card = policy.card
-    sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
-    expected = {"mean": sizes[:1], "std": sizes[:1]}
-    for i, fans in enumerate(itertools.pairwise(sizes)):
-        expected |= {f"layer_{i}/kernel": fans, f"layer_{i}/bias": fans[1:]}
+    count = len(policy.card.hidden_layer_sizes) + 1
+    if len(policy.layers) != count:
+        raise PolicyError(f"the network has {len(policy.layers)} layers, its card says {count}")
     arrays = _to_arrays(policy)
-    if len(policy.layers) != len(sizes) - 1:
-        raise PolicyError(f"the network has {len(policy.layers)} layers, its card says {len(sizes) - 1}")
-    for name, shape in expected.items():
+    for name, shape in _promised_shapes(policy.card).items():
         if arrays[name].shape != shape:
             raise PolicyError(f"{name} has shape {arrays[name].shape}, its card says {shape}")
+
+
+def _check_numbers(policy: Policy) -> None:
+    """Raise where the weights are such that an action may not be finite; the array at fault is named."""
+    for name, array in _to_arrays(policy).items():
+        if not np.isfinite(array).all():
+            raise PolicyError(f"{name} is not finite")
+    if not (policy.std > 0.0).all():
+        raise PolicyError("std is not positive")
+    # No sum of products can be larger than that of the absolute values; no activation adds to |x| beyond 1.
+    largest = float(np.finfo(np.float32).max)
+    bound = (LARGEST_OBSERVATION + np.abs(policy.mean.astype(float))) / policy.std
+    if not (bound < largest).all():
+        raise PolicyError("std is so small that an observation may overflow")
+    for i, (kernel, bias) in enumerate(policy.layers):
+        bound = np.maximum(bound, 1.0) @ np.abs(kernel.astype(float)) + np.abs(bias)
+        if not (bound < largest).all():
+            raise PolicyError(f"layer_{i}/kernel is so large that an action may overflow")
 
 
 # --- Writing --------------------------------------------------------------------------------------------------
@@ -289,29 +321,6 @@ def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
     for i, (kernel, bias) in enumerate(policy.layers):
         arrays |= {f"layer_{i}/kernel": kernel, f"layer_{i}/bias": bias}
     return arrays
-
-
-def _replace_directory(directory: Path, files: Mapping[str, bytes]) -> None:
-    """Put a folder of `files` where `directory` is, in two renames: a kill leaves the old one, aside at worst."""
-    directory = directory.resolve()
-    if directory.exists() and any(entry.name not in files for entry in directory.iterdir()):
-        raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    fresh, old = (directory.with_name(f".{directory.name}.{suffix}") for suffix in ("new", "old"))
-    if old.exists() and not directory.exists():
-        old.rename(directory)  # killed between the two renames below
-    for leftover in (fresh, old):
-        shutil.rmtree(leftover, ignore_errors=True)
-    fresh.mkdir()
-    for name, content in files.items():
-        with (fresh / name).open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-    if directory.exists():
-        directory.rename(old)
-    fresh.rename(directory)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _float32(array: Any) -> np.ndarray:

@@ -58,9 +58,19 @@ class Actuator(struct.PyTreeNode):
         )
 
 
+def copper_loss(torque: Joints, no_load: Parameter, stall: Parameter) -> Joints:
+    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`."""
+    return torque**2 * (no_load / stall)
+
+
 def torque_limits(actuator: Actuator, qd: Joints) -> tuple[Joints, Joints]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s)."""
     return -_upper_limit(actuator, -qd), _upper_limit(actuator, qd)
+
+
+def stall_torque(peak: Parameter, corner: Parameter, no_load: Parameter) -> Parameter:
+    """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's numbers are welcome as well."""
+    return peak / (1.0 - corner / no_load)
 
 
 def pd_torque(actuator: Actuator, q: Joints, qd: Joints, q_target: Joints, qd_target: Joints) -> Joints:
@@ -93,7 +103,7 @@ def joint_torque(
 def _upper_limit(actuator: Actuator, qd: Joints) -> Joints:
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
-    stall = peak / (1.0 - actuator.corner_speed / actuator.no_load_speed)
+    stall = stall_torque(peak, actuator.corner_speed, actuator.no_load_speed)
     return xp.clip(stall * (1.0 - qd / actuator.no_load_speed), -peak, peak)
 
 

@@ -115,6 +115,7 @@ STAND_HIP = _number("-", 0.62, "rad", "DERIVED: settles at 0.55 m under joint PD
 STAND_KNEE = -2.0 * STAND_HIP
 STAND_JOINTS = (0.0, STAND_HIP, STAND_KNEE) * len(LEGS)
 
+QUARTER_MASS = TRUNK_QUARTER_MASS + THIGH_MASS + SHANK_MASS + TOE_MASS  # kg, DERIVED
 TRUNK_PITCH_INERTIA = 4.0 * (
     TRUNK_QUARTER_INERTIA + TRUNK_QUARTER_MASS * (HIP_FORE_AFT + TRUNK_QUARTER_COM) ** 2
 )  # kg m2, DERIVED: four quarters about the trunk's centre, abduction links included

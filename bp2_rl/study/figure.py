@@ -7,7 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.plotting import INK, QUIET, WIDTH, styled
-from bp2_rl.study.study import GOAL, VARIANTS, Judgement, both_stages, interquartile_mean
+from bp2_rl.study.judging import Judgement
+from bp2_rl.study.outcome import GOAL, both_stages, interquartile_mean
+from bp2_rl.study.plan import VARIANTS
 
 COLORS = dict(zip(VARIANTS, ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7"), strict=True))
 

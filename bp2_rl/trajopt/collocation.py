@@ -17,16 +17,20 @@ the sum over nodes is a quadrature, so that the cost does not drift with the mes
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.errors import UserError
+from bp2_rl.polynomials import hermite, parabola
 from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import stall_torque
 from bp2_rl.trajopt import sagittal
-from bp2_rl.trajopt.problem import PER_LEG, TRUNK, Problem, Scheme, Stride, contact_rows, motor_coordinates
+from bp2_rl.trajopt.guess import cold_guess
+from bp2_rl.trajopt.problem import Problem, Scheme, Stride, contact_rows, motor_coordinates
+from bp2_rl.trajopt.program import Program
 from bp2_rl.trajopt.sagittal import DESIGN, ca
-from bp2_rl.trajopt.solution import Solution, Trajectory, resample
+from bp2_rl.trajopt.solution import Motion, NotSolved, Solution, resample
 
 # What a quantity is divided by inside the program.
 TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, FORCE, IMPULSE = 0.1, 1.0, 10.0, 1000.0, 100.0, 500.0, 10.0
@@ -35,13 +39,9 @@ INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # what CasAD
 SLACK = 0.03  # m, by which a spring may press into its stops
 
 
-class NotSolved(UserError):
-    """IPOPT found no trajectory; the message says how it ended."""
-
-
 def solve(
     problem: Problem,
-    start: Trajectory | None = None,
+    start: Motion | None = None,
     *,
     proximity: float = 0.0,
     free: Mapping[str, tuple[float, float]] | None = None,
@@ -80,10 +80,10 @@ def solve(
         )
     durations, q, v, a, tau, force, impulse, design, speed, cost = values
     found = {name: float(value) for name, value in zip(DESIGN, design[0, 0], strict=True) if name in (free or {})}
-    trajectory = Trajectory(durations[:, 0, 0], q, v, a, tau, force, impulse[:, 0])
+    motion = Motion(durations[:, 0, 0], q, v, a, tau, force, impulse[:, 0])
     seconds = time.perf_counter() - began
     solved = problem.on(**found).at(speed.item() if haste > 0.0 else problem.speed)
-    return Solution(solved, trajectory, cost.item(), violation, stats["iter_count"], seconds)
+    return Solution(solved, motion, cost.item(), violation, stats["iter_count"], seconds)
 
 
 def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
@@ -95,7 +95,7 @@ def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ())
     if starts < 1 and not near:
         raise UserError(f"starts must be at least 1, got {starts}")
     guesses = [cold_guess(problem, seed=seed or None) for seed in range(starts)]
-    guesses += [resample(other.problem, other.trajectory, problem) for other in near]
+    guesses += [resample(other.problem, other.motion, problem) for other in near]
     solved, failures = [], []
     for guess in guesses:
         try:
@@ -115,7 +115,7 @@ def fastest(start: Solution) -> Solution:
     Raises:
         NotSolved: IPOPT did not find one.
     """
-    return solve(start.problem, start.trajectory, haste=100.0)
+    return solve(start.problem, start.motion, haste=100.0)
 
 
 def refine(solution: Solution, intervals: int) -> Solution:
@@ -125,75 +125,11 @@ def refine(solution: Solution, intervals: int) -> Solution:
         NotSolved: IPOPT lost it.
     """
     problem = solution.problem.on_mesh(intervals)
-    return solve(problem, resample(solution.problem, solution.trajectory, problem))
-
-
-class Program:
-    """A nonlinear program, collected in the order in which it is written down."""
-
-    def __init__(self) -> None:
-        self._unknowns: list[ca.MX] = []
-        self._guess: list[np.ndarray] = []
-        self._limits: list[tuple[np.ndarray, np.ndarray]] = []
-        self._constraints: list[ca.MX] = []
-        self._ranges: list[tuple[np.ndarray, np.ndarray]] = []
-        self.cost: ca.MX = ca.MX(0)
-
-    def unknown(self, guess: np.ndarray, scale: float, lower: Any = -np.inf, upper: Any = np.inf) -> ca.MX:
-        """A matrix like `guess`; inside the program it is divided by `scale`."""
-        symbol = ca.MX.sym("x", *guess.shape)
-        low, high = (np.broadcast_to(np.asarray(bound, float), guess.shape) / scale for bound in (lower, upper))
-        self._unknowns.append(ca.vec(symbol))
-        self._guess.append(np.clip(guess / scale, low, high).ravel(order="F"))
-        self._limits.append((low.ravel(order="F"), high.ravel(order="F")))
-        return symbol * scale
-
-    def require(self, expression: ca.MX, scale: float, lower: float = 0.0, upper: float = 0.0) -> None:
-        """lower <= expression / scale <= upper: an equation where no bounds are given."""
-        column = ca.vec(expression) / scale
-        self._constraints.append(column)
-        self._ranges.append((np.full(column.shape[0], lower), np.full(column.shape[0], upper)))
-
-    def at_least_zero(self, expression: ca.MX, scale: float) -> None:
-        """0 <= expression."""
-        self.require(expression, scale, 0.0, np.inf)
-
-    def within(self, expression: ca.MX, bound: ca.MX, scale: float) -> None:
-        """|expression| <= bound."""
-        self.at_least_zero(bound - expression, scale)
-        self.at_least_zero(bound + expression, scale)
-
-    def solve(self, unknowns: list[list[ca.MX]], time_limit: float) -> tuple[list[np.ndarray], dict[str, Any], float]:
-        """The unknowns at the optimum, each group stacked with its columns first; statistics; largest violation."""
-        x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
-        options = {
-            # Not expanded: to unroll the points costs more than the faster iterations bring.
-            "print_time": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "linear_solver": "mumps",
-                "mu_strategy": "adaptive",
-                "tol": 1e-7,
-                "constr_viol_tol": 1e-9,
-                "max_iter": 2000,
-                "max_wall_time": time_limit,
-            },
-        }
-        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.cost, "g": g}, options)
-        lbx, ubx = (np.concatenate(side) for side in zip(*self._limits, strict=True))
-        lbg, ubg = (np.concatenate(side) for side in zip(*self._ranges, strict=True))
-        end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
-        x_end, g_end = (np.array(end[name]).ravel() for name in ("x", "g"))
-        over = [lbx - x_end, x_end - ubx, lbg - g_end, g_end - ubg]
-        violation = max(float(np.max(excess)) for excess in over)
-        flat = [value for group in unknowns for value in group]
-        numbers = iter(ca.Function("unknowns", [x], flat)(end["x"]) if len(flat) > 1 else ())
-        return [np.stack([np.array(next(numbers)).T for _ in group]) for group in unknowns], solver.stats(), violation
+    return solve(problem, resample(solution.problem, solution.motion, problem))
 
 
 def transcribe(
-    problem: Problem, guess: Trajectory, *, proximity: float, free: Mapping[str, tuple[float, float]], haste: float
+    problem: Problem, guess: Motion, *, proximity: float, free: Mapping[str, tuple[float, float]], haste: float
 ) -> tuple[Program, list[list[ca.MX]]]:
     """The nonlinear program and its unknowns: durations, q, v, a, tau, force, impulse (one each for every segment),
     design vector, speed, cost."""
@@ -266,7 +202,7 @@ def transcribe(
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
             program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
             program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
-            stall = peak / (1.0 - hardware.corner_speed / hardware.no_load_speed)
+            stall = stall_torque(peak, hardware.corner_speed, hardware.no_load_speed)
             program.at_least_zero(stall * (1.0 - speed_at / no_load) - torque_at, TORQUE)
             program.at_least_zero(stall * (1.0 + speed_at / no_load) + torque_at, TORQUE)
         dt = T[i] / (points - 1)
@@ -297,7 +233,7 @@ def _design(program: Program, problem: Problem, free: Mapping[str, tuple[float, 
     return ca.vertcat(*values)
 
 
-def _range_of_motion(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]:
     """Least and greatest q: joints in their ranges, the trunk off the ground and all but level."""
     hardware, legs = problem.hardware, len(problem.stride.legs)
     lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
@@ -311,7 +247,7 @@ def _on_feet(
     stride: Stride,
     feet: tuple[str, ...],
     lifting: tuple[str, ...],
-    guess: np.ndarray,
+    guess: Float[np.ndarray, "contacts points"],
     scale: float,
 ) -> ca.MX:
     """Forces or impulses of all legs: zero but for those of `feet`, which push up, and end at zero if `lifting`."""
@@ -353,10 +289,8 @@ def _motor_states(problem: Problem, T: ca.MX, qd: ca.MX, qdd: ca.MX, tau: ca.MX)
         h = T / problem.intervals
         left, middle, right = tau[:, :-1:2], tau[:, 1::2], tau[:, 2::2]
         for s in (0.25, 0.75):
-            torque = left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
-            speed = qd[:, :-1:2] * (1 + 2 * s) * (1 - s) ** 2 + qd[:, 2::2] * s**2 * (3 - 2 * s)
-            speed += h * (qdd[:, :-1:2] * s * (1 - s) ** 2 - qdd[:, 2::2] * s**2 * (1 - s))
-            states.append((speed, torque))
+            speed = hermite(s, h, qd[:, :-1:2], qd[:, 2::2], qdd[:, :-1:2], qdd[:, 2::2])
+            states.append((speed, parabola(s, left, middle, right)))
     return states
 
 
@@ -365,7 +299,7 @@ def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX)
     weights = problem.weights
     load = force / weights.force
     R = weights.power * ca.sum1((speed * torque) ** 2) + weights.load * (ca.sum1(torque**2) + ca.sum1(load**2))
-    cost = R @ _quadrature(problem)
+    cost = R @ problem.quadrature
     steps = len(problem.points) - 1
     for value in (torque, load):
         change = (value[:, 1:] - value[:, :-1]) * (steps * weights.smoothness_time / T)
@@ -373,18 +307,7 @@ def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX)
     return cost
 
 
-def _quadrature(problem: Problem) -> np.ndarray:
-    """Weights of the mean over a segment's points: Simpson's rule or the trapezoidal one."""
-    weights = np.ones(len(problem.points))
-    if problem.scheme == "hermite-simpson":
-        weights[1:-1] = 2.0
-        weights[1::2] = 4.0
-    else:
-        weights[1:-1] = 2.0
-    return weights / np.sum(weights)
-
-
-def _swing_share(stride: Stride, leg: str, segment: int, T: list[ca.MX], points: np.ndarray) -> ca.MX:
+def _swing_share(stride: Stride, leg: str, segment: int, T: list[ca.MX], points: Float[np.ndarray, " points"]) -> ca.MX:
     """How much of a swing has gone by at each point of a segment in the midst of it, from 0 to 1."""
 
     def rest(i: int, step: int) -> ca.MX:
@@ -394,54 +317,3 @@ def _swing_share(stride: Stride, leg: str, segment: int, T: list[ca.MX], points:
 
     before, after = rest(segment, -1), rest(segment, +1)
     return (before + T[segment] * ca.DM(points).T) / (before + T[segment] + after)
-
-
-def cold_guess(problem: Problem, seed: int | None = None) -> Trajectory:
-    """A trunk at constant speed, feet on arcs, forces like half a sine; with a seed, all of that varied."""
-    vary = (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
-    stride, speed, L = problem.stride, problem.speed, problem.hardware.leg_length
-    stance = vary(0.8, 1.25) * min(0.6 / speed, 0.25)
-    flight = vary(0.8, 1.25) * 0.12 * speed / (speed + 2.0)
-    height, lift = vary(0.95, 1.05) * 1.42 * L, vary(0.7, 1.5) * 0.12
-    durations = np.array([stance if feet else flight for feet in stride.standing])
-    starts = np.concatenate([[0.0], np.cumsum(durations)])
-    cycle = starts[-1] / stride.cycles
-    quarter = specs.TRUNK_QUARTER_MASS + specs.THIGH_MASS + specs.SHANK_MASS + specs.TOE_MASS
-    mean_force = problem.hardware.mass_scale * quarter * specs.GRAVITY * cycle / stance
-
-    q = np.zeros((len(durations), len(problem.points), stride.nq))
-    force = np.zeros((*q.shape[:2], 2 * len(stride.legs)))
-    for i, feet in enumerate(stride.standing):
-        t = starts[i] + durations[i] * problem.points
-        q[i, :, 0], q[i, :, 1] = speed * t, height
-        for leg, name in enumerate(stride.legs):
-            since = t - starts[i] if name in feet else (t - _landing(stride, name, starts)) % cycle
-            s = np.clip((since - stance) / (cycle - stance), 0.0, 1.0)
-            back = np.minimum(since, stance) - stance / 2.0
-            x = speed * (stance * s**2 * (3.0 - 2.0 * s) - back)
-            z = 16.0 * lift * (s * (1.0 - s)) ** 2 - height
-            pulse = np.sin(np.pi * since / stance) if name in feet else np.zeros_like(since)
-            force[i, :, 2 * leg + 1] = np.pi / 2.0 * mean_force * pulse
-            compression = np.clip(force[i, :, 2 * leg + 1] / problem.hardware.spring_stiffness, 0.0, 0.4 * L)
-            block = TRUNK + PER_LEG * leg
-            q[i, :, block], q[i, :, block + 1] = _leg_angles(x, z, L, L - compression)
-            q[i, :, block + 2] = compression
-    v = np.stack([np.gradient(x, T * problem.points, axis=0) for x, T in zip(q, durations, strict=True)])
-    nothing = np.zeros_like(force)
-    return Trajectory(durations, q, v, np.zeros_like(v), nothing, force, nothing[:, 0])
-
-
-def _landing(stride: Stride, leg: str, starts: np.ndarray) -> float:
-    """Time of a leg's first touchdown, s; in the next stride if it does not stand in this one."""
-    for i in range(len(stride.standing)):
-        if leg in stride.standing[i]:
-            return float(starts[i])
-    return float(starts[-1]) + _landing(stride, stride.then[stride.legs.index(leg)], starts)
-
-
-def _leg_angles(x: np.ndarray, z: np.ndarray, thigh: float, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hip and knee that put a sole at (x, z) from the hip, knee bent backwards; out of reach in direction only."""
-    cosine = np.clip((x**2 + z**2 - thigh**2 - lower**2) / (2.0 * thigh * lower), -0.95, 0.999)
-    knee = -np.arccos(cosine)
-    hip = np.arctan2(-x, -z) - np.arctan2(lower * np.sin(knee), thigh + lower * np.cos(knee))
-    return hip, knee

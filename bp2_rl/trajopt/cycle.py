@@ -3,13 +3,13 @@
 import dataclasses
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt.problem import PER_LEG, TRUNK, Problem, motor_coordinates
-from bp2_rl.trajopt.solution import Solution, Trajectory
-
-QUARTER_MASS = specs.TRUNK_QUARTER_MASS + specs.THIGH_MASS + specs.SHANK_MASS + specs.TOE_MASS  # kg, Table S3
+from bp2_rl.trajopt.solution import Motion, Solution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Cycle:
 
     problem: Problem
     standing: tuple[tuple[str, ...], ...]  # feet on the ground in each segment
-    motion: Trajectory  # axes: segment of the whole cycle, point, then as in `Trajectory`
+    motion: Motion  # its segments are the whole cycle's
 
     @property
     def period(self) -> float:
@@ -26,31 +26,31 @@ class Cycle:
         return float(np.sum(self.motion.durations))
 
     @property
-    def starts(self) -> np.ndarray:
-        """When each segment begins, (segments,) s."""
+    def starts(self) -> Float[np.ndarray, " segments"]:
+        """When each segment begins, s."""
         return np.concatenate([[0.0], np.cumsum(self.motion.durations)[:-1]])
 
     @property
-    def time(self) -> np.ndarray:
-        """When the points are, (segments, points) s."""
+    def time(self) -> Float[np.ndarray, "segments points"]:
+        """When the points are, s."""
         return self.starts[:, None] + self.motion.durations[:, None] * self.problem.points
 
     @property
-    def weights(self) -> np.ndarray:
-        """np.sum(weights * f) is the integral of f over the cycle as the scheme takes it, (segments, points) s."""
-        return self.motion.durations[:, None] * _quadrature(self.problem)
+    def weights(self) -> Float[np.ndarray, "segments points"]:
+        """np.sum(weights * f) is the integral of f over the cycle as the scheme takes it, s."""
+        return self.motion.durations[:, None] * self.problem.quadrature
 
 
 def whole_cycle(solution: Solution) -> Cycle:
     """The solved stride, followed, where that is half a cycle, by its mirror image."""
-    problem, solved = solution.problem, solution.trajectory
+    problem, solved = solution.problem, solution.motion
     stride = problem.stride
     if stride.cycles == 1.0:
         return Cycle(problem, stride.standing, solved)
     coordinates, motors = stride.next_coordinates, stride.next_motors
     q = solved.q[..., coordinates].copy()
     q[..., 0] += problem.speed * np.sum(solved.durations)
-    mirrored = Trajectory(
+    mirrored = Motion(
         durations=solved.durations,
         q=q,
         v=solved.v[..., coordinates],
@@ -59,37 +59,36 @@ def whole_cycle(solution: Solution) -> Cycle:
         force=solved.force[..., motors],
         impulse=solved.impulse[..., motors],
     )
-    names = [field.name for field in dataclasses.fields(Trajectory)]
-    motion = Trajectory(*(np.concatenate([getattr(solved, name), getattr(mirrored, name)]) for name in names))
+    names = [field.name for field in dataclasses.fields(Motion)]
+    motion = Motion(*(np.concatenate([getattr(solved, name), getattr(mirrored, name)]) for name in names))
     sides = dict(zip(stride.legs, stride.then, strict=True))
     standing = tuple(tuple(sides[leg] for leg in feet) for feet in stride.standing)
     return Cycle(problem, stride.standing + standing, motion)
 
 
-def leg_points(q: np.ndarray, legs: tuple[str, ...], hardware: HardwareSpec) -> np.ndarray:
-    """Hip, knee and sole of each leg in the plane, (..., legs, 3, 2) m, of coordinates q, (..., nq)."""
-    hip, thigh, lower, compression = _links(q, legs)
-    knee = hip + hardware.leg_length * _down(thigh)
-    sole = knee + (hardware.leg_length - compression)[..., None] * _down(lower)
-    return np.stack([hip, knee, sole], axis=-2)
+def leg_points(
+    q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
+) -> Num[np.ndarray, "... {len(legs)} 3 2"]:
+    """Hip, knee and sole of each leg in the plane at coordinates q, m."""
+    links, lower = _links(q, legs, hardware)
+    sole = planar_along(np, links.knee, links.lower, lower)
+    return np.stack([np.stack(point, axis=-1) for point in (links.hip, links.knee, sole)], axis=-2)
 
 
-def center_of_mass(q: np.ndarray, legs: tuple[str, ...], hardware: HardwareSpec) -> np.ndarray:
-    """The robot's centre of mass, (..., 2) m: the mean of its bodies (Table S3) by their masses."""
-    _, thigh, lower, _ = _links(q, legs)
-    hip, knee, sole = np.moveaxis(leg_points(q, legs, hardware), -2, 0)
-    bodies = (
-        (specs.TRUNK_QUARTER_MASS, q[..., None, :2]),
-        (specs.THIGH_MASS, hip + specs.THIGH_COM * _down(thigh)),
-        (specs.SHANK_MASS, knee + (specs.SHANK_LENGTH + specs.SHANK_COM) * _down(lower)),
-        (specs.TOE_MASS, sole + specs.TOE_COM * _down(lower)),
-    )
-    moment = sum((mass * np.mean(position, axis=-2) for mass, position in bodies), np.zeros(2))
-    return moment / QUARTER_MASS
+def center_of_mass(
+    q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
+) -> Num[np.ndarray, "... 2"]:
+    """The robot's centre of mass, m: the mean of its bodies (Table S3) by their masses."""
+    moment = specs.TRUNK_QUARTER_MASS * q[..., :2]
+    for mass, _, centre, _ in planar_bodies(np, *_links(q, legs, hardware)):
+        moment = moment + mass * np.mean(np.stack(centre, axis=-1), axis=-2)
+    return moment / specs.QUARTER_MASS
 
 
-def center_of_mass_velocity(q: np.ndarray, v: np.ndarray, legs: tuple[str, ...], hardware: HardwareSpec) -> np.ndarray:
-    """Velocity of the robot's centre of mass, (..., 2) m/s: the derivative of its position along v.
+def center_of_mass_velocity(
+    q: Float[np.ndarray, "... nq"], v: Float[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
+) -> Float[np.ndarray, "... 2"]:
+    """Velocity of the robot's centre of mass, m/s: the derivative of its position along v.
 
     By a complex step, which is exact to rounding: nothing is subtracted.
     """
@@ -99,7 +98,7 @@ def center_of_mass_velocity(q: np.ndarray, v: np.ndarray, legs: tuple[str, ...],
 
 def robot_mass(problem: Problem) -> float:
     """Mass of the model, kg: as many quarters of Table S3 as it has legs."""
-    return problem.hardware.mass_scale * len(problem.stride.legs) * QUARTER_MASS
+    return problem.hardware.mass_scale * len(problem.stride.legs) * specs.QUARTER_MASS
 
 
 def cost_of_transport(solution: Solution) -> float:
@@ -111,28 +110,11 @@ def cost_of_transport(solution: Solution) -> float:
     return float(np.sum(cycle.weights * power)) / (robot_mass(solution.problem) * specs.GRAVITY * distance)
 
 
-def _quadrature(problem: Problem) -> np.ndarray:
-    """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal one, or, as the paper's scheme
-    takes forces for velocities, the left ends."""
-    weights = np.ones(len(problem.points))
-    if problem.scheme == "hermite-simpson":
-        weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-    elif problem.scheme == "trapezoid":
-        weights[1:-1] = 2.0
-    else:
-        weights[-1] = 0.0
-    return weights / np.sum(weights)
-
-
-def _links(q: np.ndarray, legs: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each leg the hip's position (..., legs, 2), angles of thigh and lower leg, and the spring's compression."""
+def _links(
+    q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
+) -> tuple[PlanarLeg, Num[np.ndarray, "... legs"]]:
+    """The legs' links, each part (..., legs), and how far each sole is from its knee, m."""
     hip, knee, spring = np.moveaxis(q[..., TRUNK:].reshape(*q.shape[:-1], len(legs), PER_LEG), -1, 0)
-    fore_aft = np.array([specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT for leg in legs])
-    forward = np.stack([np.cos(q[..., 2]), -np.sin(q[..., 2])], axis=-1)
-    thigh = q[..., 2:3] + hip
-    return q[..., None, :2] + fore_aft[:, None] * forward[..., None, :], thigh, thigh + knee, spring
-
-
-def _down(angle: np.ndarray) -> np.ndarray:
-    """Unit vector (x, z) down a link whose angle about +y is `angle`."""
-    return np.stack([-np.sin(angle), -np.cos(angle)], axis=-1)
+    x, z, pitch = (q[..., i : i + 1] for i in range(TRUNK))
+    fore_aft = np.array([hip_fore_aft(leg) for leg in legs])
+    return planar_leg(np, (x, z), pitch, fore_aft, hip, knee, hardware.leg_length), hardware.leg_length - spring

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int, Shaped
 from scipy.signal import find_peaks
 
 from bp2_rl.errors import UserError
@@ -48,8 +49,8 @@ class Decomposition:
 
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
-    forces: np.ndarray  # (T, N, n) N, Nm
-    impulses: np.ndarray  # (T, K, n) N s, Nm s: of main and coupled inertia and of the ground
+    forces: Float[np.ndarray, "T N n"]  # N, Nm
+    impulses: Float[np.ndarray, "T K n"]  # N s, Nm s: of main and coupled inertia and of the ground
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -57,13 +58,13 @@ class Decomposition:
         return self.cycle.problem.stride.legs
 
     @property
-    def time(self) -> np.ndarray:
-        """The instants, (N,) s; where two segments meet there are two at once."""
+    def time(self) -> Float[np.ndarray, " N"]:
+        """The instants, s; where two segments meet there are two at once."""
         return self.cycle.time.ravel()
 
     @property
-    def touchdowns(self) -> np.ndarray:
-        """When the velocities jump, (K,) s: as each segment begins, with no impulse if nothing lands."""
+    def touchdowns(self) -> Float[np.ndarray, " K"]:
+        """When the velocities jump, s: as each segment begins, with no impulse if nothing lands."""
         return self.cycle.starts
 
     @property
@@ -71,8 +72,8 @@ class Decomposition:
         """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but for the solver's tolerance."""
         return float(np.max(np.abs(np.einsum("t,tki->ki", BALANCE, self.forces))))
 
-    def along(self, term: str, coordinate: str) -> np.ndarray:
-        """One term of one coordinate, (N,) N or Nm."""
+    def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
+        """One term of one coordinate, N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
 
 
@@ -84,9 +85,9 @@ class Coupling:
     """
 
     legs: tuple[str, ...]  # of each peak
-    time: np.ndarray  # (P,) s
-    main: np.ndarray  # (P,) Nm
-    coupled: np.ndarray  # (P,) Nm
+    time: Float[np.ndarray, " P"]  # s
+    main: Float[np.ndarray, " P"]  # Nm
+    coupled: Float[np.ndarray, " P"]  # Nm
 
     @property
     def opposing(self) -> float:
@@ -104,12 +105,12 @@ class Coupling:
 class Trends:
     """Average forces over speed. S speeds, T terms (`TERMS`), the columns of `KINDS`."""
 
-    speeds: np.ndarray  # (S,) m/s, ascending
-    average: np.ndarray  # (S, T, kinds) N, Nm (paper, Eq. average force)
-    share: np.ndarray  # (S, T, kinds) (paper, Eq. force ratio)
-    velocity_force: np.ndarray  # (S,) peak of the vertical C over weight
-    opposing: np.ndarray  # (S,) as `Coupling.opposing`, of the hip
-    covered: np.ndarray  # (S,) as `Coupling.covered`, of the hip
+    speeds: Float[np.ndarray, " S"]  # m/s, ascending
+    average: Float[np.ndarray, "S T kinds"]  # N, Nm (paper, Eq. average force)
+    share: Float[np.ndarray, "S T kinds"]  # (paper, Eq. force ratio)
+    velocity_force: Float[np.ndarray, " S"]  # peak of the vertical C over weight
+    opposing: Float[np.ndarray, " S"]  # as `Coupling.opposing`, of the hip
+    covered: Float[np.ndarray, " S"]  # as `Coupling.covered`, of the hip
 
 
 def decompose(solution: Solution) -> Decomposition:
@@ -153,8 +154,8 @@ def coordinate_names(legs: tuple[str, ...]) -> tuple[str, ...]:
     return ("x", "z", "pitch", *(f"{leg} {joint}" for leg in legs for joint in ("hip", "knee", "spring")))
 
 
-def average_force(decomposition: Decomposition) -> np.ndarray:
-    """Mean magnitude over a gait cycle of each term of each coordinate, (T, n) N or Nm (paper, Eq. average force).
+def average_force(decomposition: Decomposition) -> Float[np.ndarray, "T n"]:
+    """Mean magnitude over a gait cycle of each term of each coordinate, N or Nm (paper, Eq. average force).
 
     The integral is the scheme's own quadrature; a touchdown adds the magnitude of its impulse.
     """
@@ -163,8 +164,8 @@ def average_force(decomposition: Decomposition) -> np.ndarray:
     return (flowing + np.sum(np.abs(decomposition.impulses), axis=1)) / cycle.period
 
 
-def force_ratio(average: np.ndarray) -> np.ndarray:
-    """Each term's share of the sum of all, of average forces (..., T, n) (paper, Eq. force ratio)."""
+def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "... T n"]:
+    """Each term's share of the sum of all, of average forces (paper, Eq. force ratio)."""
     return average / np.sum(average, axis=-2, keepdims=True)
 
 
@@ -214,7 +215,7 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
     )
 
 
-def turning_speeds(speeds: np.ndarray, values: np.ndarray) -> list[float]:
+def turning_speeds(speeds: Float[np.ndarray, " S"], values: Float[np.ndarray, " S"]) -> list[float]:
     """Speeds between which values first fall and then rise, or the other way about."""
     rise = np.sign(np.diff(values))
     return [
@@ -259,34 +260,36 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     return ordered
 
 
-def _rows(function: Any, *arguments: np.ndarray) -> np.ndarray:
-    """A CasADi function's matrix at each row of its arguments, the last of which is the same for all: (rows, m, n)."""
+def _rows(function: Any, *arguments: Float[np.ndarray, "..."]) -> Float[np.ndarray, "rows m n"]:
+    """A CasADi function's matrix at each row of its arguments, the last of which is the same for all."""
     *varying, p = arguments
     rows, (m, n) = len(varying[0]), function.size_out(0)
     columns = np.array(function.map(rows)(*(x.T for x in varying), p))
     return columns.reshape(m, rows, n).swapaxes(0, 1)
 
 
-def _inertia(M: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """M_ii a_i and sum_{j != i} M_ij a_j of accelerations, or of jumps in velocity, (K, n)."""
+def _inertia(
+    M: Float[np.ndarray, "K n n"], a: Float[np.ndarray, "K n"]
+) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, "K n"]]:
+    """M_ii a_i and sum_{j != i} M_ij a_j of accelerations, or of jumps in velocity."""
     main = np.einsum("kii,ki->ki", M, a)
     return main, np.einsum("kij,kj->ki", M, a) - main
 
 
-def _mean(values: np.ndarray) -> float:
+def _mean(values: Shaped[np.ndarray, " P"]) -> float:
     """The mean, nan of nothing."""
     return float(np.mean(values)) if len(values) else math.nan
 
 
-def _periodic_peaks(values: np.ndarray) -> np.ndarray:
+def _periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
     """Indices of the local maxima of one period that stand out by `PROMINENCE` of the largest."""
     size = len(values)
     peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
     return peaks[(peaks >= size) & (peaks < 2 * size)] - size
 
 
-def _by_kind(decomposition: Decomposition) -> np.ndarray:
-    """Average forces of the columns of `KINDS`, (T, kinds): a joint's is the mean over the legs."""
+def _by_kind(decomposition: Decomposition) -> Float[np.ndarray, "T kinds"]:
+    """Average forces of the columns of `KINDS`: a joint's is the mean over the legs."""
     average = average_force(decomposition)
     columns = [[i for i, name in enumerate(decomposition.coordinates) if name.split()[-1] == kind] for kind in KINDS]
     return np.stack([np.mean(average[:, column], axis=1) for column in columns], axis=1)

@@ -6,31 +6,41 @@ trajectory at the anchor's speed and walks from there to both ends, each step fr
 the cost, near to it. What that costs is in the provenance: `cost` is without the term.
 
 The motions leave feedback something to work with: a tenth of the motors' torque and speed, and some friction.
+
+How a library is written is the gait's business, `gait.collocation.file`; here a family becomes its arrays and
+provenance, and these a family again.
 """
 
 import concurrent.futures
 import dataclasses
 import itertools
-import json
-import os
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl import config
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.problem import Problem, motor_coordinates
-from bp2_rl.trajopt.solution import Solution, Trajectory, load_solution, save_solution, versions
-from bp2_rl.trajopt.verify import verify
+from bp2_rl.trajopt.problem import MOST_SPEEDS, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
+from bp2_rl.trajopt.solution import (
+    ARRAYS,
+    Facts,
+    Motion,
+    NotSolved,
+    Solution,
+    array_specs,
+    is_saved,
+    load_solution,
+    save_solution,
+    speed_name,
+    versions,
+)
 from bp2_rl.workers import spawned
-
-FORMAT = 1
-SHIPPED = "reference_motions/bp2_trot.npz"
 
 RESERVED = HardwareSpec(peak_torque=0.9 * specs.PEAK_TORQUE, friction=0.7)
 """BP2 with what the library leaves to feedback taken away; its speed margin is in `FamilyConfig.problem`."""
@@ -40,24 +50,24 @@ RESERVED = HardwareSpec(peak_torque=0.9 * specs.PEAK_TORQUE, friction=0.7)
 class FamilyConfig:
     """Which speeds the library has, and how it walks from one to the next."""
 
-    slowest: float = 0.5  # m/s
-    fastest: float = 15.0  # m/s
-    step: float = 0.5  # m/s
-    anchor: float = 10.0  # m/s, where the walk begins
-    starts: int = 3  # guesses at the anchor
-    coarse: int = 8  # intervals a segment, for those
-    proximity: float = 10.0  # weight of staying near the neighbour
+    slowest: Speed = 0.5  # m/s
+    fastest: Speed = 15.0  # m/s
+    step: SpeedStep = 0.5  # m/s
+    anchor: Speed = 10.0  # m/s, where the walk begins
+    starts: Starts = 3  # guesses at the anchor
+    coarse: Intervals = 8  # intervals a segment, for those
+    proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
     problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
-        if not 0 < self.slowest <= self.anchor <= self.fastest:
+        check_bounds(self)
+        if not self.slowest <= self.anchor <= self.fastest:
             raise UserError(
-                f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order "
-                "and positive"
+                f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order"
             )
-        if not self.step > 0:
-            raise UserError(f"step must be positive, got {self.step}")
+        if (self.fastest - self.slowest) / self.step > MOST_SPEEDS:
+            raise UserError(f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one")
         if self.problem.stride.cycles != 0.5:
             raise UserError("the library is of trots, as left and right change places after half a cycle")
 
@@ -74,6 +84,9 @@ class FamilyConfig:
         count = round(abs(end - self.anchor) / self.step + 0.4999)  # the last step may be shorter
         steps = [self.anchor + (1 if end > self.anchor else -1) * self.step * i for i in range(count)]
         return [round(speed, 9) for speed in [*steps, end]]
+
+
+# --- Building -------------------------------------------------------------------------------------------------
 
 
 def build_family(
@@ -94,81 +107,119 @@ def build_family(
         NotSolved: IPOPT found no way on, even by smaller steps.
         UserError: the folder belongs to another family.
     """
-    _claim(folder, settings)
+    config.claim_folder(folder, "family.json", settings, "a family")
     with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
         walks = [pool.submit(_walk, settings, folder, speeds) for speeds in settings.walks()]
         while True:
             waiting = concurrent.futures.wait(walks, timeout=0.5, return_when="FIRST_EXCEPTION")
             if report is not None:
-                report(sum(_is_solved(folder, speed) for speed in settings.speeds), len(settings.speeds))
+                report(sum(is_saved(_path(folder, speed)) for speed in settings.speeds), len(settings.speeds))
             if not waiting.not_done or any(walk.exception() for walk in waiting.done):
                 break
         for walk in walks:
             walk.result()
-    return [load_solution(_path(folder, speed)) for speed in settings.speeds]
+    return [_load(settings, folder, speed) for speed in settings.speeds]
 
 
-def save_family(path: Path, family: list[Solution], settings: FamilyConfig) -> None:
-    """Write the library: one .npz with the arrays of `bp2_rl.gait.collocation.library` and their provenance as JSON."""
-    arrays: dict[str, Any] = {
-        field.name: np.stack([getattr(solution.trajectory, field.name) for solution in family])
-        for field in dataclasses.fields(Trajectory)
-    }
-    speeds = [solution.problem.speed for solution in family]
-    facts = [
-        {name: getattr(solution, name) for name in ("cost", "violation", "iterations", "seconds", "checks")}
-        for solution in family
-    ]
-    provenance = {
-        "settings": config.to_json(settings),
-        "solutions": facts,
-        "versions": versions(),
-        "schema": "axes: speed, segment of half a gait cycle, point (equally spaced in time), then coordinate. See "
-        "bp2_rl/gait/library.py.",
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp.npz")
-    np.savez_compressed(
-        temporary,
-        format=np.asarray(FORMAT),
-        speeds=np.asarray(speeds),
-        provenance=np.asarray(json.dumps(provenance)),
-        **arrays,
+def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
+    from bp2_rl.trajopt.collocation import refine, solve_best  # CasADi only where something is solved
+
+    if is_saved(_path(folder, settings.anchor)):
+        return
+    problem = settings.problem.at(settings.anchor)
+    best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
+    _keep(folder, refine(best, problem.intervals))
+
+
+def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
+    """Solve one speed after the other, each from the one before."""
+    from bp2_rl.trajopt.collocation import solve
+
+    def step(here: Solution, speed: float, halvings: int) -> Solution:
+        try:
+            return solve(settings.problem.at(speed), here.motion, proximity=settings.proximity)
+        except NotSolved:
+            if halvings == 0:
+                raise
+        between = step(here, (here.problem.speed + speed) / 2.0, halvings - 1)
+        return step(between, speed, halvings - 1)
+
+    here = _load(settings, folder, speeds[0])
+    for speed in speeds[1:]:
+        if is_saved(_path(folder, speed)):
+            here = _load(settings, folder, speed)
+        else:
+            here = step(here, speed, halvings=2)
+            _keep(folder, here)
+
+
+def _keep(folder: Path, solution: Solution) -> None:
+    from bp2_rl.trajopt.verify import verify  # MuJoCo, likewise
+
+    save_solution(_path(folder, solution.problem.speed), dataclasses.replace(solution, checks=verify(solution)))
+
+
+def _load(settings: FamilyConfig, folder: Path, speed: float) -> Solution:
+    return load_solution(_path(folder, speed), settings.problem.at(speed))
+
+
+def _path(folder: Path, speed: float) -> Path:
+    return folder / speed_name(speed)
+
+
+# --- As arrays ------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Provenance:
+    """Where a library comes from."""
+
+    settings: FamilyConfig
+    solutions: tuple[Facts, ...]  # by speed
+    versions: dict[str, str]
+    schema: str
+
+
+def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
+    """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions."""
+    motions = {name: np.stack([getattr(solution.motion, name) for solution in family]) for name in ARRAYS}
+    return {"speeds": np.array([solution.problem.speed for solution in family]), **motions}
+
+
+def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:
+    """Where these arrays come from, as a JSON object."""
+    schema = (
+        "axes: speed, segment of half a gait cycle, point (equally spaced in time), then coordinate. See "
+        "bp2_rl/gait/collocation/file.py."
     )
-    os.replace(temporary, path)
+    facts = tuple(solution.facts for solution in family)
+    return config.to_json(_Provenance(settings=settings, solutions=facts, versions=versions(), schema=schema))
 
 
-def load_family(path: Path) -> list[Solution]:
-    """The solutions in a library file, for verification and figures.
+def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
+    """The family that `arrays_of` and `provenance_of` made them from.
 
     Raises:
-        UserError: the file is missing, broken, or of another format.
+        UserError: one line that says what does not fit.
     """
-    try:
-        # Opened here, as np.load leaves what it cannot read open.
-        with path.open("rb") as stream, np.load(stream) as file:
-            arrays = {name: file[name] for name in file.files}
-        if int(arrays["format"]) != FORMAT:
-            raise UserError(f"library {path} has format {int(arrays['format'])}, this version reads {FORMAT}")
-        provenance: dict[str, Any] = json.loads(str(arrays["provenance"]))
-        settings = config.from_json(FamilyConfig, provenance["settings"])
-        parts = {field.name: arrays[field.name] for field in dataclasses.fields(Trajectory)}
-        speeds = [float(speed) for speed in arrays["speeds"]]
-        return [
-            Solution(
-                settings.problem.at(speed),
-                Trajectory(**{name: part[i] for name, part in parts.items()}),
-                **provenance["solutions"][i],
-            )
-            for i, speed in enumerate(speeds)
-        ]
-    except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(
-            f"library {path} cannot be read ({error}): build it with `bp2 trajopt library build`"
-        ) from error
+    origin = config.from_json(_Provenance, provenance)
+    if len(origin.solutions) != len(arrays["speeds"]):
+        raise UserError(f"{len(arrays['speeds'])} speeds, and facts of {len(origin.solutions)}")
+    for name, spec in array_specs(origin.settings.problem).items():
+        if arrays[name].shape[1:] != spec.shape:
+            raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
+    return [
+        Solution(
+            origin.settings.problem.at(float(speed)),
+            Motion(**{name: arrays[name][i] for name in ARRAYS}),
+            **vars(facts),
+        )
+        for i, (speed, facts) in enumerate(zip(arrays["speeds"], origin.solutions, strict=True))
+    ]
+
+
+# --- How smooth it is -----------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,60 +245,6 @@ def steps_of(family: list[Solution]) -> list[Steps]:
 
 def _joint_distance(one: Solution, other: Solution) -> float:
     motors = motor_coordinates(one.problem.stride.legs)
-    away = (one.trajectory.q - other.trajectory.q)[..., motors]
-    share = np.stack([s.trajectory.durations / np.sum(s.trajectory.durations) for s in (one, other)]).mean(axis=0)
+    away = (one.motion.q - other.motion.q)[..., motors]
+    share = np.stack([s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]).mean(axis=0)
     return float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))
-
-
-def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
-    from bp2_rl.trajopt.collocation import refine, solve_best  # CasADi only where something is solved
-
-    if _is_solved(folder, settings.anchor):
-        return
-    problem = settings.problem.at(settings.anchor)
-    best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
-    _keep(folder, refine(best, problem.intervals))
-
-
-def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
-    """Solve one speed after the other, each from the one before."""
-    from bp2_rl.trajopt.collocation import NotSolved, solve
-
-    def step(here: Solution, speed: float, halvings: int) -> Solution:
-        try:
-            return solve(settings.problem.at(speed), here.trajectory, proximity=settings.proximity)
-        except NotSolved:
-            if halvings == 0:
-                raise
-        between = step(here, (here.problem.speed + speed) / 2.0, halvings - 1)
-        return step(between, speed, halvings - 1)
-
-    here = load_solution(_path(folder, speeds[0]))
-    for speed in speeds[1:]:
-        if _is_solved(folder, speed):
-            here = load_solution(_path(folder, speed))
-        else:
-            here = step(here, speed, halvings=2)
-            _keep(folder, here)
-
-
-def _keep(folder: Path, solution: Solution) -> None:
-    save_solution(_path(folder, solution.problem.speed), dataclasses.replace(solution, checks=verify(solution)))
-
-
-def _claim(folder: Path, settings: FamilyConfig) -> None:
-    """Make the folder this family's."""
-    card = folder / "family.json"
-    if card.is_file() and config.load_config(FamilyConfig, card) != settings:
-        raise UserError(f"{folder} holds a family of other settings (see {card}): choose another folder or remove it")
-    folder.mkdir(parents=True, exist_ok=True)
-    config.save_config(card, settings)
-
-
-def _path(folder: Path, speed: float) -> Path:
-    return folder / f"speed-{speed:05.2f}"
-
-
-def _is_solved(folder: Path, speed: float) -> bool:
-    path = _path(folder, speed)
-    return path.with_name(path.name + ".json").is_file()

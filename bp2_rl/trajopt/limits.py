@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.solution import Solution
+from bp2_rl.trajopt.solution import NotSolved, Solution
 from bp2_rl.workers import spawned
 
 CHANGES: dict[str, dict[str, Any]] = {
@@ -46,7 +46,7 @@ def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
 
 
 def _search(problem: Problem) -> Solution | None:
-    from bp2_rl.trajopt.collocation import NotSolved, fastest, solve
+    from bp2_rl.trajopt.collocation import fastest, solve
 
     found = []
     for speed in (problem.speed, 0.8 * problem.speed):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
@@ -21,12 +22,12 @@ Y_AXIS = (0.0, 1.0, 0.0)
 class Terms(NamedTuple):
     """What the equations of motion are made of, in one state; n coordinates, c contact coordinates."""
 
-    mass: np.ndarray  # (n, n) M
-    bias: np.ndarray  # (n,) h = C + G
-    passive: np.ndarray  # (n,) tau_p: springs, their damping and stops
-    contact: np.ndarray  # (c,) phi, m: (x, z) of each foot
-    jacobian: np.ndarray  # (c, n) J
-    convective: np.ndarray  # (c,) dJ/dt v, m/s2
+    mass: Float[np.ndarray, "n n"]  # M
+    bias: Float[np.ndarray, " n"]  # h = C + G
+    passive: Float[np.ndarray, " n"]  # tau_p: springs, their damping and stops
+    contact: Float[np.ndarray, " c"]  # phi, m: (x, z) of each foot
+    jacobian: Float[np.ndarray, "c n"]  # J
+    convective: Float[np.ndarray, " c"]  # dJ/dt v, m/s2
 
 
 class PlanarModel:
@@ -51,8 +52,8 @@ class PlanarModel:
         """The model that a problem is about."""
         return cls(problem.stride.legs, problem.hardware, problem.foot_radius)
 
-    def terms(self, q: np.ndarray, v: np.ndarray) -> Terms:
-        """The terms at coordinates `q` and velocities `v`, (n,) each."""
+    def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
+        """The terms at coordinates `q` and velocities `v`."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(model, data)
@@ -62,8 +63,8 @@ class PlanarModel:
         phi, J, Jdot = (np.concatenate(parts) for parts in zip(*map(self._foot, self._toes), strict=True))
         return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
 
-    def passive(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """tau_p, (n,): linear springs and dampers, and at either end of their travel a one-sided rounded stop."""
+    def passive(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """tau_p: linear springs and dampers, and at either end of their travel a one-sided rounded stop."""
         hardware, s = self.hardware, q[self.springs]
         stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
         force = np.zeros_like(q)
@@ -74,8 +75,10 @@ class PlanarModel:
         )
         return force
 
-    def accelerate(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, rows: list[int]) -> tuple[np.ndarray, ...]:
-        """Acceleration (n,), and forces (N) that keep the contact coordinates `rows` unaccelerated.
+    def accelerate(
+        self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], tau: Float[np.ndarray, " motors"], rows: list[int]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
+        """Acceleration, and forces (N) that keep the contact coordinates `rows` unaccelerated.
 
         [M  -J^T] [a]   [B tau + tau_p - h]
         [J   0  ] [F] = [    -dJ/dt v     ]
@@ -85,8 +88,10 @@ class PlanarModel:
         push[self.motors] += tau
         return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
 
-    def land(self, q: np.ndarray, v: np.ndarray, rows: list[int]) -> tuple[np.ndarray, ...]:
-        """Velocity after an inelastic impact (n,), and the impulses (N s) that stop the contact coordinates `rows`.
+    def land(
+        self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], rows: list[int]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
+        """Velocity after an inelastic impact, and the impulses (N s) that stop the contact coordinates `rows`.
 
         [M  -J^T] [ v+   ]   [M v-]
         [J   0  ] [Lambda] = [ 0  ]
@@ -94,7 +99,7 @@ class PlanarModel:
         terms = self.terms(q, v)
         return _solve_with_contact(terms.mass, terms.jacobian[rows], terms.mass @ v, np.zeros(len(rows)))
 
-    def _foot(self, toe: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _foot(self, toe: int) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
         """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the derivative of that."""
         model, data, r = self._model, self._data, self.foot_radius
         centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - specs.TOE_LENGTH)
@@ -153,8 +158,11 @@ def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
 
 
 def _solve_with_contact(
-    mass: np.ndarray, jacobian: np.ndarray, push: np.ndarray, contact: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    mass: Float[np.ndarray, "n n"],
+    jacobian: Float[np.ndarray, "held n"],
+    push: Float[np.ndarray, " n"],
+    contact: Float[np.ndarray, " held"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
     """x and multiplier f with M x = push + J^T f and J x = contact."""
     nothing = np.zeros((len(jacobian), len(jacobian)))
     system = np.block([[mass, -jacobian.T], [jacobian, nothing]])
@@ -162,6 +170,6 @@ def _solve_with_contact(
     return found[: len(mass)], found[len(mass) :]
 
 
-def _hinge(u: np.ndarray) -> np.ndarray:
+def _hinge(u: Float[np.ndarray, " springs"]) -> Float[np.ndarray, " springs"]:
     """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
     return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

@@ -1,12 +1,12 @@
 """What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
 
 import dataclasses
-import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from bp2_rl.errors import UserError
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BP2, HardwareSpec
 
@@ -16,14 +16,21 @@ STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this 
 
 Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
 Gait = Literal["trot", "two-leg"]
+Speed = Annotated[float, Within(0.01, 100.0)]
+"""m/s; files name speeds in this range in their order."""
+SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
+MOST_SPEEDS = 1000
+"""More of them are a slip of the pen: at a minute each they take a day."""
+Intervals = Annotated[int, Within(2, 500)]
+Starts = Annotated[int, Within(1, 1000)]
 
 
-def motor_coordinates(legs: tuple[str, ...]) -> np.ndarray:
+def motor_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " motors"]:
     """Indices into q that have a motor: hip and knee of each leg in turn."""
     return np.array([TRUNK + PER_LEG * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
 
 
-def spring_coordinates(legs: tuple[str, ...]) -> np.ndarray:
+def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
     """Indices into q that are a spring's compression."""
     return TRUNK + PER_LEG * np.arange(len(legs)) + 2
 
@@ -67,13 +74,13 @@ class Stride:
         return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment + 1))
 
     @property
-    def next_coordinates(self) -> np.ndarray:
+    def next_coordinates(self) -> Int[np.ndarray, " nq"]:
         """The stride's final q at these indices is the next stride's initial q (but for x)."""
         blocks = [TRUNK + PER_LEG * self.legs.index(leg) for leg in self.then]
         return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(PER_LEG))])
 
     @property
-    def next_motors(self) -> np.ndarray:
+    def next_motors(self) -> Int[np.ndarray, " motors"]:
         """Likewise for the motors, and for contact coordinates and forces."""
         return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
 
@@ -90,50 +97,38 @@ STRIDES: dict[Gait, Stride] = {
 class Weights:
     """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
 
-    power: float = 1.0  # omega_p
-    load: float = 1.0  # omega_f
-    smoothness: float = 1.0  # omega_s, on changes within `smoothness_time`
-    force: float = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
-    smoothness_time: float = specs.CONTROL_STEP  # s
+    power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
+    load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f
+    smoothness: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_s, on changes within `smoothness_time`
+    force: Annotated[float, Within(1.0, 1e6)] = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
+    smoothness_time: Annotated[float, Within(0.0, 1.0)] = specs.CONTROL_STEP  # s
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
-        for field in dataclasses.fields(self):
-            value, divides = getattr(self, field.name), field.name == "force"
-            if not (math.isfinite(value) and (value > 0 if divides else value >= 0)):
-                raise UserError(
-                    f"weights.{field.name} must be a finite number {'>' if divides else '>='} 0, got {value}"
-                )
+        check_bounds(self, "weights.")
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
     """A trajectory to find: speed, robot, gait, limits, cost and mesh."""
 
-    speed: float = 10.0  # m/s
+    speed: Speed = 10.0  # m/s
     gait: Gait = "trot"
     scheme: Scheme = "hermite-simpson"
-    intervals: int = 16  # of each segment
+    intervals: Intervals = 16  # of each segment
     hardware: HardwareSpec = BP2
-    foot_radius: float = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
-    clearance: float = 0.04  # m, of a swinging foot in mid-swing
-    speed_margin: float = 1.0  # largest joint speed, as a share of the no-load speed
-    torque_rate: float = 15e3  # Nm/s, ASSUMED
-    force_rate: float = 100e3  # N/s, ASSUMED
-    pitch_limit: float = 0.3  # rad
+    foot_radius: Annotated[float, Within(0.0, specs.TOE_LENGTH)] = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
+    clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
+    # Largest joint speed, as a share of the no-load speed.
+    speed_margin: Annotated[float, Within(0.01, 10.0)] = 1.0
+    torque_rate: Annotated[float, Within(1.0, 1e9)] = 15e3  # Nm/s, ASSUMED
+    force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
+    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
     weights: Weights = Weights()
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
-                raise UserError(f"{field.name} must be a finite number >= 0, got {value}")
-        for name in ("speed", "speed_margin", "torque_rate", "force_rate", "pitch_limit"):
-            if getattr(self, name) == 0:
-                raise UserError(f"{name} must be greater than 0")
-        if self.intervals < 2:
-            raise UserError(f"intervals must be an integer >= 2, got {self.intervals}")
+        check_bounds(self)
 
     @property
     def stride(self) -> Stride:
@@ -141,9 +136,22 @@ class Problem:
         return STRIDES[self.gait]
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> Float[np.ndarray, " points"]:
         """Where a segment's points are, as shares of its duration."""
         return np.linspace(0.0, 1.0, 2 * self.intervals + 1 if self.scheme == "hermite-simpson" else self.intervals + 1)
+
+    @property
+    def quadrature(self) -> Float[np.ndarray, " points"]:
+        """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal one, or, as the paper's scheme
+        takes forces for velocities, the left ends."""
+        weights = np.ones(len(self.points))
+        if self.scheme == "hermite-simpson":
+            weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+        elif self.scheme == "trapezoid":
+            weights[1:-1] = 2.0
+        else:
+            weights[-1] = 0.0
+        return weights / np.sum(weights)
 
     def at(self, speed: float) -> "Problem":
         """The same at another speed, m/s."""

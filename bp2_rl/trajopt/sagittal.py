@@ -22,9 +22,11 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt.problem import PER_LEG, STOP_ROUNDING, TRUNK, motor_coordinates, spring_coordinates
 
@@ -57,7 +59,7 @@ class SagittalModel:
     impact: ca.Function  # (q, v before, v after, Lambda, p) -> M (v+ - v-) - J^T Lambda, n
 
 
-def design_vector(hardware: HardwareSpec) -> np.ndarray:
+def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
     """The hardware parameters that the model's functions take as their last argument."""
     return np.array([getattr(hardware, name) for name in DESIGN])
 
@@ -127,11 +129,6 @@ def build_model(
     )
 
 
-def hip_position(leg: str) -> float:
-    """Fore-aft position of a leg's hip on the trunk, m."""
-    return specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
-
-
 def _bodies(legs: Sequence[str], q: ca.SX, leg_length: ca.SX) -> list[tuple[float, float, ca.SX, ca.SX]]:
     """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
     quarters = len(legs)
@@ -139,40 +136,23 @@ def _bodies(legs: Sequence[str], q: ca.SX, leg_length: ca.SX) -> list[tuple[floa
     pitch_inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
     bodies = [(quarters * specs.TRUNK_QUARTER_MASS, quarters * pitch_inertia, q[0:2], q[2])]
     for leg in range(len(legs)):
-        hip, knee, thigh, lower, compression = _leg(legs, leg, q, leg_length)
-        down_thigh, down_lower = _down(thigh), _down(lower)
-        sole = leg_length - compression
-        bodies += [
-            (specs.THIGH_MASS, specs.THIGH_INERTIA, hip + specs.THIGH_COM * down_thigh, thigh),
-            (
-                specs.SHANK_MASS,
-                specs.SHANK_INERTIA,
-                knee + (specs.SHANK_LENGTH + specs.SHANK_COM) * down_lower,
-                lower,
-            ),
-            (specs.TOE_MASS, specs.TOE_INERTIA, knee + (sole + specs.TOE_COM) * down_lower, lower),
-        ]
+        links, compression = _leg(legs, leg, q, leg_length)
+        for mass, inertia, centre, angle in planar_bodies(ca, links, leg_length - compression):
+            bodies.append((mass, inertia, ca.vertcat(*centre), angle))
     return bodies
 
 
 def _contact(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX, radius: float) -> ca.SX:
     """phi of one foot, m."""
-    _, knee, _, lower, compression = _leg(legs, leg, q, leg_length)
-    centre = knee + (leg_length - compression - radius) * _down(lower)
-    return centre - ca.vertcat(radius * lower, radius)
+    links, compression = _leg(legs, leg, q, leg_length)
+    centre = planar_along(ca, links.knee, links.lower, leg_length - compression - radius)
+    return ca.vertcat(*centre) - ca.vertcat(radius * links.lower, radius)
 
 
-def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Hip and knee (x, z), the angles of thigh and lower leg, and the spring's compression."""
-    base = TRUNK + PER_LEG * leg
-    hip = q[0:2] + hip_position(legs[leg]) * ca.vertcat(ca.cos(q[2]), -ca.sin(q[2]))
-    thigh = q[2] + q[base]
-    return hip, hip + leg_length * _down(thigh), thigh, thigh + q[base + 1], q[base + 2]
-
-
-def _down(angle: ca.SX) -> ca.SX:
-    """Unit vector (x, z) down a link whose angle about +y is `angle`."""
-    return ca.vertcat(-ca.sin(angle), -ca.cos(angle))
+def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[PlanarLeg, ca.SX]:
+    """The links, and the spring's compression."""
+    hip, knee, compression = (q[TRUNK + PER_LEG * leg + i] for i in range(PER_LEG))
+    return planar_leg(ca, (q[0], q[1]), q[2], hip_fore_aft(legs[leg]), hip, knee, leg_length), compression
 
 
 def _hinge(u: ca.SX) -> ca.SX:

@@ -7,7 +7,7 @@ from typing import get_args
 from rich.table import Table
 
 from bp2_rl.trajopt.problem import Problem, Scheme
-from bp2_rl.trajopt.solution import Solution, Trajectory, resample
+from bp2_rl.trajopt.solution import Motion, Solution, resample
 from bp2_rl.trajopt.verify import summarise, verify
 
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
@@ -32,7 +32,7 @@ class SchemeRow:
 
 
 def compare_schemes(
-    solve: Callable[[Problem, Trajectory | None], Solution],
+    solve: Callable[[Problem, Motion | None], Solution],
     problem: Problem,
     meshes: Sequence[int] = (8, 16, 32, 64),
     schemes: Sequence[Scheme] = SCHEMES,
@@ -52,7 +52,7 @@ def compare_schemes(
         solution = None
         for intervals in meshes:
             on_mesh = dataclasses.replace(problem, scheme=scheme, intervals=intervals)
-            start = None if solution is None else resample(solution.problem, solution.trajectory, on_mesh)
+            start = None if solution is None else resample(solution.problem, solution.motion, on_mesh)
             solution = solve(on_mesh, start)
             yield SchemeRow(scheme, intervals, verify(solution) | summarise(solution))
 

@@ -3,63 +3,90 @@
 import contextlib
 import dataclasses
 import importlib.metadata
-import json
-import zipfile
+from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl import config
 from bp2_rl.errors import UserError
-from bp2_rl.files import write_text
+from bp2_rl.files import ArraySpec, read_json, read_npz, write_npz
+from bp2_rl.polynomials import hermite, line, parabola
 from bp2_rl.trajopt.problem import Problem
 
 FORMAT = 1
+MEND = "solve it again"
+
+
+class NotSolved(UserError):
+    """IPOPT found no trajectory; the message says how it ended."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Trajectory:
-    """A stride on its mesh. Axes: segment, point of the segment, then what the name says.
-
-    Coordinates, motors and contact coordinates are in the order of `Stride.legs`; see `sagittal` for their meaning.
+class Motion:
+    """A stride on its mesh. Coordinates, motors and contact coordinates are in the order of `Stride.legs`; what they
+    mean is said in `sagittal`. Contact coordinates are (x, z) of each leg in turn.
     """
 
-    durations: np.ndarray  # (segments,) s
-    q: np.ndarray  # (segments, points, nq) m, rad
-    v: np.ndarray  # (segments, points, nq) m/s, rad/s
-    a: np.ndarray  # (segments, points, nq) m/s2, rad/s2
-    tau: np.ndarray  # (segments, points, 2 legs) Nm
-    force: np.ndarray  # (segments, points, 2 legs) N, (x, z) of each leg; zero in swing
-    impulse: np.ndarray  # (segments, 2 legs) N s, at the beginning of each segment
+    durations: Float[np.ndarray, " segments"]  # s
+    q: Float[np.ndarray, "segments points nq"]  # m, rad
+    v: Float[np.ndarray, "segments points nq"]  # m/s, rad/s
+    a: Float[np.ndarray, "segments points nq"]  # m/s2, rad/s2
+    tau: Float[np.ndarray, "segments points motors"]  # Nm
+    force: Float[np.ndarray, "segments points contacts"]  # N; zero in swing
+    impulse: Float[np.ndarray, "segments contacts"]  # N s, at the beginning of each segment
+
+    @property
+    def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
+        """By name."""
+        return {name: getattr(self, name) for name in ARRAYS}
+
+
+Points = Float[np.ndarray, "segments points _"]
+Instants = Float[np.ndarray, "instants _"]
+ARRAYS = tuple(field.name for field in dataclasses.fields(Motion))
 
 
 class Moment(NamedTuple):
-    """A trajectory at some instants of one segment; axes: instant, then as in `Trajectory`."""
+    """A motion at some instants of one segment; the columns are those of `Motion`."""
 
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    tau: np.ndarray
-    force: np.ndarray
+    q: Float[np.ndarray, "instants nq"]
+    v: Float[np.ndarray, "instants nq"]
+    a: Float[np.ndarray, "instants nq"]
+    tau: Float[np.ndarray, "instants motors"]
+    force: Float[np.ndarray, "instants contacts"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Solution:
-    """A trajectory that satisfies its problem."""
+class Facts:
+    """How a solve went."""
 
-    problem: Problem
-    trajectory: Trajectory
     cost: float
     violation: float  # largest violation of any constraint, in the program's own scaled units
     iterations: int
     seconds: float  # wall time of the solve
     checks: dict[str, float] = dataclasses.field(default_factory=dict)  # what verify.py measured
 
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A motion that satisfies its problem."""
+
+    problem: Problem
+    motion: Motion
+    cost: float
+    violation: float  # these as in `Facts`
+    iterations: int
+    seconds: float
+    checks: dict[str, float] = dataclasses.field(default_factory=dict)
+
     @property
     def period(self) -> float:
         """Duration of a whole gait cycle, s."""
-        return float(np.sum(self.trajectory.durations)) / self.problem.stride.cycles
+        return float(np.sum(self.motion.durations)) / self.problem.stride.cycles
 
     @property
     def duty(self) -> float:
@@ -67,96 +94,139 @@ class Solution:
         stride = self.problem.stride
         leg = stride.standing[0][0]
         standing = [leg in feet for feet in stride.standing]
-        return float(np.sum(self.trajectory.durations[standing])) / self.period
+        return float(np.sum(self.motion.durations[standing])) / self.period
+
+    @property
+    def facts(self) -> Facts:
+        """How its solve went."""
+        return Facts(self.cost, self.violation, self.iterations, self.seconds, self.checks)
 
 
-def sample(problem: Problem, trajectory: Trajectory, segment: int, share: np.ndarray) -> Moment:
-    """The trajectory at shares (0 to 1) of a segment, by the polynomials that its scheme stands for.
+# --- Between the mesh's points --------------------------------------------------------------------------------
+
+
+def sample(problem: Problem, motion: Motion, segment: int, share: Float[np.ndarray, " instants"]) -> Moment:
+    """The motion at shares (0 to 1) of a segment, by the polynomials that its scheme stands for.
 
     Hermite-Simpson: q and v cubic, tau, force and a quadratic in each interval. Trapezoid: v quadratic, the others
     linear. The paper's scheme: v linear, tau, force and a constant. q is always the cubic through its ends' q and v.
     """
-    duration, intervals = trajectory.durations[segment], problem.intervals
+    duration, intervals = motion.durations[segment], problem.intervals
     position = np.clip(share, 0.0, 1.0) * intervals
     k = np.minimum(position.astype(int), intervals - 1)
     s = (position - k)[:, None]
     h = duration / intervals
     step = 2 if problem.scheme == "hermite-simpson" else 1
 
-    def ends(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def ends(x: Points) -> tuple[Instants, Instants]:
         return x[segment, step * k], x[segment, step * k + step]
 
-    def linear(x: np.ndarray) -> np.ndarray:
-        left, right = ends(x)
-        return left + s * (right - left)
+    def linear(x: Points) -> Instants:
+        return line(s, *ends(x))
 
-    def held(x: np.ndarray) -> np.ndarray:
+    def held(x: Points) -> Instants:
         return ends(x)[0]
 
-    def quadratic(x: np.ndarray) -> np.ndarray:
+    def quadratic(x: Points) -> Instants:
         left, right = ends(x)
-        middle = x[segment, 2 * k + 1]
-        return left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
+        return parabola(s, left, x[segment, 2 * k + 1], right)
 
-    def cubic(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        (left, right), (out, into) = ends(x), ends(rate)
-        return (
-            left * (1 + 2 * s) * (1 - s) ** 2
-            + right * s**2 * (3 - 2 * s)
-            + h * (out * s * (1 - s) ** 2 - into * s**2 * (1 - s))
-        )
+    def cubic(x: Points, rate: Points) -> Instants:
+        return hermite(s, h, *ends(x), *ends(rate))
 
     rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[problem.scheme]
     return Moment(
-        q=cubic(trajectory.q, trajectory.v),
-        v=linear(trajectory.v) if problem.scheme == "paper" else cubic(trajectory.v, trajectory.a),
-        a=rule(trajectory.a),
-        tau=rule(trajectory.tau),
-        force=rule(trajectory.force),
+        q=cubic(motion.q, motion.v),
+        v=linear(motion.v) if problem.scheme == "paper" else cubic(motion.v, motion.a),
+        a=rule(motion.a),
+        tau=rule(motion.tau),
+        force=rule(motion.force),
     )
 
 
-def resample(problem: Problem, trajectory: Trajectory, onto: Problem) -> Trajectory:
-    """The trajectory on the mesh of another problem with the same stride."""
-    segments = range(len(trajectory.durations))
-    moments = [sample(problem, trajectory, segment, onto.points) for segment in segments]
+def resample(problem: Problem, motion: Motion, onto: Problem) -> Motion:
+    """The motion on the mesh of another problem with the same stride."""
+    segments = range(len(motion.durations))
+    moments = [sample(problem, motion, segment, onto.points) for segment in segments]
     q, v, a, tau, force = (np.stack(parts) for parts in zip(*moments, strict=True))
-    return Trajectory(trajectory.durations, q, v, a, tau, force, trajectory.impulse)
+    return Motion(motion.durations, q, v, a, tau, force, motion.impulse)
+
+
+# --- On disk --------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Card(Facts):
+    """What is beside the arrays."""
+
+    format: int
+    problem: Problem
+    versions: dict[str, str]
 
 
 def save_solution(path: Path, solution: Solution) -> None:
     """Write `path`.npz with the arrays and `path`.json with problem, figures and versions; each whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    arrays = {field.name: getattr(solution.trajectory, field.name) for field in dataclasses.fields(Trajectory)}
-    temporary = path.with_name(f".{path.name}.tmp.npz")
-    np.savez_compressed(temporary, **arrays)
-    temporary.replace(path.with_name(path.name + ".npz"))
-    facts = {name: getattr(solution, name) for name in ("cost", "violation", "iterations", "seconds", "checks")}
-    card = {"format": FORMAT, "problem": config.to_json(solution.problem), **facts, "versions": versions()}
-    write_text(path.with_name(path.name + ".json"), json.dumps(card, indent=2) + "\n")
+    write_npz(_beside(path, ".npz"), solution.motion.arrays, compressed=True)
+    card = _Card(**vars(solution.facts), format=FORMAT, problem=solution.problem, versions=versions())
+    config.save_config(_beside(path, ".json"), card)
 
 
-def load_solution(path: Path) -> Solution:
+def load_solution(path: Path, problem: Problem | None = None) -> Solution:
     """The solution that `save_solution` wrote to `path`.
 
+    Args:
+        path: without suffix.
+        problem: what it must be a solution of, if that is known.
+
     Raises:
-        UserError: a file is missing, broken, or of another format.
+        UserError: a file is missing, broken, of another format, or holds the solution of another problem.
     """
     try:
-        card = json.loads(path.with_name(path.name + ".json").read_text(encoding="utf-8"))
-        # Opened here, as np.load leaves what it cannot read open.
-        with path.with_name(path.name + ".npz").open("rb") as stream, np.load(stream) as arrays:
-            trajectory = Trajectory(**{field.name: arrays[field.name] for field in dataclasses.fields(Trajectory)})
-        if card["format"] != FORMAT:
-            raise UserError(f"solution {path} has format {card['format']}, this version reads {FORMAT}: solve it again")
-        if not all(np.isfinite(getattr(trajectory, field.name)).all() for field in dataclasses.fields(Trajectory)):
-            raise UserError(f"solution {path} holds numbers that are not finite: solve it again")
-        facts: dict[str, Any] = {name: card[name] for name in ("cost", "violation", "iterations", "seconds", "checks")}
-        return Solution(config.from_json(Problem, card["problem"]), trajectory, **facts)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(f"solution {path} cannot be read ({error}): solve it again") from error
+        written = read_json(_beside(path, ".json"))
+        if isinstance(written, dict) and written.get("format") != FORMAT:
+            raise UserError(f"it has format {written.get('format')!r}, this version reads {FORMAT}")
+        card = config.from_json(_Card, written)
+        motion = Motion(**read_npz(_beside(path, ".npz"), array_specs(card.problem)))
+        if unfit := not_finite(motion.arrays):
+            raise UserError(f"it holds numbers in {unfit} that are not finite")
+    except UserError as error:
+        raise UserError(f"solution {path} cannot be read ({error}): {MEND}") from error
+    if problem is not None and card.problem != problem:
+        raise UserError(
+            f"{path} holds the solution of another problem, at {card.problem.speed:.9g} m/s: "
+            "choose another folder or remove it"
+        )
+    return Solution(card.problem, motion, card.cost, card.violation, card.iterations, card.seconds, card.checks)
+
+
+def is_saved(path: Path) -> bool:
+    """Whether `save_solution` has come to its end there."""
+    return _beside(path, ".json").is_file()
+
+
+def speed_name(speed: float) -> str:
+    """How files name a speed: exactly, and in its order up to 100 m/s; such as speed-08.50 or speed-10.003."""
+    whole, _, decimals = format(Decimal(repr(speed)), "f").partition(".")
+    return f"speed-{whole:0>2}.{decimals:0<2}"
+
+
+def array_specs(problem: Problem) -> dict[str, ArraySpec]:
+    """What the arrays of a solution of `problem` are."""
+    stride = problem.stride
+    segments, points, both = len(stride.standing), len(problem.points), 2 * len(stride.legs)
+    shapes = {
+        "durations": (segments,),
+        **dict.fromkeys("qva", (segments, points, stride.nq)),
+        **dict.fromkeys(("tau", "force"), (segments, points, both)),
+        "impulse": (segments, both),
+    }
+    return {name: ArraySpec(np.floating, shape) for name, shape in shapes.items()}
+
+
+def not_finite(arrays: Mapping[str, Float[np.ndarray, "..."]]) -> str:
+    """The name of the first array that holds NaN or an infinity; empty if none does."""
+    return next((name for name, array in arrays.items() if not np.isfinite(array).all()), "")
 
 
 def versions() -> dict[str, str]:
@@ -165,3 +235,7 @@ def versions() -> dict[str, str]:
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):
         found["casadi"] = importlib.metadata.version("casadi")
     return found
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(path.name + suffix)

@@ -9,8 +9,7 @@ from pathlib import Path
 from bp2_rl import config
 from bp2_rl.errors import UserError
 from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.solution import Solution, load_solution, save_solution
-from bp2_rl.trajopt.verify import verify
+from bp2_rl.trajopt.solution import NotSolved, Solution, load_solution, save_solution, speed_name
 from bp2_rl.workers import spawned
 
 
@@ -35,13 +34,12 @@ def sweep(problem: Problem, speeds: Sequence[float], starts: int, folder: Path, 
     Raises:
         UserError: the folder holds a sweep of another problem.
     """
-    _claim(folder, problem)
+    config.claim_folder(folder, "sweep.json", problem, "a sweep")
     todo = []
     for speed in speeds:
         for start in range(starts):
-            record = _record(folder, speed, start)
-            if record.is_file():
-                yield config.load_config(Attempt, record)
+            if (record := _record(folder, speed, start)).is_file():
+                yield _read(record, speed, start)
             else:
                 todo.append((speed, start))
     with spawned(workers) as pool:
@@ -60,16 +58,19 @@ def best_of(folder: Path) -> list[Solution]:
     solved = [attempt for attempt in attempts if attempt.solved]
     if not solved:
         raise UserError(f"{folder} holds no solved sweep: run `bp2 trajopt sweep --out {folder}`")
+    problem = config.load_config(Problem, folder / "sweep.json")
     best: dict[float, Attempt] = {}
     for attempt in solved:
         if attempt.speed not in best or attempt.cost < best[attempt.speed].cost:
             best[attempt.speed] = attempt
-    return [load_solution(_path(folder, speed, best[speed].start)) for speed in sorted(best)]
+    return [load_solution(_path(folder, speed, best[speed].start), problem.at(speed)) for speed in sorted(best)]
 
 
 def _attempt(problem: Problem, start: int, folder: Path) -> Attempt:
     """Solve once, keep what came of it, and say how it ended."""
-    from bp2_rl.trajopt.collocation import NotSolved, cold_guess, solve
+    from bp2_rl.trajopt.collocation import solve
+    from bp2_rl.trajopt.guess import cold_guess
+    from bp2_rl.trajopt.verify import verify
 
     began = time.perf_counter()
     try:
@@ -83,18 +84,18 @@ def _attempt(problem: Problem, start: int, folder: Path) -> Attempt:
     return attempt
 
 
-def _claim(folder: Path, problem: Problem) -> None:
-    """Make the folder this problem's."""
-    card = folder / "sweep.json"
-    if card.is_file() and config.load_config(Problem, card) != problem:
-        raise UserError(f"{folder} holds a sweep of another problem (see {card}): choose another --out or remove it")
-    folder.mkdir(parents=True, exist_ok=True)
-    config.save_config(card, problem)
+def _read(record: Path, speed: float, start: int) -> Attempt:
+    attempt = config.load_config(Attempt, record)
+    if (attempt.speed, attempt.start) != (speed, start):
+        raise UserError(
+            f"{record} is about start {attempt.start} at {attempt.speed:.9g} m/s: choose another folder, or remove it"
+        )
+    return attempt
 
 
 def _path(folder: Path, speed: float, start: int) -> Path:
-    return folder / f"speed-{speed:05.2f}-start-{start}"
+    return folder / f"{speed_name(speed)}-start-{start}"
 
 
 def _record(folder: Path, speed: float, start: int) -> Path:
-    return folder / f"speed-{speed:05.2f}-start-{start}.attempt.json"
+    return folder / f"{speed_name(speed)}-start-{start}.attempt.json"

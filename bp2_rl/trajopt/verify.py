@@ -13,12 +13,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.trajopt.planar import PlanarModel
 from bp2_rl.trajopt.problem import Problem, contact_rows
-from bp2_rl.trajopt.solution import Moment, Solution, Trajectory, sample
+from bp2_rl.trajopt.solution import Moment, Motion, Solution, sample
 
 UNITS = {
     "speed": "m/s",
@@ -101,30 +102,31 @@ def verify(solution: Solution) -> dict[str, float]:
 
 
 def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
-    """A line for each figure that is beyond its limit; none if the solution is sound. NaN is beyond any limit."""
+    """A line for each figure that is beyond its limit; none if the solution is sound. NaN, or none, is beyond."""
     lines = []
+    speed = figures.get("speed", math.nan)
     for figure, limit in dataclasses.asdict(tolerances).items():
-        if figure in ("position_error", "velocity_error") and not (
-            RESIMULATED[0] <= figures["speed"] <= RESIMULATED[1]
-        ):
+        if figure in ("position_error", "velocity_error") and (speed < RESIMULATED[0] or speed > RESIMULATED[1]):
             continue
-        value, least = figures[figure], figure in LEAST
+        value, least = figures.get(figure, math.nan), figure in LEAST
         if not (value >= limit if least else value <= limit):
             side = "below" if least else "above"
             lines.append(f"{figure} is {value:.3g} {UNITS[figure]}, {side} its limit of {limit:g}")
     return lines
 
 
-def resimulate(solution: Solution, rtol: float = 1e-9) -> tuple[np.ndarray, np.ndarray]:
-    """q and v at the mesh's points as its torques and durations make them: (segments, points, nq) each.
+def resimulate(
+    solution: Solution, rtol: float = 1e-9
+) -> tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]]:
+    """q and v at the mesh's points as its torques and durations make them.
 
     From the solution's own state after the first impact, standing feet held exactly, every landing a perfectly
     inelastic impact; DOP853, interval by interval, as torques have corners where intervals meet. NaN from where the
     integrator gives up.
     """
     model, stride = PlanarModel.of(solution.problem), solution.problem.stride
-    q, v = (np.full_like(x, math.nan) for x in (solution.trajectory.q, solution.trajectory.v))
-    q_now, v_now = solution.trajectory.q[0, 0], solution.trajectory.v[0, 0]
+    q, v = (np.full_like(x, math.nan) for x in (solution.motion.q, solution.motion.v))
+    q_now, v_now = solution.motion.q[0, 0], solution.motion.v[0, 0]
     for i in range(len(stride.standing)):
         if i > 0 and (landing := contact_rows(stride.legs, stride.touchdowns(i))):
             v_now, _ = model.land(q_now, v_now, landing)
@@ -135,7 +137,7 @@ def resimulate(solution: Solution, rtol: float = 1e-9) -> tuple[np.ndarray, np.n
 
 def summarise(solution: Solution) -> dict[str, float]:
     """What a stride amounts to: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
-    moments = [moment for _, moment in _fine(solution.problem, solution.trajectory)]
+    moments = [moment for _, moment in _fine(solution.problem, solution.motion)]
     return {
         "period": solution.period,
         "duty": solution.duty,
@@ -151,11 +153,11 @@ def mesh_change(solution: Solution, finer: Solution) -> dict[str, float]:
 
 
 def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
-    trajectory, stride = solution.trajectory, solution.problem.stride
+    motion, stride = solution.motion, solution.problem.stride
     residual = speed = drift = 0.0
     for i, feet in enumerate(stride.standing):
         rows, feet_at = contact_rows(stride.legs, feet), []
-        for q, v, a, tau, force in zip(*(x[i] for x in _series(trajectory)), strict=True):
+        for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
             push[model.motors] += tau
@@ -172,11 +174,11 @@ def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
     stride = solution.problem.stride
     impact = step = kick = 0.0
     for i, (q_before, v_before) in enumerate(_befores(solution)):
-        q, v = solution.trajectory.q[i, 0], solution.trajectory.v[i, 0]
+        q, v = solution.motion.q[i, 0], solution.motion.v[i, 0]
         step = max(step, np.max(np.abs(q - q_before)))
         if stride.touchdowns(i):
             terms = model.terms(q, v)
-            residual = terms.mass @ (v - v_before) - terms.jacobian.T @ solution.trajectory.impulse[i]
+            residual = terms.mass @ (v - v_before) - terms.jacobian.T @ solution.motion.impulse[i]
             impact = max(impact, np.max(np.abs(residual)))
         else:
             kick = max(kick, np.max(np.abs(v - v_before)))
@@ -184,22 +186,22 @@ def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
 
 
 def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
-    problem, trajectory = solution.problem, solution.trajectory
+    problem, motion = solution.problem, solution.motion
     x, w = np.polynomial.legendre.leggauss(QUADRATURE)
     shares = (np.arange(problem.intervals)[:, None] + (x + 1.0) / 2.0).ravel() / problem.intervals
     weights = np.tile(w / 2.0, problem.intervals) / problem.intervals
     net = positive = damped = lost = 0.0
-    impulse = trajectory.impulse.sum(axis=0)
+    impulse = motion.impulse.sum(axis=0)
     for i, (_, v_before) in enumerate(_befores(solution)):
-        moment, dt = sample(problem, trajectory, i, shares), trajectory.durations[i] * weights
+        moment, dt = sample(problem, motion, i, shares), motion.durations[i] * weights
         power = moment.tau * moment.v[:, model.motors]
         net += dt @ power.sum(axis=1)
         positive += dt @ np.maximum(power, 0.0).sum(axis=1)
         damped += problem.hardware.spring_damping * dt @ (moment.v[:, model.springs] ** 2).sum(axis=1)
         impulse = impulse + dt @ moment.force
-        mass = model.terms(trajectory.q[i, 0], v_before).mass
-        lost += _kinetic(mass, v_before) - _kinetic(mass, trajectory.v[i, 0])
-    weight = model.weight * np.sum(trajectory.durations)
+        mass = model.terms(motion.q[i, 0], v_before).mass
+        lost += _kinetic(mass, v_before) - _kinetic(mass, motion.v[i, 0])
+    weight = model.weight * np.sum(motion.durations)
     return {
         "energy_residual": float(abs(net - damped - lost) / positive),
         "impulse_residual_x": float(abs(np.sum(impulse[0::2])) / weight),
@@ -208,10 +210,10 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
 
 
 def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
-    problem, trajectory = solution.problem, solution.trajectory
+    problem, motion = solution.problem, solution.motion
     stride, actuator = problem.stride, Actuator.from_hardware(problem.hardware)
     push, clearance, excess, fastest, friction = math.inf, math.inf, 0.0, 0.0, 0.0
-    for i, moment in _fine(problem, trajectory):
+    for i, moment in _fine(problem, motion):
         standing = contact_rows(stride.legs, stride.standing[i])
         swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
         push = min(push, np.min(moment.force[:, standing[1::2]], initial=math.inf))
@@ -223,7 +225,7 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         fastest = max(fastest, np.max(np.abs(qd)))
         for along, down, least in (
             (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),
-            (trajectory.impulse[i, 0::2], trajectory.impulse[i, 1::2], 0.0),
+            (motion.impulse[i, 0::2], motion.impulse[i, 1::2], 0.0),
         ):
             slip = np.abs(along[down > least]) / (problem.hardware.friction * down[down > least])
             friction = max(friction, np.max(slip, initial=0.0))
@@ -236,21 +238,29 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     }
 
 
-def _against(simulated: tuple[np.ndarray, np.ndarray], solution: Solution) -> dict[str, float]:
+def _against(
+    simulated: tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]],
+    solution: Solution,
+) -> dict[str, float]:
     q, v = simulated
     return {
-        "position_error": float(np.max(np.abs(q - solution.trajectory.q))),
-        "velocity_error": float(np.max(np.abs(v - solution.trajectory.v))),
+        "position_error": float(np.max(np.abs(q - solution.motion.q))),
+        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
     }
 
 
 def _simulate_segment(
-    model: PlanarModel, solution: Solution, segment: int, q: np.ndarray, v: np.ndarray, rtol: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """q and v at the points of one segment, (points, nq) each, from its beginning."""
+    model: PlanarModel,
+    solution: Solution,
+    segment: int,
+    q: Float[np.ndarray, " nq"],
+    v: Float[np.ndarray, " nq"],
+    rtol: float,
+) -> tuple[Float[np.ndarray, "points nq"], Float[np.ndarray, "points nq"]]:
+    """q and v at the points of one segment from its beginning."""
     problem = solution.problem
     standing = contact_rows(problem.stride.legs, problem.stride.standing[segment])
-    h = solution.trajectory.durations[segment] / problem.intervals
+    h = solution.motion.durations[segment] / problem.intervals
     steps = (len(problem.points) - 1) // problem.intervals
     states = np.full((len(problem.points), 2 * len(q)), math.nan)
     states[0] = np.concatenate([q, v])
@@ -271,34 +281,34 @@ def _simulate_segment(
     return q, v
 
 
-def _torque_polynomial(solution: Solution, segment: int, interval: int) -> np.ndarray:
-    """tau in one interval as (motors, 3) coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
+def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float[np.ndarray, "motors 3"]:
+    """tau in one interval as coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
     s = np.array([0.2, 0.5, 0.8])
     shares = (interval + s) / solution.problem.intervals
-    tau = sample(solution.problem, solution.trajectory, segment, shares).tau
+    tau = sample(solution.problem, solution.motion, segment, shares).tau
     return np.linalg.solve(np.vander(s, increasing=True), tau).T
 
 
-def _befores(solution: Solution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
     """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
-    problem, trajectory, order = solution.problem, solution.trajectory, solution.problem.stride.next_coordinates
-    q, v = trajectory.q[-1, -1, order].copy(), trajectory.v[-1, -1, order]
-    q[0] -= problem.speed * np.sum(trajectory.durations)
+    problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
+    q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
+    q[0] -= problem.speed * np.sum(motion.durations)
     yield q, v
-    yield from zip(trajectory.q[:-1, -1], trajectory.v[:-1, -1], strict=True)
+    yield from zip(motion.q[:-1, -1], motion.v[:-1, -1], strict=True)
 
 
-def _fine(problem: Problem, trajectory: Trajectory) -> Iterator[tuple[int, Moment]]:
+def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
     """Each segment on a grid `FINER` times as fine as the mesh."""
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
-    for segment in range(len(trajectory.durations)):
-        yield segment, sample(problem, trajectory, segment, shares)
+    for segment in range(len(motion.durations)):
+        yield segment, sample(problem, motion, segment, shares)
 
 
-def _series(trajectory: Trajectory) -> tuple[np.ndarray, ...]:
-    return trajectory.q, trajectory.v, trajectory.a, trajectory.tau, trajectory.force
+def _series(motion: Motion) -> tuple[Float[np.ndarray, "segments points _"], ...]:
+    return motion.q, motion.v, motion.a, motion.tau, motion.force
 
 
-def _kinetic(mass: np.ndarray, v: np.ndarray) -> float:
+def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:
     """Kinetic energy, J."""
     return float(v @ mass @ v) / 2.0

@@ -1,6 +1,10 @@
 """How commands end: the exit status, and the one line on standard error."""
 
+import dataclasses
+import subprocess
+import sys
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -61,3 +65,61 @@ def test_a_users_mistake_leaves_no_log(tmp_path):
 
     assert app.run(command) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_work_goes_on_when_nobody_reads_its_output_any_more(tmp_path):
+    program = f"""
+import sys
+from pathlib import Path
+from bp2_rl.cli import app
+
+def command():
+    print("first", flush=True)
+    sys.stdin.readline()  # until the reader has left
+    for _ in range(3):
+        print("more", flush=True)
+    Path({str(tmp_path / "done")!r}).touch()
+
+sys.exit(app.run(command))
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "first\n"
+    process.stdout.close()
+    _, said = process.communicate("\n", timeout=60)
+    assert process.returncode == 0
+    assert said == "nobody reads the output any more; going on in silence\n"
+    assert (tmp_path / "done").exists()
+
+
+@dataclasses.dataclass(frozen=True)
+class Flags:
+    speed: float | None = None
+    robots: int = 1
+    limit: float = 1.0
+    kind: Literal["a", "b"] = "a"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--speed", "fast"], "--speed takes a number or None, got fast"),
+        (["--robots", "1.5"], "--robots takes a whole number, got 1.5"),
+        (["--limit", "x"], "--limit takes a number, got x"),
+        (["--limit"], "--limit needs a value"),
+        (["--kind", "c"], "--kind c: there are a, b"),
+        (["--spede", "3"], "Unrecognized options: --spede, 3; perhaps --speed?"),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    with pytest.raises(UserError) as told:
+        app.parse(Flags, arguments, "tool")
+    assert str(told.value) == f"{line} (see tool --help)"

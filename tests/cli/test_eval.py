@@ -82,7 +82,7 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     assert status == 0
     assert err == ""
     assert "Top speed" in out
-    assert "Held" in out
+    assert "Does not run" in out
     (folder,) = Path("reports").iterdir()
     assert folder.name.startswith("topspeed-")
     assert str(folder / "index.html") in out.replace("\n", "")
@@ -211,7 +211,7 @@ def test_a_failure_names_its_log_and_shows_no_traceback(policy, capsys, monkeypa
     def fail(*_, **__):
         raise RuntimeError("the solver\nexploded")
 
-    monkeypatch.setattr("bp2_rl.evaluation.report.report.write_report", fail)
+    monkeypatch.setattr("bp2_rl.evaluation.report.folder.write_report", fail)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     status, _, err = run(capsys, policy, "--hold", 0.5, "--no-video")
     assert status == 1

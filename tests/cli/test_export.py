@@ -172,7 +172,7 @@ def test_a_mistake_is_one_line(capsys, arguments, words):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "not a JSON file"),
+        ("", "damaged or not JSON"),
         ("[1, 2]", "expected an object"),
         ('{"loss": 3}', "loss: unknown key"),
         ('{"benchmark": "topspeed", "conditions": {}, "metrics": {"best_speed": 1.0}}', "results: missing"),

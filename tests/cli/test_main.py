@@ -4,6 +4,7 @@ import types
 
 import pytest
 
+import bp2_rl
 from bp2_rl.cli.__main__ import COMMANDS, main
 
 
@@ -48,3 +49,8 @@ def test_the_package_runs_as_a_module():
     ended = subprocess.run([sys.executable, "-m", "bp2_rl", "fly"], capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert "no command 'fly'" in ended.stderr
+
+
+def test_the_version_is_the_packages(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"bp2_rl {bp2_rl.__version__}\n"

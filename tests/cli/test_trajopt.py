@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -18,17 +20,36 @@ def test_the_commands_are_listed(capsys):
     ("argv", "message"),
     [
         (["leap"], "no command 'leap'; bp2 trajopt has: solve, sweep"),
-        (["solve", "--speed", "0"], "speed must be greater than 0"),
+        (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
+        (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "gallop"], "gallop"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
         (["solve", "--speed", "60", "--intervals", "2", "--starts", "1"], "no trajectory at 60 m/s"),
-        (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest up to --fastest"),
-        (["solve", "--starts", "0"], "starts must be at least 1, got 0"),
-        (["solve", "--refine", "1"], "--refine must be 0 or at least 2"),
+        (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest (5.0) up to --fastest (4.0)"),
+        (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
+        (["solve", "--refine", "1"], "refine must be 0 or at least 2"),
+        (["solve", "--refine", "-3"], "refine must be from 0 to 500, got -3"),
+        (["solve", "--intervals", "9" * 400], "intervals must be from 2 to 500, got a huge integer"),
         (["solve", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
-        (["sweep", "--starts", "0"], "--starts must be at least 1"),
-        (["sweep", "--workers", "0"], "workers must be at least 1, got 0"),
-        (["library", "build", "--workers", "0"], "workers must be at least 1, got 0"),
+        (["sweep", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
+        (["sweep", "--workers", "0"], "workers must be from 1 to 256, got 0"),
+        (["sweep", "--step", "nan"], "step must be positive and at most 100, got nan"),
+        (["sweep", "--step", "1e-9"], "makes more than 1000 speeds"),
+        (["sweep", "--fastest", "inf"], "fastest must be from 0.01 to 100, got inf"),
+        (["library", "build", "--workers", "0"], "workers must be from 1 to 256, got 0"),
+        (["library", "build", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
+        (["library", "build", "--starts", "-1"], "starts must be from 1 to 1000, got -1"),
+        (["library", "build", "--coarse", "-5"], "coarse must be from 2 to 500, got -5"),
+        (["library", "build", "--proximity", "nan"], "proximity must be from 0 to 1e+06, got nan"),
+        (["library", "build", "--step", "1e-9"], "makes more than 1000 speeds"),
+        (["limits", "--workers", "-1"], "workers must be from 1 to 256, got -1"),
+        (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
+        (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
+        (["codesign", "--bounds.gear-ratio", "5", "inf"], "bounds.gear_ratio must be two numbers"),
+        (["schemes", "--meshes", "-1"], "meshes must be from 2 to 500, got -1"),
+        (["schemes", "--speed", "nan"], "speed must be from 0.01 to 100, got nan"),
+        (["figures", "--speed", "-2"], "speed must be from 0.01 to 100, got -2"),
+        (["verify", "x" * 5000], "cannot be read: File name too long"),
         (["schemes", "--meshes", "16", "8"], "give the coarsest first"),
         (["library", "build", "--to", "library.json"], "a library is an .npz file"),
         (["library", "burn"], "burn"),
@@ -44,6 +65,18 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
     assert len(lines) == 1
     assert message in lines[0]
     assert not list(tmp_path.rglob("*.npz"))
+
+
+@pytest.mark.parametrize("what", trajopt.COMMANDS)
+def test_help_and_mistakes_wait_for_no_import(what):
+    """CasADi, MuJoCo, JAX, SciPy and Matplotlib take seconds, a mistaken flag none."""
+    program = (
+        f"import sys; from bp2_rl.cli.__main__ import main; assert main(['trajopt', '{what}', '--fly']) == 2; "
+        "assert not {'casadi', 'mujoco', 'jax', 'scipy', 'matplotlib'} & set(sys.modules), sys.modules.keys()"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr.startswith("error: ")
 
 
 def test_solve_verify_and_draw(tmp_path, monkeypatch, capsys):

@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.controller import Controller
-from bp2_rl.gait.collocation.library import CollocationGait
+from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.standing import Standing
 from bp2_rl.robot import specs

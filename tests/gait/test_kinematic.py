@@ -11,7 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bp2_rl.errors import UserError
-from bp2_rl.gait.kinematic import AXIAL_SHARE, SOLE_CLEARANCE, TROT, KinematicGait
+from bp2_rl.gait.kinematic import AXIAL_SHARE, SOLE_CLEARANCE, KinematicGait
+from bp2_rl.gait.stepping import TROT
 from bp2_rl.robot import kinematics, specs
 
 GAIT = KinematicGait()

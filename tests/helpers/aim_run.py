@@ -6,8 +6,10 @@ from functools import partial
 
 from aim import StandIn
 
+from bp2_rl import files
 from bp2_rl.cli import train as command
-from bp2_rl.learning import checkpoint, train
+from bp2_rl.learning import run
+from bp2_rl.learning.checkpoint import CHECKPOINTS
 from bp2_rl.learning.ppo import PPO
 
 SMALL = [
@@ -21,8 +23,14 @@ def slowly(function, seconds, *args):
     return function(*args)
 
 
+def sync_slowly(sync, seconds, path):
+    if CHECKPOINTS in path.parts:
+        time.sleep(seconds)
+    sync(path)
+
+
 def main(argv: list[str]) -> int:
-    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with every step and each of 4 waits of a save slower."""
+    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with every step and each wait of a save slower."""
 
     def make_learner(config):
         learner = PPO(StandIn(), config.ppo)
@@ -30,8 +38,8 @@ def main(argv: list[str]) -> int:
         return learner
 
     pause = float(argv[0])
-    train.make_learner = make_learner
-    checkpoint._sync = partial(slowly, checkpoint._sync, min(pause, 0.05))
+    run.make_learner = make_learner
+    files.sync = partial(sync_slowly, files.sync, min(pause, 0.05))
     return command.main(argv[1:])
 
 

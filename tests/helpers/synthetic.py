@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.report import terminal
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
@@ -90,9 +90,9 @@ def assert_fits():
     """An evaluation's table fits a terminal of 80 columns."""
 
     def assert_fits(evaluation):
-        terminal = io.StringIO()
-        report.print_table(evaluation, Console(file=terminal, width=80))
-        lines = terminal.getvalue().splitlines()
+        printed = io.StringIO()
+        terminal.print_table(evaluation, Console(file=printed, width=80))
+        lines = printed.getvalue().splitlines()
         assert len(lines) == len(evaluation.rows) + 2  # title and verdict: nothing is wrapped
         assert not any("…" in line for line in lines)
 

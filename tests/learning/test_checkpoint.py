@@ -1,3 +1,5 @@
+import contextlib
+import hashlib
 import json
 import shutil
 import subprocess
@@ -13,7 +15,9 @@ import numpy as np
 import optax
 import pytest
 from brax.training.acme import running_statistics
+from damage import flipped_bits, strange_json
 from flax import struct
+from killer import killed_at_every_operation
 
 from bp2_rl.learning import checkpoint
 from bp2_rl.learning.checkpoint import (
@@ -135,13 +139,13 @@ def test_an_older_checkpoint_can_be_named(saved: tuple[Path, State]):
 
 def test_metadata_says_what_a_checkpoint_is(saved: tuple[Path, State]):
     metadata = read_metadata(saved[0], 200)
-    assert metadata["step"] == 200
-    assert metadata["config"] == {"seed": 7}
-    assert metadata["log"] == {"count": 2}
-    assert metadata["versions"]["jax"] == jax.__version__
-    assert metadata["tree"]["params/policy/kernel"] == "float32[7,5]"
+    assert metadata.step == 200
+    assert metadata.config == {"seed": 7}
+    assert metadata.log == {"count": 2}
+    assert metadata.versions["jax"] == jax.__version__
+    assert metadata.tree["params/policy/kernel"] == "float32[7,5]"
     on_disk = {path.name for path in (saved[0] / "checkpoints/200").iterdir()}
-    assert {*metadata["files"], "metadata.json"} == on_disk
+    assert {*metadata.files, "metadata.json"} == on_disk
 
 
 def test_any_reader_of_npz_files_reads_a_checkpoint(saved: tuple[Path, State]):
@@ -172,27 +176,30 @@ def test_a_checkpoint_of_the_same_step_is_replaced(tmp_path: Path):
 
 def test_a_save_that_was_killed_is_passed_over_and_swept_away(run: Path):
     folder = run / "checkpoints"
-    shutil.copytree(folder / "200", folder / ".new-300")  # killed before the rename
+    shutil.copytree(folder / "200", folder / ".300.new")  # killed before the rename
     (folder / "400").mkdir()  # no metadata: never complete
     (folder / "notes.txt").write_text("mine")
     assert latest_step(run) == 200
     assert restore_checkpoint(run, make_state())[0] == 200
     save_checkpoint(run, 300, make_state())
     assert latest_step(run) == 300
-    assert not (folder / ".new-300").exists()
+    assert not (folder / ".300.new").exists()
     assert (folder / "notes.txt").exists()
 
 
-@pytest.mark.parametrize("moment", ["_write", "_commit"])
+@pytest.mark.parametrize("moment", ["write", "rename"])
 def test_a_save_that_fails_keeps_the_last_good_one(run: Path, monkeypatch: pytest.MonkeyPatch, moment: str):
-    real = getattr(checkpoint, moment)
+    real = checkpoint._write
 
     def fail(*args: Any) -> None:
-        if moment == "_write":
+        if moment == "write":
             real(*args)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(checkpoint, moment, fail)
+    if moment == "write":
+        monkeypatch.setattr(checkpoint, "_write", fail)
+    else:
+        monkeypatch.setattr(Path, "rename", fail)
     with pytest.raises(CheckpointError, match=r"cannot save checkpoint 300 .*No space left.*the last good one is 200"):
         save_checkpoint(run, 300, make_state())
     assert sorted(entry.name for entry in (run / "checkpoints").iterdir()) == ["100", "200"]
@@ -206,7 +213,7 @@ def test_the_last_save_is_on_disk_when_a_saver_is_left(tmp_path: Path):
             saver.save(step, {"x": jnp.float32(step)}, {"count": step})
     assert restore_checkpoint(tmp_path, {"x": np.float32(0)}) == (3, {"x": 3.0})
     metadata = read_metadata(tmp_path, 3)
-    assert (metadata["config"], metadata["log"]) == ({"seed": 7}, {"count": 3})
+    assert (metadata.config, metadata.log) == ({"seed": 7}, {"count": 3})
     assert sorted(entry.name for entry in (tmp_path / "checkpoints").iterdir()) == ["2", "3"]
 
 
@@ -228,7 +235,7 @@ def test_a_save_leaves_the_caller_free_and_two_never_overlap(tmp_path: Path, mon
         assert latest_step(tmp_path) == 1
         release.release()
     assert latest_step(tmp_path) == 2
-    assert writing == [".new-1", ".new-2"]
+    assert writing == [".1.new", ".2.new"]
 
 
 @pytest.mark.parametrize("then", ["save", "wait", "leave"])
@@ -311,6 +318,31 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_saved(tmp_path: Path):
         assert np.all(np.asarray(restored["y"]) == step)
 
 
+@pytest.mark.parametrize("step", [2, 3], ids=["the same step again", "another step"])
+def test_a_save_killed_at_any_operation_leaves_the_one_before_or_the_new_one(tmp_path: Path, step: int):
+    template = {"x": np.zeros(1000)}
+    (tmp_path / "run").mkdir()
+    for before in (1, 2):
+        save_checkpoint(tmp_path / "run", before, {"x": np.full(1000, float(before))})
+    found = []
+    for run in killed_at_every_operation(tmp_path, "save_step", step):
+        newest, state = restore_checkpoint(run, template)
+        assert (newest, state["x"][0]) in {(2, 2.0), (step, 7.0)}
+        assert np.all(state["x"] == state["x"][0])
+        found.append(state["x"][0])
+        save_checkpoint(run, 4, {"x": np.full(1000, 4.0)}, keep=9)  # and saves go on
+        assert restore_checkpoint(run, template)[0] == 4
+        assert not [entry.name for entry in (run / "checkpoints").iterdir() if not entry.name.isdecimal()]
+    assert found == sorted(found)
+    assert {*found} == {2.0, 7.0}
+
+
+def test_a_deleted_runs_folder_is_not_made_anew(tmp_path: Path):
+    with pytest.raises(CheckpointError, match="cannot save checkpoint 1"):
+        save_checkpoint(tmp_path / "run", 1, {"x": jnp.zeros(1)})
+    assert not (tmp_path / "run").exists()
+
+
 # --- What is refused, and in which words ------------------------------------------------------------------------
 def refusal(run: Path, template: Any = None, step: int | None = None) -> str:
     before = sorted(str(path) for path in run.rglob("*"))
@@ -360,7 +392,7 @@ def test_a_missing_file(run: Path):
 def test_truncated_metadata(run: Path):
     path = run / "checkpoints/200/metadata.json"
     path.write_text(path.read_text()[:500])
-    assert "metadata.json is truncated or damaged" in refusal(run)
+    assert "metadata.json is damaged or not JSON" in refusal(run)
 
 
 def test_missing_metadata(run: Path):
@@ -376,7 +408,9 @@ def test_foreign_metadata(run: Path, content: str):
 
 def edit_metadata(run: Path, **changes: Any) -> None:
     path = run / "checkpoints/200/metadata.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    metadata = json.loads(path.read_text())
+    metadata.pop("metadata_sha256", None)
+    path.write_text(json.dumps(metadata | changes))
 
 
 def test_a_newer_format(run: Path):
@@ -419,6 +453,49 @@ def test_another_trainings_checkpoint_names_the_first_leaf_that_differs(run: Pat
     message = refusal(run, make_state().replace(**change))
     assert words in message
     assert "is of another training" in message
+
+
+def forge_state(run: Path, **arrays: Any) -> None:
+    """Put other arrays in the place of step 200's, with metadata that vouch for them."""
+    np.savez(run / "checkpoints/200/state.npz", **arrays)
+    content = (run / "checkpoints/200/state.npz").read_bytes()
+    facts = {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    edit_metadata(run, files={"state.npz": facts})
+
+
+def test_arrays_that_are_not_as_the_metadata_say_are_refused_by_name(run: Path):
+    with np.load(run / "checkpoints/200/state.npz") as file:
+        arrays = dict(file)
+    forge_state(run, **arrays)
+    restore_checkpoint(run, make_state())
+    forge_state(run, **arrays | {"params/policy/bias": np.zeros((5, 2), np.float32)})
+    assert "holds params/policy/bias as float32[5, 2], expected float32[5]" in refusal(run)
+    forge_state(run, **arrays | {"params/policy/bias": np.zeros(5)})
+    assert "holds params/policy/bias as float64[5], expected float32[5]" in refusal(run)
+    del arrays["params/policy/bias"]
+    forge_state(run, **arrays)
+    assert "lacks the array params/policy/bias" in refusal(run)
+
+
+def test_whatever_the_metadata_hold_the_checkpoint_is_restored_or_refused(run: Path):
+    edit_metadata(run)
+    path, template = run / "checkpoints/200/metadata.json", make_state()
+    for text in strange_json(json.loads(path.read_text()), 500):
+        path.write_text(text)
+        with contextlib.suppress(CheckpointError):  # anything else fails the test
+            restore_checkpoint(run, template, 200)
+
+
+@pytest.mark.parametrize("name", ["metadata.json", "state.npz"])
+def test_a_flipped_bit_of_either_file_changes_nothing_or_is_refused(run: Path, name: str):
+    path, state = run / "checkpoints/200" / name, make_state()
+    loaded = 0
+    for content in flipped_bits(path.read_bytes(), 200):
+        path.write_bytes(content)
+        with contextlib.suppress(CheckpointError):
+            assert_same(restore_checkpoint(run, state, 200)[1], state)
+            loaded += 1
+    assert loaded < 50
 
 
 def test_impossible_requests(tmp_path: Path):

@@ -14,7 +14,8 @@ from aim_run import SMALL
 
 from bp2_rl.cli import train as command
 from bp2_rl.config import to_json
-from bp2_rl.learning import checkpoint, guards, policy, train
+from bp2_rl.learning import checkpoint, guards, loop, policy
+from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.ppo import PPO
@@ -35,7 +36,7 @@ def faults(monkeypatch):
     """`faults("reward", rarity=50)`: from here on the robots of training runs have them."""
 
     def choose(*names, rarity=100.0):
-        monkeypatch.setattr(train, "make_learner", lambda config: learner_of(names, rarity, config.ppo))
+        monkeypatch.setattr(training, "make_learner", lambda config: learner_of(names, rarity, config.ppo))
 
     choose()
     return choose
@@ -46,7 +47,7 @@ def records(run):
 
 
 def restore(run, **where) -> Any:
-    return restore_checkpoint(run, learner_of((), 100.0, train.load_run_config(run).ppo).shape(), **where)[1]
+    return restore_checkpoint(run, learner_of((), 100.0, training.load_run_config(run).ppo).shape(), **where)[1]
 
 
 def assert_finite(tree):
@@ -179,7 +180,7 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faul
     assert all(value is not None for record in records(run) for value in record.values())
 
     # What was saved is the state that the sound train steps led to: parameters, Adam, learning rate, robots, clock.
-    learner = train.make_learner(train.load_run_config(run))
+    learner = training.make_learner(training.load_run_config(run))
     state = learner.init(0)
     for _ in range(step):
         state, metrics = learner.train_step(state)
@@ -207,9 +208,9 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faul
 def test_a_state_that_is_not_finite_is_named(faults, tmp_path, capsys, path):
     run = tmp_path / "run"
     assert command.main([*RUN, "--run.steps", "128", "--run.checkpoints", "1", "--out", str(run)]) == 0
-    config = train.load_run_config(run)
+    config = training.load_run_config(run)
     longer = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=STEPS * 64))
-    train.save_config(run / "config.json", longer)
+    training.save_config(run / "config.json", longer)
     state = restore(run)
     leaves = {name: np.array(leaf) for name, leaf in leaves_by_path(state).items()}
     leaves[path].flat[5] = np.nan
@@ -257,7 +258,10 @@ def test_a_train_step_that_is_sound_after_all_is_said_to_be():
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["--replay", "nowhere"], "is not a training run"), (["--replay", "nowhere", "--run.steps", "5"], "--run.steps")],
+    [
+        (["--replay", "nowhere"], "no training run at nowhere"),
+        (["--replay", "nowhere", "--run.steps", "5"], "--run.steps"),
+    ],
 )
 def test_what_cannot_be_replayed_is_refused(arguments, words, capsys):
     assert command.main(arguments) == 2
@@ -265,7 +269,7 @@ def test_what_cannot_be_replayed_is_refused(arguments, words, capsys):
 
 
 def test_a_run_that_did_not_fail_has_nothing_to_replay(tmp_path, capsys):
-    train.save_config(tmp_path / "config.json", TrainConfig())
+    training.save_config(tmp_path / "config.json", TrainConfig())
     assert command.main(["--replay", str(tmp_path)]) == 2
     assert "has no train step to replay: all that it made were finite" in capsys.readouterr().err
 
@@ -275,8 +279,8 @@ def test_a_run_that_did_not_fail_has_nothing_to_replay(tmp_path, capsys):
     ("owner", "name", "said"),
     [
         (checkpoint, "_write", "cannot save checkpoint 4 in "),
-        (train.Monitor, "log", "cannot write to "),
-        (policy, "_replace_directory", "cannot write policy "),
+        (loop.Monitor, "log", "cannot write to "),
+        (policy, "write_npz", "cannot write policy "),
     ],
     ids=["checkpoint", "metrics", "policy"],
 )
@@ -300,7 +304,7 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(faults, tmp_path, mon
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()
     monkeypatch.undo()
-    monkeypatch.setattr(train, "make_learner", lambda config: learner_of((), 100.0, config.ppo))
+    monkeypatch.setattr(training, "make_learner", lambda config: learner_of((), 100.0, config.ppo))
     assert command.main(["--resume", str(run)]) == 0
     assert [record["step"] for record in records(run)] == [128 * n for n in range(1, 7)]
 
@@ -309,7 +313,7 @@ def test_an_unexpected_failure_leaves_its_traceback_in_the_run(faults, tmp_path,
     def crash(*_):
         raise RuntimeError("the device\nis gone")
 
-    monkeypatch.setattr(train, "_train", crash)
+    monkeypatch.setattr(loop, "_repeat", crash)
     assert command.main([*RUN, "--out", str(tmp_path / "run")]) == 1
     (log,) = (tmp_path / "run").glob("failure-*.log")
     assert capsys.readouterr().err == f"failed: RuntimeError: the device is gone; log: {log}\n"

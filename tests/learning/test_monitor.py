@@ -236,3 +236,24 @@ def test_counts_are_short(number: float, text: str):
 )  # fmt: skip
 def test_durations_are_short(seconds: float, text: str):
     assert duration(seconds) == text
+
+
+def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(tmp_path: Path):
+    lines = [b'{"step": 10, "reward": 1}', b'{"step": 2\xff, "rew', b'{"step": 20, "reward": 2}', b"[3]", b"[" * 9999]
+    (tmp_path / "metrics.jsonl").write_bytes(b"".join(line + b"\n" for line in [*lines, b'{"step": 30, "reward": 3}']))
+    for n, start in ((1, 20), (2, 10)):
+        with Monitor(tmp_path, 100, start_step=start, console=pipe()):
+            pass
+        assert [r["step"] for r in records(tmp_path)] == [10, 20][: 3 - n]
+        aside = tmp_path / f"metrics.damaged-{n}.jsonl"
+        if n == 1:
+            assert aside.read_bytes().splitlines() == [lines[1], lines[3], lines[4]]
+            assert f"lines that cannot be read, now in {aside}" in (tmp_path / "log.txt").read_text()
+        else:
+            assert not aside.exists()
+    with (tmp_path / "metrics.jsonl").open("a") as file:
+        file.write("not a line of ours\n")
+    with Monitor(tmp_path, 100, start_step=20, console=pipe()):
+        pass
+    assert (tmp_path / "metrics.damaged-1.jsonl").read_bytes().splitlines()[0] == lines[1]
+    assert (tmp_path / "metrics.damaged-2.jsonl").read_text() == "not a line of ours\n"

@@ -1,7 +1,10 @@
+import contextlib
 import dataclasses
 import hashlib
 import json
 import shutil
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,10 +15,14 @@ import numpy as np
 import pytest
 from brax.training import networks
 from brax.training.acme import running_statistics
+from damage import flipped_bits, strange_json
 from flax import linen
+from killer import killed_at_every_operation
 
+from bp2_rl.config import to_json
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.observations import Entry
+from bp2_rl.errors import UserError
 from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy, save_policy
 
 LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
@@ -204,6 +211,19 @@ def test_a_policy_set_aside_by_a_killed_export_comes_back(
     assert load_policy(policy_dir).card.seed == 7
 
 
+def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(policy_dir: Path, tmp_path: Path):
+    (tmp_path / "run").mkdir()
+    shutil.copytree(policy_dir, tmp_path / "run" / "policy")
+    seeds = []
+    for run in killed_at_every_operation(tmp_path, "save_card"):
+        policy = load_policy(run)
+        seeds.append(policy.card.seed)
+        save_policy(run / "policy", policy)  # and exports go on
+        assert [path.name for path in run.iterdir()] == ["policy"]
+    assert seeds == sorted(seeds)
+    assert {*seeds} == {7, 8}
+
+
 def _no_space(self: Path, *args: Any, **kwargs: Any) -> None:
     if self.name.startswith("."):
         raise OSError(28, "No space left on device")
@@ -246,8 +266,11 @@ def refusal(path: Path, **options: Any) -> str:
 
 
 def edit_card(directory: Path, **changes: Any) -> None:
+    """As a stranger would, with no checksum to give that away."""
     path = directory / "card.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    card = json.loads(path.read_text())
+    card.pop("card_sha256", None)
+    path.write_text(json.dumps(card | changes))
 
 
 def test_no_such_folder(tmp_path: Path):
@@ -264,7 +287,7 @@ def test_a_file_instead_of_a_folder(policy_dir: Path):
 
 def test_a_run_that_has_exported_nothing_yet(tmp_path: Path):
     (tmp_path / "checkpoints").mkdir()
-    assert "has exported no policy yet" in refusal(tmp_path)
+    assert "has exported no policy yet: train it to its first save" in refusal(tmp_path)
 
 
 def test_missing_weights(policy_dir: Path):
@@ -294,7 +317,7 @@ def forge(directory: Path, content: bytes) -> None:
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not really", b"not a zip at all"])
 def test_weights_that_are_no_archive(policy_dir: Path, content: bytes):
     forge(policy_dir, content)
-    assert "is not an .npz archive of plain arrays" in refusal(policy_dir)
+    assert "weights.npz is damaged or no .npz file" in refusal(policy_dir)
 
 
 def archive(path: Path, **arrays: Any) -> bytes:
@@ -304,28 +327,28 @@ def archive(path: Path, **arrays: Any) -> bytes:
 
 def test_weights_that_hide_a_pickle(policy_dir: Path, tmp_path: Path):
     forge(policy_dir, archive(tmp_path, mean=np.array([{"a": 1}], object)))
-    assert "is not an .npz archive of plain arrays" in refusal(policy_dir)
+    assert "holds mean as object[1], expected float32[18]" in refusal(policy_dir)
 
 
 def test_a_foreign_archive(policy_dir: Path, tmp_path: Path):
     forge(policy_dir, archive(tmp_path, w=np.zeros(3, np.float32)))
-    assert "holds no array 'mean': not the weights of card.json beside it" in refusal(policy_dir)
+    assert "lacks the array mean: not the weights of card.json beside it" in refusal(policy_dir)
 
 
 def test_an_archive_of_another_precision(policy_dir: Path, tmp_path: Path):
     forge(policy_dir, archive(tmp_path, mean=np.zeros(SIZE)))
-    assert "mean is float64, expected float32" in refusal(policy_dir)
+    assert "holds mean as float64[18], expected float32[18]" in refusal(policy_dir)
 
 
 def test_weights_of_another_shape(policy_dir: Path):
     edit_card(policy_dir, action_size=13)
-    assert "layer_2/kernel has shape (16, 12), its card says (16, 13)" in refusal(policy_dir)
+    assert "holds layer_2/kernel as float32[16, 12], expected float32[16, 13]" in refusal(policy_dir)
 
 
 def test_a_truncated_card(policy_dir: Path):
     path = policy_dir / "card.json"
     path.write_text(path.read_text()[:300])
-    assert "card.json is damaged or not a policy card" in refusal(policy_dir)
+    assert "card.json is damaged or not JSON" in refusal(policy_dir)
 
 
 @pytest.mark.parametrize("content", ["[1, 2]", '{"model": "gpt"}', '{"format_version": "1"}'])
@@ -341,9 +364,88 @@ def test_a_newer_card(policy_dir: Path):
 
 def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
     card = json.loads((policy_dir / "card.json").read_text())
-    card["env"]["gravity"] = 1.62
-    (policy_dir / "card.json").write_text(json.dumps(card))
+    edit_card(policy_dir, env=card["env"] | {"gravity": 1.62})
     assert "card.json (exported by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
+
+
+def test_a_card_made_before_there_were_checksums_is_loaded(policy_dir: Path):
+    edit_card(policy_dir)
+    assert load_policy(policy_dir).card.seed == 7
+
+
+def test_a_flipped_bit_of_the_card_is_seen(policy_dir: Path):
+    """None changes what is loaded; nearly all are refused in one line, the others are of no account."""
+    path, card = policy_dir / "card.json", load_policy(policy_dir).card
+    loaded = 0
+    for content in flipped_bits(path.read_bytes(), 200):
+        path.write_bytes(content)
+        with contextlib.suppress(UserError):
+            assert load_policy(policy_dir).card == card
+            loaded += 1
+    assert loaded < 50
+
+
+def test_whatever_a_card_holds_it_is_loaded_or_refused(policy_dir: Path):
+    edit_card(policy_dir, env=to_json(EnvConfig(reference="kinematic")))
+    path = policy_dir / "card.json"
+    for text in strange_json(json.loads(path.read_text()), 1000):
+        path.write_text(text)
+        with contextlib.suppress(UserError):  # anything else fails the test
+            load_policy(policy_dir)
+
+
+def test_versions_that_are_none_are_refused_by_name(policy_dir: Path):
+    edit_card(policy_dir, versions=None)
+    assert "versions: expected an object, got None" in refusal(policy_dir)
+
+
+def test_strangers_arrays_are_not_unpacked(policy_dir: Path, tmp_path: Path):
+    """Many zeros in the place of the mean, or under a name of their own, in a small file."""
+    for name in ("mean", "other"):
+        path = tmp_path / "bomb.npz"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open(f"{name}.npy", "w") as member:
+            np.lib.format.write_array_header_1_0(member, {"descr": "<f4", "fortran_order": False, "shape": (1 << 26,)})
+            for _ in range(32):
+                member.write(bytes(8 << 20))
+        forge(policy_dir, path.read_bytes())
+        tracemalloc.start()
+        assert "weights.npz" in refusal(policy_dir)
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("std", 0.0, "std is not positive"),
+        ("std", -1.0, "std is not positive"),
+        ("std", 1e-38, "std is so small that an observation may overflow"),
+        ("mean", np.nan, "mean is not finite"),
+        ("layer_1/kernel", np.inf, "layer_1/kernel is not finite"),
+        ("layer_0/kernel", 3e38, "layer_0/kernel is so large that an action may overflow"),
+        ("layer_2/kernel", 1e36, "layer_2/kernel is so large that an action may overflow"),
+    ],
+)
+def test_numbers_that_no_action_can_come_of_are_refused_by_name(
+    exported: Path, policy_dir: Path, tmp_path: Path, name: str, value: float, words: str
+):
+    with np.load(exported / "weights.npz") as file:
+        arrays = dict(file)
+    arrays[name] = np.full_like(arrays[name], value)
+    forge(policy_dir, archive(tmp_path, **arrays))
+    assert words in refusal(policy_dir)
+    layers = tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(3))
+    broken = dataclasses.replace(load_policy(exported), mean=arrays["mean"], std=arrays["std"], layers=layers)
+    with pytest.raises(PolicyError, match=f"not exported to .*: {words}"):
+        save_policy(tmp_path / "p", broken)
+    assert not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+def test_a_name_that_no_folder_can_have_is_refused_in_one_short_line(name: str):
+    with pytest.raises(UserError, match="no file or folder can be called") as error:
+        load_policy(name)
+    assert len(str(error.value)) < 150
 
 
 def test_an_unknown_activation(policy_dir: Path):

@@ -95,12 +95,12 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
             if kill % 2:
                 time.sleep(moments.uniform(0.0, 0.3))
             else:
-                wait_for(lambda: any((run / "checkpoints").glob(".new-*")), process)
+                wait_for(lambda: any((run / "checkpoints").glob(".*.new")), process)
                 time.sleep(moments.uniform(0.0, 0.1))
             process.kill()
             process.communicate()
         assert process.returncode == -signal.SIGKILL
-        within_saves += any((run / "checkpoints").glob(".new-*"))
+        within_saves += any((run / "checkpoints").glob(".*.new"))
         arguments = ["--resume", run]
     print(f"{within_saves} of {kills} kills left a save half-written")
     assert (latest_step(run) or 0) < total
@@ -138,6 +138,37 @@ def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
     assert process.returncode == 130
     assert "SIGINT: stopping after this train step; Ctrl-C now quits at once" in output
     assert latest_step(run) == 0
+
+
+def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(uninterrupted, new, tmp_path):
+    run = tmp_path / "run"
+    with begin(*new, "--out", run, pause=60) as process:
+        wait_for(lambda: latest_step(run) == 0, process)
+        start_again = begin(*new, "--out", run)
+        also = begin("--resume", run)
+        for other, why in ((start_again, "holds a run already"), (also, "another process trains in")):
+            _, error = other.communicate(timeout=60)
+            assert other.returncode == 2
+            assert why in error
+            assert error.count("\n") == 1
+        process.kill()
+        process.communicate()
+    both = [begin("--resume", run, pause=0.1) for _ in range(2)]
+    errors = [process.communicate(timeout=120)[1] for process in both]
+    assert sorted(process.returncode for process in both) == [0, 2]
+    assert f"another process trains in {run}" in "".join(errors)
+    assert_same_run(run, uninterrupted)
+
+
+def test_a_run_whose_folder_is_deleted_ends_and_leaves_no_other(new, tmp_path):
+    run = tmp_path / "run"
+    with begin(*new, "--out", run, pause=0.04) as process:
+        wait_for(lambda: (latest_step(run) or 0) > 0, process)
+        run.rename(tmp_path / "moved")
+        _, error = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert error == f"the run's folder {run} is gone, deleted or moved: nothing more can be kept in it\n"
+    assert not run.exists()
 
 
 def can_mount():

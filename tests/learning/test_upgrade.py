@@ -13,8 +13,8 @@ from bp2_rl.assets import asset_path
 from bp2_rl.config import from_json, to_json
 from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
-from bp2_rl.learning import train
 from bp2_rl.learning.policy import load_policy
+from bp2_rl.learning.run import load_run_config
 from bp2_rl.learning.stages import TrainConfig, make_config
 
 BEFORE = Path(__file__).parent / "before"
@@ -39,7 +39,7 @@ def test_a_card_of_before_is_the_card_of_the_same_environment(old_policy):
 
 
 def test_settings_of_before_are_those_of_today():
-    assert train.load_run_config(BEFORE) == make_config("imitation", "smoke")
+    assert load_run_config(BEFORE) == make_config("imitation", "smoke")
 
 
 def test_settings_of_today_stay_as_they_are():

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import os
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -13,12 +15,15 @@ from scipy import stats
 
 from bp2_rl.cli import study as command
 from bp2_rl.cli.train import _parse
+from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
-from bp2_rl.learning import train
+from bp2_rl.files import lock_folder
+from bp2_rl.learning.loop import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.learning.stages import RunConfig, make_config
-from bp2_rl.study import study
-from bp2_rl.study.study import Judgement, Plan, Training
+from bp2_rl.study import judging, outcome, training
+from bp2_rl.study.judging import Judgement
+from bp2_rl.study.plan import VARIANTS, Plan, Training, default_steps
 
 PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
 
@@ -33,7 +38,7 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
     assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
 
 
-@pytest.mark.parametrize("name", study.VARIANTS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_train_understands_the_flags_of_every_variant(name):
     """Each sets what its meaning says, on top of the preset."""
     plan = dataclasses.replace(PLAN, variants=(name,), preset="gpu")
@@ -44,7 +49,7 @@ def test_train_understands_the_flags_of_every_variant(name):
 
 
 def test_the_steps_of_a_study_are_the_presets():
-    assert study.default_steps("gpu") == (60_000_000, 100_000_000)
+    assert default_steps("gpu") == (60_000_000, 100_000_000)
 
 
 @pytest.fixture
@@ -64,8 +69,8 @@ def trained(tmp_path, monkeypatch, make_card):
                 (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32)) for shape in ((47, 4), (4, 12))
             )
             mean = np.full(47, steps + len(started), np.float32)
-            save_policy(run_dir / train.POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
-        train.save_config(run_dir / "config.json", config)
+            save_policy(run_dir / POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
+        save_config(run_dir / "config.json", config)
         run_dir.with_suffix(".txt").write_text(f"2026-01-01T00:00:00+00:00 --out {run_dir}\nnoise\n")
         return True
 
@@ -74,22 +79,22 @@ def trained(tmp_path, monkeypatch, make_card):
         return Judgement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
 
     failing: set[str] = set()
-    monkeypatch.setattr(study._Trainer, "_train", run_train)
-    monkeypatch.setattr(study, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
-    monkeypatch.setattr(study, "_judge", judge)
+    monkeypatch.setattr(training._Trainer, "_train", run_train)
+    monkeypatch.setattr(training, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(judging, "_judge", judge)
     return tmp_path / "study", started, failing
 
 
 def run(folder, plan=PLAN):
     said: list[str] = []
-    return study.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
+    return training.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
 
 
 def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
     folder, started, _ = trained
     assert run(folder)[0] == []
     assert sorted(started) == sorted(training.name for chain in PLAN.chains for training in chain)
-    judged = study.judgements(folder / "paper-1-relaxed")
+    judged = judging.judgements(folder / "paper-1-relaxed")
     assert [(j.control_steps, j.top_speed, j.wall_time) for j in judged] == [(1024, 8.0, 60.0), (2048, 16.0, 60.0)]
     before = list(started)
     assert run(folder)[0] == []
@@ -100,8 +105,8 @@ def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
     folder, *_ = trained
     run(folder)
     (run_dir,) = folder.glob("paper-1-relaxed")
-    save_policy(run_dir / train.POLICIES / "1024", load_policy(run_dir / train.POLICIES / "2048"))
-    assert [j.control_steps for j in study.judge(run_dir)] == [2048, 2048]
+    save_policy(run_dir / POLICIES / "1024", load_policy(run_dir / POLICIES / "2048"))
+    assert [j.control_steps for j in judging.judge(run_dir)] == [2048, 2048]
 
 
 def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
@@ -131,16 +136,17 @@ def test_the_table_and_the_curves_say_which_seeds_are_there(trained, capsys):
 def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch):
     folder, *_ = trained
     run(folder)
-    with pytest.raises(UserError, match=r"holds a study with --preset smoke --steps 2048 1024"):
+    with pytest.raises(UserError, match="holds a study with another steps "):
         run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
-    monkeypatch.setattr(study, "make_config", lambda stage, preset: make_config(stage, "cpu"))
-    with pytest.raises(UserError, match="other default settings"):
+    monkeypatch.setattr(training, "make_config", lambda stage, preset: make_config(stage, "cpu"))
+    with pytest.raises(UserError, match="holds a study with another settings "):
         run(folder)
 
 
 def test_two_studies_do_not_work_on_one_folder(trained):
     folder, *_ = trained
-    with study._alone(folder), pytest.raises(UserError, match="another study is at work"):
+    folder.mkdir()
+    with lock_folder(folder, "busy"), pytest.raises(UserError, match="another study is at work"):
         run(folder)
     assert run(folder)[0] == []
 
@@ -161,9 +167,11 @@ def test_the_command_leaves_a_table_and_learning_curves(trained, capsys):
         (["--variants", "fast"], "no variant 'fast'"),
         (["--seeds"], "seed"),
         (["--seeds", "1", "1"], "each once"),
-        (["--seeds", "-1"], "negative"),
-        (["--steps", "0", "5"], "steps must be positive"),
-        (["--judges", "0"], "--judges"),
+        (["--seeds", "-1"], "seed must be 0 to"),
+        (["--seeds", str(2**63)], "seed must be 0 to"),
+        (["--no-train", "--out", "x" * 5000], "no file or folder can be called"),
+        (["--steps", "0", "5"], "run.steps must be"),
+        (["--judges", "0"], "judges"),
         (["--no-train"], "no judged run of ours"),
     ],
 )
@@ -183,6 +191,8 @@ def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
 def trainer(tmp_path, monkeypatch):
     """A trainer whose train.py prints what it is told and then does what `code` says."""
 
+    lock = (tmp_path / ".lock").open("w")
+
     def make(code=""):
         script = tmp_path / "python"
         script.write_text(
@@ -190,10 +200,11 @@ def trainer(tmp_path, monkeypatch):
             f"print(os.environ['CUDA_VISIBLE_DEVICES'], sys.argv[1:], flush=True)\n{code}\n"
         )
         script.chmod(0o755)
-        monkeypatch.setattr(study.sys, "executable", str(script))
-        return study._Trainer(PLAN, tmp_path, ("3",), print, print)
+        monkeypatch.setattr(training.sys, "executable", str(script))
+        return training._Trainer(PLAN, tmp_path, ("3",), lock.fileno(), print, print)
 
-    return make
+    yield make
+    lock.close()
 
 
 RUN, PYTHON = PLAN.chains[0][0], sys.executable
@@ -213,7 +224,7 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, 
 
 
 def test_a_run_that_has_policies_is_never_deleted(tmp_path, trainer):
-    policy = tmp_path / RUN.name / train.POLICIES / "1024"
+    policy = tmp_path / RUN.name / POLICIES / "1024"
     policy.mkdir(parents=True)
     trainer()._train(RUN, "3")
     assert policy.is_dir()
@@ -233,6 +244,64 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
     assert not (tmp_path / PLAN.chains[1][0].name).with_suffix(".txt").exists()
 
 
+STUDY = """
+import sys
+from pathlib import Path
+from bp2_rl.study import training
+from bp2_rl.study.plan import Plan
+
+if __name__ == "__main__":
+    training.sys.executable = sys.argv[1]
+    plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
+    training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
+"""
+TRAINING = """
+import os, signal, time
+from bp2_rl.workers import end_with_caller
+
+def save(*_):
+    while not os.path.exists("let go"):
+        time.sleep(0.01)
+    os._exit(0)
+
+signal.signal(signal.SIGTERM, save)
+end_with_caller()
+print("training", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_before(tmp_path):
+    folder, study, fake = tmp_path / "study", tmp_path / "study.py", tmp_path / "python"
+    study.write_text(STUDY)
+    fake.write_text(f"#!{PYTHON}\n{TRAINING}")
+    fake.chmod(0o755)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    log = folder / "ours-0-imitation.txt"
+    with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
+        wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
+        process.kill()
+    with pytest.raises(UserError, match="busy"), lock_folder(folder, "busy"):
+        pass
+    (tmp_path / "let go").touch()
+    wait_until(lambda: is_free(folder))
+
+
+def is_free(folder):
+    try:
+        with lock_folder(folder, "busy"):
+            return True
+    except UserError:
+        return False
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 # --- Judging and figures -------------------------------------------------------------------------------------
 
 
@@ -243,15 +312,15 @@ def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(mon
         speed = ramp.target[0]
         return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
 
-    monkeypatch.setattr(study, "rollout_mujoco", rollout)
-    judgement = study._judge(make_policy(), None)
+    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
+    judgement = judging._judge(make_policy(), None)
     assert judgement.top_speed == pytest.approx(9.0)
     assert judgement.falls == 2
 
 
 def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
-    monkeypatch.setattr(study, "rollout_mujoco", lambda *_: make_run(fell_at=7.9))
-    judgement = study._judge(make_policy(), None)
+    monkeypatch.setattr(judging, "rollout_mujoco", lambda *_: make_run(fell_at=7.9))
+    judgement = judging._judge(make_policy(), None)
     assert (judgement.top_speed, judgement.falls, judgement.cruise_speed) == (0.0, 3, 0.0)
     assert judgement.cruise_cost is None
 
@@ -265,8 +334,8 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
         told.append(ramp.target[0])
         return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
 
-    monkeypatch.setattr(study, "rollout_mujoco", rollout)
-    judgement = study._judge(make_policy(), None)
+    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
+    judgement = judging._judge(make_policy(), None)
     # 12.4 m/s under 15.5: told 12.4 it could not be faster, so that is not tried.
     assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)
     assert judgement.cruise_speed == pytest.approx(10.0, rel=1e-3)
@@ -274,14 +343,14 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
 
 
 def test_the_interquartile_mean_leaves_out_the_outer_quarters():
-    assert study.interquartile_mean(np.array([0.0, 1.0, 2.0, 3.0, 100.0])) == pytest.approx(2.0)
-    assert study.interquartile_mean(np.array([1.0, 2.0, 6.0])) == pytest.approx(3.0)
+    assert outcome.interquartile_mean(np.array([0.0, 1.0, 2.0, 3.0, 100.0])) == pytest.approx(2.0)
+    assert outcome.interquartile_mean(np.array([1.0, 2.0, 6.0])) == pytest.approx(3.0)
 
 
 def test_the_bootstrap_interval_is_scipys():
     values = np.random.default_rng(3).normal(15.0, 0.2, 12)
-    peer = stats.bootstrap((values,), study.interquartile_mean, method="percentile", rng=np.random.default_rng(5))
-    assert study.bootstrap_interval(values) == pytest.approx(tuple(peer.confidence_interval), abs=0.01)
+    peer = stats.bootstrap((values,), outcome.interquartile_mean, method="percentile", rng=np.random.default_rng(5))
+    assert outcome.bootstrap_interval(values) == pytest.approx(tuple(peer.confidence_interval), abs=0.01)
 
 
 def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
@@ -289,8 +358,8 @@ def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
         return [Judgement(before + i, "", wall * i, v, 0, 0.0, None) for i, v in enumerate(speeds, start=1)]
 
     slow, fast = judged(3.0, 9.0), judged(9.0, 10.74, 10.0, before=2)
-    assert study._goal(fast, fast) == (4, 20.0)
-    assert study._goal(slow, fast) == (4, 40.0)
-    assert study._goal(slow, slow) == (None, None)
+    assert outcome._goal(fast, fast) == (4, 20.0)
+    assert outcome._goal(slow, fast) == (4, 40.0)
+    assert outcome._goal(slow, slow) == (None, None)
     resumed = [dataclasses.replace(j, wall_time=None) for j in slow]
-    assert study._goal(resumed, fast) == (4, None)
+    assert outcome._goal(resumed, fast) == (4, None)

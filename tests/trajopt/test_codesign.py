@@ -11,27 +11,18 @@ from rich.console import Console
 from bp2_rl.config import from_json, load_config, save_config, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.trajopt import codesign, collocation
-from bp2_rl.trajopt.codesign import (
-    PARAMETERS,
-    Bounds,
-    Chain,
-    Codesign,
-    CodesignSettings,
-    Row,
-    Scan,
-    find_designs,
-    read_solution,
-    remarks,
-    scan_chains,
-    scan_design,
-    solve_chain,
-    variations,
-)
-from bp2_rl.trajopt.codesign_figure import codesign_figure
-from bp2_rl.trajopt.collocation import NotSolved, solve
-from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.solution import resample
+from bp2_rl.trajopt import collocation
+from bp2_rl.trajopt.codesign.chain import Chain, read_solution, solve_chain, solve_chains
+from bp2_rl.trajopt.codesign.figure import codesign_figure
+from bp2_rl.trajopt.codesign.scan import Scan, scan_chains, scan_design
+from bp2_rl.trajopt.codesign.search import Row, find_designs, start_chain
+from bp2_rl.trajopt.codesign.sensitivity import variations
+from bp2_rl.trajopt.codesign.settings import PARAMETERS, Bounds, CodesignSettings
+from bp2_rl.trajopt.codesign.study import Codesign, print_study, remarks
+from bp2_rl.trajopt.collocation import solve
+from bp2_rl.trajopt.guess import cold_guess
+from bp2_rl.trajopt.problem import Problem, motor_coordinates
+from bp2_rl.trajopt.solution import NotSolved, Solution, resample
 
 QUIET = Console(file=io.StringIO())
 # Half the points of Hermite-Simpson.
@@ -51,7 +42,7 @@ def design(folder):
 
 
 def test_a_free_design_is_cheaper_than_bp2_and_within_its_bounds(design):
-    fixed = solve(PROBLEM, resample(design.problem, design.trajectory, PROBLEM))
+    fixed = solve(PROBLEM, resample(design.problem, design.motion, PROBLEM))
     assert design.cost < 0.99 * fixed.cost  # 1 %: far beyond what IPOPT leaves open, far less than what is gained
     for name, (low, high) in SETTINGS.bounds.of(PARAMETERS).items():
         value = getattr(design.problem.hardware, name)
@@ -59,7 +50,7 @@ def test_a_free_design_is_cheaper_than_bp2_and_within_its_bounds(design):
 
 
 def test_the_found_design_costs_the_same_when_it_is_given(design):
-    given = solve(design.problem, design.trajectory)
+    given = solve(design.problem, design.motion)
     assert given.problem.hardware == design.problem.hardware
     # Both programs end within IPOPT's tolerance (1e-7, scaled) of the same optimum.
     assert given.cost == pytest.approx(design.cost, rel=1e-5)
@@ -81,8 +72,8 @@ def test_the_motor_stays_the_same_behind_every_gear():
 
 def test_the_found_motion_stays_within_the_motor_behind_the_found_gear(design):
     """The program's own envelope, held against the actuator of the simulator."""
-    hardware, motors = design.problem.hardware, codesign.motor_coordinates(design.problem.stride.legs)
-    qd, tau = design.trajectory.v[..., motors], design.trajectory.tau
+    hardware, motors = design.problem.hardware, motor_coordinates(design.problem.stride.legs)
+    qd, tau = design.motion.v[..., motors], design.motion.tau
     low, high = torque_limits(Actuator.from_hardware(hardware), qd)
     slack = 1e-4  # Nm: constr_viol_tol of 1e-8 times the torque scale of 100 Nm, with room
     assert np.all(tau <= high + slack)
@@ -113,7 +104,7 @@ def test_an_unknown_parameter_is_refused():
 
 @pytest.mark.parametrize("name", ["starts", "starts_elsewhere", "grid"])
 def test_impossible_settings_are_refused(name):
-    with pytest.raises(UserError, match=f"{name} must be at least"):
+    with pytest.raises(UserError, match=f"{name} must be from . to 1000, got -1"):
         dataclasses.replace(SETTINGS, **{name: -1})
 
 
@@ -154,8 +145,8 @@ def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
     TROT = _made_up(chain.problems[0])
     monkeypatch.setattr(collocation, "solve", fake)
     with pytest.raises(KeyboardInterrupt):
-        codesign.solve_chains([chain], tmp_path, 1, "", QUIET)
-    codesign.solve_chains([chain], tmp_path, 1, "", QUIET)
+        solve_chains([chain], tmp_path, 1, "", QUIET)
+    solve_chains([chain], tmp_path, 1, "", QUIET)
     lengths = [problem.hardware.leg_length for problem in chain.problems]
     assert calls == [*lengths, lengths[2]]
 
@@ -174,7 +165,7 @@ def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
     monkeypatch.setattr(collocation, "solve", fake)
     assert solve_chain(up, tmp_path) is not None
     assert read_solution(up.parts[1], tmp_path) is None
-    assert starts[2] == made_up.trajectory.durations[0]  # the third began where the first had ended
+    assert starts[2] == made_up.motion.durations[0]  # the third began where the first had ended
     solve_chain(up.parts[1], tmp_path)
     assert len(starts) == 3
 
@@ -188,7 +179,7 @@ def test_variations_change_one_setting_each():
 
 
 def test_starts_differ_in_design_and_guess():
-    chains = [codesign._start(SETTINGS, seed) for seed in range(4)]
+    chains = [start_chain(SETTINGS, seed) for seed in range(4)]
     assert chains[0] == Chain((PROBLEM,), PARAMETERS, SETTINGS.bounds)
     assert len({chain.problems[0].hardware.leg_length for chain in chains}) == 4
     for chain in chains[1:]:
@@ -214,7 +205,7 @@ def test_a_study_is_kept_and_drawn(tmp_path):
     save_config(tmp_path / "study.json", study)
     assert load_config(Codesign, tmp_path / "study.json") == study
     text = io.StringIO()
-    codesign.print_study(study, Console(file=text, width=120))
+    print_study(study, Console(file=text, width=120))
     assert "14.00*" in text.getvalue()
     figure = codesign_figure(study)
     labels = [axes.get_xlabel() or axes.get_ylabel() for axes in figure.axes]
@@ -226,8 +217,8 @@ def test_a_study_is_kept_and_drawn(tmp_path):
 
 def _made_up(problem: Problem):
     """A solution that satisfies nothing, with durations of its own."""
-    guess = collocation.cold_guess(problem, seed=7)
-    return codesign.Solution(problem, guess, 1.0, 0.0, 1, 0.1)
+    guess = cold_guess(problem, seed=7)
+    return Solution(problem, guess, 1.0, 0.0, 1, 0.1)
 
 
 def _row(cost: float, **figures) -> Row:

@@ -11,9 +11,11 @@ import pytest
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import BP2, HardwareSpec
-from bp2_rl.trajopt.collocation import NotSolved, Program, cold_guess, fastest, refine, solve, solve_best
+from bp2_rl.trajopt.collocation import fastest, refine, solve, solve_best
+from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import STRIDES, Problem, Weights
-from bp2_rl.trajopt.solution import Trajectory, load_solution, resample, sample, save_solution
+from bp2_rl.trajopt.program import Program
+from bp2_rl.trajopt.solution import Motion, NotSolved, load_solution, resample, sample, save_solution
 
 TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
 
@@ -46,14 +48,14 @@ def test_feet_that_stay_down_do_not_land_again():
 # --- Solutions ------------------------------------------------------------------------------------------------
 def test_a_cold_start_finds_a_trot(trot):
     assert trot.violation <= 1e-6
-    assert trot.problem.speed * trot.period / 2 == pytest.approx(trot.trajectory.q[-1, -1, 0], rel=1e-6)
+    assert trot.problem.speed * trot.period / 2 == pytest.approx(trot.motion.q[-1, -1, 0], rel=1e-6)
     # Wide: six intervals move the optimum. On 16 it is held to .25-.38 s and .16-.22.
     assert 0.2 < trot.period < 0.5
     assert 0.1 < trot.duty < 0.25
 
 
 def test_swinging_feet_carry_nothing_and_standing_ones_let_go(trot):
-    force = trot.trajectory.force
+    force = trot.motion.force
     right_fore_and_left_hind = [0, 1, 6, 7]
     assert np.all(force[0][:, right_fore_and_left_hind] == 0.0)
     assert np.all(force[1] == 0.0)
@@ -62,7 +64,7 @@ def test_swinging_feet_carry_nothing_and_standing_ones_let_go(trot):
 
 
 def test_torques_do_not_jump_between_segments(trot):
-    tau = trot.trajectory.tau
+    tau = trot.motion.tau
     assert tau[1, 0] == pytest.approx(tau[0, -1], abs=1e-5)
     assert tau[0, 0] == pytest.approx(tau[1, -1][TROT.next_motors], abs=1e-5)
 
@@ -76,8 +78,8 @@ def test_a_finer_mesh_hardly_changes_the_cost(trot):
 
 def test_the_two_leg_reading_pitches_more(trot):
     two_leg = solve(Problem(gait="two-leg", intervals=5))
-    assert two_leg.trajectory.q.shape == (4, 11, 9)
-    assert np.ptp(two_leg.trajectory.q[..., 2]) > np.ptp(trot.trajectory.q[..., 2])
+    assert two_leg.motion.q.shape == (4, 11, 9)
+    assert np.ptp(two_leg.motion.q[..., 2]) > np.ptp(trot.motion.q[..., 2])
 
 
 def test_less_torque_is_less_speed(trot):
@@ -94,10 +96,10 @@ def test_the_best_of_several_starts_is_none_the_worse(trot):
 
 def test_staying_near_the_start_is_worth_something(trot):
     slower = trot.problem.at(9.5)
-    near, free = (solve(slower, trot.trajectory, proximity=proximity) for proximity in (1e3, 0.0))
+    near, free = (solve(slower, trot.motion, proximity=proximity) for proximity in (1e3, 0.0))
 
     def distance(solution):
-        return np.mean((solution.trajectory.q - trot.trajectory.q)[..., 1:] ** 2)
+        return np.mean((solution.motion.q - trot.motion.q)[..., 1:] ** 2)
 
     assert distance(near) < 0.5 * distance(free)
     assert near.cost >= free.cost - 1e-6  # without the term
@@ -136,13 +138,16 @@ def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"speed": 0.0}, "speed must be greater than 0"),
-        ({"speed": -3.0}, "speed must be a finite number >= 0, got -3.0"),
-        ({"speed": float("nan")}, "speed must be a finite number >= 0, got nan"),
-        ({"intervals": 1}, "intervals must be an integer >= 2, got 1"),
-        ({"clearance": -0.01}, "clearance must be a finite number >= 0"),
-        ({"weights": {"force": 0.0}}, "weights.force must be a finite number > 0, got 0.0"),
-        ({"weights": {"power": -1.0}}, "weights.power must be a finite number >= 0, got -1.0"),
+        ({"speed": 0.0}, "speed must be from 0.01 to 100, got 0"),
+        ({"speed": -3.0}, "speed must be from 0.01 to 100, got -3"),
+        ({"speed": 1e308}, "speed must be from 0.01 to 100, got 1e+308"),
+        ({"speed": float("nan")}, "speed must be from 0.01 to 100, got nan"),
+        ({"intervals": 1}, "intervals must be from 2 to 500, got 1"),
+        ({"intervals": 10**400}, "intervals must be from 2 to 500, got a huge integer"),
+        ({"clearance": -0.01}, "clearance must be from 0 to 0.5, got -0.01"),
+        ({"pitch_limit": 0.0}, "pitch_limit must be from 0.001 to 1.5, got 0"),
+        ({"weights": {"force": 0.0}}, "weights.force must be from 1 to 1e+06, got 0"),
+        ({"weights": {"power": -1.0}}, "weights.power must be from 0 to 1e+06, got -1"),
     ],
 )
 def test_impossible_problems_are_refused(change, message):
@@ -175,12 +180,12 @@ def test_without_casadi_there_is_a_line_that_says_so(monkeypatch):
 # --- Between the points, and on disk --------------------------------------------------------------------------
 def test_samples_at_the_points_are_the_points(trot):
     for segment in range(2):
-        moment = sample(trot.problem, trot.trajectory, segment, trot.problem.points)
+        moment = sample(trot.problem, trot.motion, segment, trot.problem.points)
         for name in ("tau", "force", "a"):
-            assert getattr(moment, name) == pytest.approx(getattr(trot.trajectory, name)[segment])
+            assert getattr(moment, name) == pytest.approx(getattr(trot.motion, name)[segment])
         # The middle of an interval is on the cubic of its ends as exactly as the defects are zero.
-        assert moment.q == pytest.approx(trot.trajectory.q[segment], abs=1e-7)
-        assert moment.v == pytest.approx(trot.trajectory.v[segment], abs=1e-5)
+        assert moment.q == pytest.approx(trot.motion.q[segment], abs=1e-7)
+        assert moment.v == pytest.approx(trot.motion.v[segment], abs=1e-5)
 
 
 @pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
@@ -194,9 +199,9 @@ def test_samples_are_exact_for_what_the_scheme_integrates_exactly(scheme):
     v = np.broadcast_to((speed + acceleration * t)[:, None], (*shape, nq))
     a = np.full((*shape, nq), acceleration)
     motors = np.broadcast_to((1.0 + 0.0 * t)[:, None], (*shape, 8))
-    trajectory = Trajectory(np.array([0.2, 0.2]), q, v, a, motors, motors, np.zeros((2, 8)))
+    motion = Motion(np.array([0.2, 0.2]), q, v, a, motors, motors, np.zeros((2, 8)))
     share = np.linspace(0.0, 1.0, 23)
-    moment = sample(problem, trajectory, 1, share)
+    moment = sample(problem, motion, 1, share)
     t = 0.2 * share[:, None]
     assert moment.q == pytest.approx(np.broadcast_to(speed * t + 0.5 * acceleration * t**2, moment.q.shape))
     assert moment.v == pytest.approx(np.broadcast_to(speed + acceleration * t, moment.v.shape))
@@ -204,9 +209,9 @@ def test_samples_are_exact_for_what_the_scheme_integrates_exactly(scheme):
 
 
 def test_resampling_onto_the_same_mesh_changes_nothing(trot):
-    again = resample(trot.problem, trot.trajectory, trot.problem)
-    assert again.q == pytest.approx(trot.trajectory.q, abs=1e-7)
-    assert again.tau == pytest.approx(trot.trajectory.tau)
+    again = resample(trot.problem, trot.motion, trot.problem)
+    assert again.q == pytest.approx(trot.motion.q, abs=1e-7)
+    assert again.tau == pytest.approx(trot.motion.tau)
 
 
 def test_a_solution_survives_the_disk(trot, tmp_path):
@@ -216,8 +221,8 @@ def test_a_solution_survives_the_disk(trot, tmp_path):
     assert again.problem == trot.problem
     assert again.checks == checked.checks
     assert again.cost == trot.cost
-    for field in dataclasses.fields(Trajectory):
-        assert np.array_equal(getattr(again.trajectory, field.name), getattr(trot.trajectory, field.name))
+    for field in dataclasses.fields(Motion):
+        assert np.array_equal(getattr(again.motion, field.name), getattr(trot.motion, field.name))
 
 
 def test_broken_solutions_are_refused(trot, tmp_path):
@@ -235,8 +240,41 @@ def test_broken_solutions_are_refused(trot, tmp_path):
     with pytest.raises(UserError, match="has format 99, this version reads 1"):
         load_solution(path)
     path.with_name("speed.json").write_text(card.replace('"speed": 10.0', '"speed": -10.0'))
-    with pytest.raises(UserError, match="speed must be a finite number"):
+    with pytest.raises(UserError, match="speed must be from"):
         load_solution(path)
+    for wrong in ("[" * 100_000, "[]", "null", card.replace('"iterations": ', '"iterations": 1' + "0" * 5000)):
+        path.with_name("speed.json").write_text(wrong)
+        with pytest.raises(UserError, match=r"solution .*speed cannot be read .*: solve it again"):
+            load_solution(path)
+    path.with_name("speed.json").write_text(card)
+    other = dataclasses.replace(trot, motion=resample(trot.problem, trot.motion, trot.problem.on_mesh(3)))
+    save_solution(path, other)
+    with pytest.raises(UserError, match=r"holds q as float64\[2, 7, 15\], expected floating\[2, 13, 15\]"):
+        load_solution(path)
+    holed = dataclasses.replace(trot.motion, v=np.full_like(trot.motion.v, np.nan))
+    save_solution(path, dataclasses.replace(trot, motion=holed))
+    with pytest.raises(UserError, match="numbers in v that are not finite"):
+        load_solution(path)
+
+
+def test_every_bit_flipped_in_a_solution_is_one_line(trot, tmp_path):
+    path = tmp_path / "speed"
+    save_solution(path, trot)
+    rng, lines = np.random.default_rng(0), []
+    for suffix, times in ((".npz", 150), (".json", 50)):
+        file = path.with_name(path.name + suffix)
+        content = file.read_bytes()
+        for _ in range(times):
+            flipped = bytearray(content)
+            flipped[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+            file.write_bytes(flipped)
+            try:
+                load_solution(path)
+            except UserError as error:
+                lines.append(str(error))
+        file.write_bytes(content)
+    assert len(lines) > 120
+    assert not any("\n" in line for line in lines)
 
 
 def test_the_model_of_other_hardware_is_another_model():

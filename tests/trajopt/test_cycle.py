@@ -7,7 +7,6 @@ import pytest
 
 from bp2_rl.robot import specs
 from bp2_rl.trajopt import sagittal
-from bp2_rl.trajopt.collocation import cold_guess
 from bp2_rl.trajopt.cycle import (
     center_of_mass,
     center_of_mass_velocity,
@@ -16,6 +15,7 @@ from bp2_rl.trajopt.cycle import (
     robot_mass,
     whole_cycle,
 )
+from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Gait, Problem, Scheme
 from bp2_rl.trajopt.solution import Solution
 
@@ -56,7 +56,7 @@ def test_the_second_half_is_the_first_with_left_and_right_changed(trot):
 
 def test_a_whole_stride_is_its_own_cycle():
     solution = guess("two-leg")
-    assert whole_cycle(solution).motion is solution.trajectory
+    assert whole_cycle(solution).motion is solution.motion
 
 
 @pytest.mark.parametrize(("scheme", "degree"), [("hermite-simpson", 3), ("trapezoid", 1), ("paper", 0)])
@@ -101,9 +101,9 @@ def test_a_straight_legs_centre_of_mass_is_table_s3s():
 
 def test_only_positive_work_costs_transport():
     solution = guess()
-    trajectory = solution.trajectory
-    v, tau = np.zeros_like(trajectory.v), np.zeros_like(trajectory.tau)
+    motion = solution.motion
+    v, tau = np.zeros_like(motion.v), np.zeros_like(motion.tau)
     v[..., 3], tau[..., 0] = 2.0, 10.0  # a hip that drives with 20 W,
     v[..., 4], tau[..., 1] = 3.0, -10.0  # a knee that brakes with 30 W
-    solution = dataclasses.replace(solution, trajectory=dataclasses.replace(trajectory, v=v, tau=tau))
+    solution = dataclasses.replace(solution, motion=dataclasses.replace(motion, v=v, tau=tau))
     assert cost_of_transport(solution) == pytest.approx(20.0 / (35.8 * 9.81 * 10.0), rel=1e-12)

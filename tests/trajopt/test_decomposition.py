@@ -7,7 +7,6 @@ import pytest
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
-from bp2_rl.trajopt.collocation import cold_guess
 from bp2_rl.trajopt.decomposition import (
     BALANCE,
     KINDS,
@@ -21,8 +20,9 @@ from bp2_rl.trajopt.decomposition import (
     peak_velocity_force,
     turning_speeds,
 )
+from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Gait, Problem
-from bp2_rl.trajopt.solution import Solution, Trajectory
+from bp2_rl.trajopt.solution import Motion, Solution
 
 WEIGHT = 35.8 * 9.81  # N, of four quarters of Table S3
 LINKS = (  # mass, inertia, distance from the hip of a straight leg's bodies (Table S3)
@@ -38,8 +38,8 @@ def terms(trot) -> Decomposition:
     return decompose(trot)
 
 
-def pretended(problem: Problem, trajectory: Trajectory) -> Solution:
-    return Solution(problem, trajectory, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+def pretended(problem: Problem, motion: Motion) -> Solution:
+    return Solution(problem, motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
 
 
 def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:
@@ -51,8 +51,8 @@ def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:
         for coordinate, value in entries.items():
             held[name][..., coordinate] = value
     nothing = np.zeros_like(guess.tau)
-    trajectory = dataclasses.replace(guess, **held, tau=nothing, force=nothing, impulse=nothing[:, 0])
-    return decompose(pretended(problem, trajectory))
+    motion = dataclasses.replace(guess, **held, tau=nothing, force=nothing, impulse=nothing[:, 0])
+    return decompose(pretended(problem, motion))
 
 
 def at_other_speed(solution: Solution, speed: float) -> Solution:

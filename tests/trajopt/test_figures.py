@@ -16,10 +16,13 @@ from PIL import Image
 
 from bp2_rl.errors import UserError
 from bp2_rl.plotting import QUIET
-from bp2_rl.trajopt.collocation import cold_guess
 from bp2_rl.trajopt.cycle import cost_of_transport
 from bp2_rl.trajopt.decomposition import TERMS, Decomposition, Trends, decompose, find_trends
-from bp2_rl.trajopt.figures import LEFT, RIGHT, TERM_COLORS, decomposition_figure, family_figure, trajectory_figure
+from bp2_rl.trajopt.figures.decomposition import TERM_COLORS, decomposition_figure
+from bp2_rl.trajopt.figures.family import family_figure
+from bp2_rl.trajopt.figures.style import LEFT, RIGHT
+from bp2_rl.trajopt.figures.trajectory import trajectory_figure
+from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution
 
@@ -138,7 +141,7 @@ def test_left_is_blue_and_right_is_red(figures, trot):
     axes = panel(figures["trajectory"], "G")
     left, right = (np.nanmax(np.concatenate(curves(axes, color))) for color in (LEFT, RIGHT))
     assert left == pytest.approx(right, rel=1e-9)  # mirror images
-    first = trot.trajectory.force[0]
+    first = trot.motion.force[0]
     assert np.max(first[:, 3]) > 0.0  # FL, with RR
     half = np.size(axes.lines[0].get_ydata()) // 2
     drawn = {color: [np.any(np.isfinite(curve[:half])) for curve in curves(axes, color)] for color in (LEFT, RIGHT)}

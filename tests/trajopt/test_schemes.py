@@ -8,7 +8,7 @@ from rich.console import Console
 from bp2_rl.trajopt.collocation import solve
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.schemes import SCHEMES, compare_schemes, tabulate_schemes
-from bp2_rl.trajopt.solution import Solution, Trajectory
+from bp2_rl.trajopt.solution import Motion, Solution
 
 
 def test_the_papers_scheme_leaks_energy_where_hermite_simpson_does_not():
@@ -28,7 +28,7 @@ def test_a_finer_mesh_starts_from_the_coarser_one(trot):
     """A solver that knows the trot of any mesh records where it was told to start."""
     starts = []
 
-    def recall(problem: Problem, start: Trajectory | None) -> Solution:
+    def recall(problem: Problem, start: Motion | None) -> Solution:
         starts.append(None if start is None else len(start.q[0]))
         assert problem.intervals == trot.problem.intervals
         return trot

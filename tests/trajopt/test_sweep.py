@@ -2,9 +2,10 @@ import dataclasses
 
 import pytest
 
+from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
 from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.sweep import best_of, sweep
+from bp2_rl.trajopt.sweep import Attempt, best_of, sweep
 
 PROBLEM = Problem(intervals=4)
 
@@ -46,8 +47,15 @@ def test_nothing_is_solved_twice(swept):
 
 
 def test_a_folder_of_another_sweep_is_left_alone(swept):
-    with pytest.raises(UserError, match="holds a sweep of another problem"):
-        list(sweep(dataclasses.replace(PROBLEM, clearance=0.1), [12.0], 1, swept[1]))
+    with pytest.raises(UserError, match="holds a sweep with another clearance"):
+        list(sweep(dataclasses.replace(PROBLEM.on_mesh(2), clearance=0.1), [12.0], 1, swept[1]))
+
+
+def test_a_record_of_another_speed_is_refused_by_its_name(swept, tmp_path):
+    save_config(tmp_path / "sweep.json", PROBLEM)
+    save_config(tmp_path / "speed-12.00-start-0.attempt.json", Attempt(12.003, 0, False, 1.0))
+    with pytest.raises(UserError, match=r"speed-12.00-start-0.* is about start 0 at 12.003 m/s"):
+        list(sweep(PROBLEM, [12.0], 1, tmp_path))
 
 
 def test_an_empty_folder_is_said_to_be_empty(tmp_path):

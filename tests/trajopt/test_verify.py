@@ -10,7 +10,7 @@ from bp2_rl.robot import specs
 from bp2_rl.trajopt.collocation import solve
 from bp2_rl.trajopt.planar import PlanarModel
 from bp2_rl.trajopt.problem import Problem, contact_rows
-from bp2_rl.trajopt.solution import Solution, Trajectory
+from bp2_rl.trajopt.solution import Motion, Solution
 from bp2_rl.trajopt.verify import (
     UNITS,
     Tolerances,
@@ -35,7 +35,7 @@ def figures(smooth: Solution) -> dict[str, float]:
 
 
 def tamper(solution: Solution, **arrays: np.ndarray) -> Solution:
-    return dataclasses.replace(solution, trajectory=dataclasses.replace(solution.trajectory, **arrays))
+    return dataclasses.replace(solution, motion=dataclasses.replace(solution.motion, **arrays))
 
 
 def failing(figures: dict[str, float]) -> set[str]:
@@ -65,14 +65,14 @@ def test_what_the_program_makes_zero_is_zero_in_the_other_model_of_bp2_as_well(t
 
 
 def test_torques_that_are_two_per_cent_too_great_are_no_dynamics(smooth):
-    tau = smooth.trajectory.tau
+    tau = smooth.motion.tau
     tampered = verify(tamper(smooth, tau=1.02 * tau))
     assert tampered["dynamics_residual"] == pytest.approx(0.02 * np.max(np.abs(tau)), rel=1e-3)
     assert {"dynamics_residual", "energy_residual", "position_error", "velocity_error"} <= failing(tampered)
 
 
 def test_a_duration_that_is_one_per_cent_too_long_does_not_close(smooth):
-    durations = smooth.trajectory.durations
+    durations = smooth.motion.durations
     late = verify(tamper(smooth, durations=durations * (1.01, 1.0)))
     # The trunk has not moved on as far as the treadmill.
     assert late["position_jump"] == pytest.approx(smooth.problem.speed * 0.01 * durations[0], rel=1e-6)
@@ -81,7 +81,7 @@ def test_a_duration_that_is_one_per_cent_too_long_does_not_close(smooth):
 
 def test_a_foot_that_dips_into_the_ground_is_found(smooth):
     """One point only of a swinging leg, its hip and knee stretched; the depth is the leg's own geometry."""
-    q = smooth.trajectory.q.copy()
+    q = smooth.motion.q.copy()
     middle = q.shape[1] // 2
     q[1, middle, [3, 4, 5]] = 0.0, -0.1, -0.02
     L, radius, pitch = specs.THIGH_LENGTH, smooth.problem.foot_radius, q[1, middle, 2]
@@ -94,7 +94,7 @@ def test_a_foot_that_dips_into_the_ground_is_found(smooth):
 
 
 def test_a_force_that_is_missing_leaves_weight_uncarried(smooth):
-    force, T = smooth.trajectory.force.copy(), smooth.trajectory.durations
+    force, T = smooth.motion.force.copy(), smooth.motion.durations
     row = contact_rows(specs.LEGS, ("RR",))[1]
     missing = force[0, :, row].copy()
     force[0, :, row] = 0.0
@@ -110,7 +110,7 @@ def test_a_force_that_is_missing_leaves_weight_uncarried(smooth):
 
 
 def test_friction_in_use_is_a_share_of_the_cone(smooth):
-    force, down = smooth.trajectory.force.copy(), contact_rows(specs.LEGS, ("FL",))[1]
+    force, down = smooth.motion.force.copy(), contact_rows(specs.LEGS, ("FL",))[1]
     middle = force.shape[1] // 2
     force[0, middle, down - 1] = -3.0 * specs.FOOT_FRICTION * force[0, middle, down]
     assert verify(tamper(smooth, force=force))["friction_use"] >= 3.0 - 1e-9
@@ -118,12 +118,12 @@ def test_friction_in_use_is_a_share_of_the_cone(smooth):
 
 def test_what_is_wrong_at_one_point_alone_is_found(smooth):
     """A foot that pulls, a torque beyond the envelope, a harder landing, and a speed that jumps at lift-off."""
-    trajectory = smooth.trajectory
-    force, tau, v = trajectory.force.copy(), trajectory.tau.copy(), trajectory.v.copy()
+    motion = smooth.motion
+    force, tau, v = motion.force.copy(), motion.tau.copy(), motion.v.copy()
     force[0, 3, contact_rows(specs.LEGS, ("FL",))[1]] = -50.0
     tau[0, 4, 2] = specs.PEAK_TORQUE + 30.0
     v[1, 0, 3] += 0.1
-    bad = verify(tamper(smooth, force=force, tau=tau, v=v, impulse=1.01 * trajectory.impulse))
+    bad = verify(tamper(smooth, force=force, tau=tau, v=v, impulse=1.01 * motion.impulse))
     assert bad["stance_force_min"] <= -50.0 + 1e-9
     assert bad["torque_excess"] >= 30.0 - 1e-9  # more where the joint turns faster than the corner
     assert bad["velocity_jump"] == pytest.approx(0.1, rel=1e-6)
@@ -133,6 +133,7 @@ def test_what_is_wrong_at_one_point_alone_is_found(smooth):
 def test_not_a_number_is_no_pass(figures):
     for name in dataclasses.asdict(Tolerances()):
         assert any(line.startswith(f"{name} is nan") for line in failures({**figures, name: math.nan}))
+    assert len(failures({})) == len(dataclasses.asdict(Tolerances()))
 
 
 def test_the_simulation_counts_only_at_speeds_at_which_it_must_agree(figures):
@@ -149,7 +150,7 @@ def test_the_simulation_flies_in_a_parabola_and_keeps_its_feet(smooth):
     model = PlanarModel.of(smooth.problem)
     mass = model.weight / specs.GRAVITY
     momentum = np.array([(model.terms(x, rate).mass @ rate)[:2] for x, rate in zip(q[1], v[1], strict=True)])
-    t = smooth.trajectory.durations[1] * smooth.problem.points
+    t = smooth.motion.durations[1] * smooth.problem.points
     drop = np.stack([np.zeros_like(t), -specs.GRAVITY * t], axis=1)
     np.testing.assert_allclose(momentum / mass - momentum[0] / mass, drop, atol=1e-6)  # the integrator's own error
     rows = contact_rows(specs.LEGS, ("FL", "RR"))
@@ -173,8 +174,8 @@ def test_a_landing_within_the_stride_is_simulated_too():
     points, segments = len(problem.points), 4
     nothing = np.zeros((segments, points, 4))
     q, v = (np.tile(x, (segments, points, 1)) for x in (q0, v0))
-    trajectory = Trajectory(np.full(4, 0.01), q, v, np.zeros_like(v), nothing, nothing, nothing[:, 0])
-    q, v = resimulate(Solution(problem, trajectory, 0.0, 0.0, 0, 0.0))
+    motion = Motion(np.full(4, 0.01), q, v, np.zeros_like(v), nothing, nothing, nothing[:, 0])
+    q, v = resimulate(Solution(problem, motion, 0.0, 0.0, 0, 0.0))
     np.testing.assert_array_equal(q[2, 0], q[1, -1])
     rows = contact_rows(("F", "H"), ("H",))
     assert np.max(np.abs((model.terms(q[1, -1], v[1, -1]).jacobian @ v[1, -1])[rows])) > 0.1
@@ -183,9 +184,9 @@ def test_a_landing_within_the_stride_is_simulated_too():
 
 
 def test_a_summary_changes_by_what_the_mesh_changes(smooth):
-    heavier = tamper(smooth, durations=2.0 * smooth.trajectory.durations, force=1.1 * smooth.trajectory.force)
+    heavier = tamper(smooth, durations=2.0 * smooth.motion.durations, force=1.1 * smooth.motion.force)
     change = mesh_change(smooth, heavier)
     assert change["duty"] == pytest.approx(0.0, abs=1e-12)
     assert change["period"] == pytest.approx(0.5)
     assert change["peak_force"] == pytest.approx(1.0 - 1.0 / 1.1)
-    assert summarise(smooth)["peak_torque"] >= np.max(np.abs(smooth.trajectory.tau))
+    assert summarise(smooth)["peak_torque"] >= np.max(np.abs(smooth.motion.tau))

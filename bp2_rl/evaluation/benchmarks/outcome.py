@@ -1,6 +1,7 @@
 """What a benchmark hands to the terminal, the page, the file and a policy's card."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -67,11 +68,11 @@ def show_fall(fell_at: float | None) -> str:
 
 
 def rounded(results: dict[str, Any]) -> dict[str, Any]:
-    """The same to four digits, within lists and groups too."""
+    """The same to four digits, within lists and groups too; None for what is no number, as of a run that blew up."""
 
     def four_digits(value: Any) -> Any:
         if isinstance(value, float):
-            return float(f"{value:.4g}")
+            return float(f"{value:.4g}") if math.isfinite(value) else None
         if isinstance(value, dict):
             return rounded(value)
         return [four_digits(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -14,7 +14,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     frequency, duty = _mean_gait(m)
     return (
         Row("Top speed", show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
-        Row("Held speed", show(m.held_speed, ".2f", "m/s"), "best 5-s mean while held"),
+        Row("Best 5 s", show(m.held_speed, ".2f", "m/s"), "best 5-s mean of the hold"),
         Row("Commanded speed", show(m.commanded_speed, ".2f", "m/s"), "at the end"),
         Row(
             "Mean speed", show(m.mean_speed, ".2f", "m/s"), f"steady window, {m.steady_from:.1f} to {m.steady_to:.1f} s"

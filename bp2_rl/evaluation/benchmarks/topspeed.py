@@ -30,7 +30,7 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         backend=run.backend,
         conditions=conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend), setup.operator),
         verdict=verdict(metrics),
-        good=metrics.fell_at is None,
+        good=metrics.fell_at is None and follows(metrics),
         rows=run_rows(metrics),
         tiles=TILES,
         pictures=run_pictures(run),
@@ -50,8 +50,15 @@ def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
     )
 
 
+def follows(metrics: RunMetrics) -> bool:
+    """Whether the robot runs at all as it is told: at half the commanded speed or more."""
+    return metrics.mean_speed >= 0.5 * metrics.commanded_speed
+
+
 def verdict(metrics: RunMetrics) -> str:
     """The run in one sentence."""
     if metrics.fell_at is not None:
         return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
-    return f"Held {metrics.mean_speed:.2f} m/s for {metrics.hold_time:.1f} s without a fall."
+    if not follows(metrics):
+        return f"Does not run: {metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded."
+    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of the hold's {metrics.hold_time:.1f} s, without a fall."

@@ -4,19 +4,21 @@ MuJoCo binds its GL library when it is first imported and a wrong choice can end
 a process of its own: `make_video` starts it once for each library, this module run as a script is that process.
 """
 
+import importlib.util
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
-import imageio_ffmpeg
 import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.files import write_bytes
 from bp2_rl.robot.model import load_model
 
 GL_LIBRARIES = ("egl", "osmesa")
@@ -25,6 +27,7 @@ FRAME_RATE = 30  # frames/s
 WIDTH, HEIGHT = 960, 544  # pixels; multiples of 16, as the codec wants
 SLOW_FRAME = 0.1  # s: a frame that takes longer is drawn by the CPU, and the film is made simpler
 TIME_LIMIT = 300.0  # s, for one library
+SCENE = 90.0  # m: where the film is made, in the midst of the scene's lane lines and metre marks
 CAMERA = "track"
 
 
@@ -38,6 +41,8 @@ def make_video(trajectory: Path, output: Path, gl_library: str | None = None) ->
     Raises:
         NoVideo: no GL library works here.
     """
+    if importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise NoVideo("no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video")
     reasons = []
     for library in (gl_library,) if gl_library else GL_LIBRARIES:
         error = _film_with(library, trajectory, output)
@@ -65,26 +70,39 @@ def _film_with(library: str, trajectory: Path, output: Path) -> str | None:
 
 
 def film(run: Trajectory, output: Path) -> None:
-    """Render the `LENGTH` seconds around the best second from the tracking camera, in real time."""
+    """Render the `LENGTH` seconds around the best second from the tracking camera, in real time.
+
+    The scene repeats itself every metre, so the robot is shown by whole metres nearer to its middle than it ran.
+    """
     model = load_model(run.hardware)
     data = mujoco.MjData(model)
     if _seconds_a_frame(model, data) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
         model.mat_reflectance[:] = 0.0
-    temporary = output.with_name(f".{output.stem}.tmp{output.suffix}")
-    writer = imageio_ffmpeg.write_frames(str(temporary), (WIDTH, HEIGHT), fps=FRAME_RATE, quality=7)
+    with tempfile.TemporaryDirectory(prefix="bp2-film-") as folder:
+        temporary = Path(folder) / output.name
+        _draw(run, model, data, temporary)
+        write_bytes(output, temporary.read_bytes())
+
+
+def _draw(run: Trajectory, model: mujoco.MjModel, data: mujoco.MjData, output: Path) -> None:
+    """Draw the frames and write them as they come."""
+    import imageio_ffmpeg  # an evaluation goes without a film where it is missing
+
+    writer = imageio_ffmpeg.write_frames(str(output), (WIDTH, HEIGHT), fps=FRAME_RATE, quality=7)
     writer.send(None)
     try:
         with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
-            for k in frame_samples(run):
+            for i, k in enumerate(frame_samples(run)):
                 data.qpos[:] = run.qpos[k]
+                data.qpos[0] += SCENE - np.floor(data.qpos[0])
                 mujoco.mj_forward(model, data)
-                renderer.update_scene(data, camera=CAMERA)
+                for _ in range(2 if i == 0 else 1):  # the endless floor is laid out around the camera's last place
+                    renderer.update_scene(data, camera=CAMERA)
                 writer.send(_captioned(renderer.render(), _caption(run, k)))
     finally:
         writer.close()
-    os.replace(temporary, output)
 
 
 def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData) -> float:

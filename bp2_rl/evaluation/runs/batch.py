@@ -73,6 +73,7 @@ def rollout_fleet(
 
     def control_step(state, command):
         actions = jax.vmap(policy)(state.obs["state"])
+
         def step(state, action):
             qpos = state.pipeline_state.physics.qpos
             return env.step(state, action, command=operator.steer(command, qpos[1], yaw(qpos[3:7])))

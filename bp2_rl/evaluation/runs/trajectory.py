@@ -2,8 +2,6 @@
 
 import dataclasses
 import json
-import os
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ from jaxtyping import Float
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
+from bp2_rl.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.robot.specs import HardwareSpec
 
 FORMAT = "bp2_rl.trajectory/1"
@@ -25,7 +24,6 @@ _ARRAYS = {  # field: shape of one sample
     "command": (3,),
     "foot_force": (4, 3),
 }
-_FACTS = ("dt", "steady_from", "fell_at", "mass", "name", "backend")
 
 
 class TrajectoryError(UserError):
@@ -105,29 +103,42 @@ class Trajectory:
 
     def save(self, path: Path) -> None:
         """Write one .npz (never a pickle), whole or not at all."""
-        facts = {field: getattr(self, field) for field in _FACTS} | {"hardware": to_json(self.hardware)}
+        facts = _Facts(**{field.name: getattr(self, field.name) for field in dataclasses.fields(_Facts)})
         arrays = {field: getattr(self, field) for field in _ARRAYS}
-        temporary = path.with_name(f".{path.name}.tmp")
-        with temporary.open("wb") as file:
-            np.savez(file, format=np.array(FORMAT), facts=np.array(json.dumps(facts)), **arrays)
-        os.replace(temporary, path)
+        write_npz(path, {"format": np.array(FORMAT), "facts": np.array(json.dumps(to_json(facts))), **arrays})
 
     @classmethod
     def load(cls, path: Path) -> "Trajectory":
         """Read what `save` wrote; raises TrajectoryError for anything else."""
+        if not path.exists():
+            raise TrajectoryError(f"no trajectory at {path}")
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                if str(archive["format"]) != FORMAT:
-                    raise TrajectoryError(f"{path} is of format {archive['format']}, this version reads {FORMAT}")
-                facts = json.loads(str(archive["facts"]))
-                hardware = from_json(HardwareSpec, facts.pop("hardware"))
-                return cls(**{field: archive[field] for field in _ARRAYS}, hardware=hardware, **facts)
-        except FileNotFoundError:
-            raise TrajectoryError(f"no trajectory at {path}") from None
+            content = read_bytes(path)
+            text = ArraySpec(np.str_, ())
+            told = read_npz(path, {"format": text, "facts": text}, content=content, largest=len(content))
+            if str(told["format"]) != FORMAT:
+                raise TrajectoryError(f"{path} is of format {told['format']}, this version reads {FORMAT}")
+            facts = from_json(_Facts, parse_json(str(told["facts"]), "facts"))
+            wanted = {field: ArraySpec(np.floating, ("N", *shape)) for field, shape in _ARRAYS.items()}
+            arrays = read_npz(path, wanted, content=content, largest=len(content))
+            return cls(**arrays, **{field.name: getattr(facts, field.name) for field in dataclasses.fields(_Facts)})
         except TrajectoryError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        except ValueError as error:  # whatever is wrong with files, their arrays and their facts
             raise TrajectoryError(f"{path} is no trajectory, or not a whole one ({error})") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Facts:
+    """What a trajectory's file holds beside its arrays."""
+
+    dt: float
+    steady_from: float
+    fell_at: float | None
+    mass: float
+    hardware: HardwareSpec
+    name: str
+    backend: str
 
 
 def heading(quaternion: Any) -> Any:

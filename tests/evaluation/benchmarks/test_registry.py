@@ -1,13 +1,16 @@
+import dataclasses
 import re
+from typing import get_args
 
 import pytest
 
+from bp2_rl.cli.eval import BenchmarkName
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks import options as setups
 from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS, choose
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed, verdict
+from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
+from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
 from bp2_rl.evaluation.runs.metrics import measure
 from bp2_rl.evaluation.runs.operator import HeadingHold
 
@@ -89,5 +92,13 @@ def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
 
 
 def test_the_verdict_tells_a_fall(make_run):
-    assert verdict(measure(make_run())) == "Held 5.00 m/s for 6.0 s without a fall."
+    assert verdict(measure(make_run())) == "Ran 5.00 m/s in the mean of the hold's 6.0 s, without a fall."
+    stands = measure(make_run(speed=0.1))
+    told = dataclasses.replace(stands, commanded_speed=10.0)
+    assert verdict(told) == "Does not run: 0.10 m/s where 10 m/s were commanded."
+    assert not follows(told)
     assert verdict(measure(make_run(duration=3.5, fell_at=3.5))) == "Fell after 3.50 s, 1.5 s into the hold."
+
+
+def test_the_command_offers_all_benchmarks_there_are():
+    assert get_args(BenchmarkName) == (*BENCHMARKS, ALL)

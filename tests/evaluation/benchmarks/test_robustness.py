@@ -25,7 +25,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
     verdict,
     wilson_interval,
 )
-from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.report import folder
 from bp2_rl.evaluation.runs.batch import FleetRun
 
 DT = 5e-3
@@ -136,7 +136,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     assert (asked["robots"], asked["seed"], asked["impl"]) == (200, 0, impl)
     assert asked["randomization"] == RandomizationConfig()  # not the policy's own
     assert evaluation.good
-    assert "0.279 rad/s" in report.card_results(evaluation)["steering"]
+    assert "0.279 rad/s" in folder.card_results(evaluation)["steering"]
     assert evaluation.trajectory is None
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)

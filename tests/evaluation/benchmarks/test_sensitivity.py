@@ -22,7 +22,7 @@ from bp2_rl.evaluation.benchmarks.sensitivity import (
     sensitivity_rows,
     verdict,
 )
-from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.specs import BP2, HardwareSpec
 
 ROBOT = RobotMetrics(
@@ -86,7 +86,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     assert [run[3].hold for run in asked if run[2] is None] == [5.0] * len(robots)
     assert evaluation.good
     assert evaluation.results["lanes_kept"] == len(robots)
-    assert report.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
+    assert folder.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
     assert evaluation.results["top_speeds"]["mass +10 %"] == pytest.approx(10.0)
     assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}

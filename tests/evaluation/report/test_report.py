@@ -3,6 +3,7 @@ import io
 import json
 import re
 import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.report import film as video
-from bp2_rl.evaluation.report import report
+from bp2_rl.evaluation.report import folder, page, terminal
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 
@@ -63,7 +64,7 @@ class Page(HTMLParser):
 
 def test_report_folder_explains_itself(busy_run, tmp_path):
     evaluation = evaluation_of(busy_run, pictures=run_pictures(busy_run))
-    assert report.write_report(evaluation, tmp_path, video=False) is None
+    assert folder.write_report(evaluation, tmp_path, video=False) is None
     names = {path.name for path in tmp_path.iterdir()}
     pictures = {"speed.png", "torque_speed.png", "gait.png", "joints.png"}
     assert names == pictures | {"metrics.json", "trajectory.npz", "index.html"}
@@ -75,27 +76,27 @@ def test_report_folder_explains_itself(busy_run, tmp_path):
 
 
 def test_page_needs_no_other_file_and_no_script(busy_run, tmp_path):
-    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
     text = (tmp_path / "index.html").read_text()
-    page = Page(text)
-    assert "script" not in page.tags
-    assert len(page.sources) == 1
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    shown = Page(text)
+    assert "script" not in shown.tags
+    assert len(shown.sources) == 1
+    assert all(source.startswith("data:image/png;base64,") for source in shown.sources)
     assert "ramp &amp; &lt;hold&gt;" in text
     for leg in ("FR", "FL", "RR", "RL"):
         assert f"{leg}_knee" in text
 
 
 def test_page_shows_the_film_where_there_is_one(busy_run):
-    page = Page(report.page(evaluation_of(busy_run), {}, has_video=True))
-    assert page.sources == ["run.mp4"]
+    shown = Page(page.page(evaluation_of(busy_run), {}, has_video=True))
+    assert shown.sources == ["run.mp4"]
 
 
 def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
-    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
     (tmp_path / "run.mp4").write_bytes(b"of the older run")
-    report.open_folder(tmp_path, "topspeed")
-    report.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
+    folder.open_folder(tmp_path, "topspeed")
+    folder.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
     assert not (tmp_path / "run.mp4").exists()
     assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
 
@@ -103,7 +104,7 @@ def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
 def test_a_folder_of_other_things_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(UserError, match="holds other files"):
-        report.open_folder(tmp_path, "topspeed")
+        folder.open_folder(tmp_path, "topspeed")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -111,23 +112,23 @@ def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(UserError, match="cannot be written"):
-            report.open_folder(place, "topspeed")
+            folder.open_folder(place, "topspeed")
 
 
 def test_a_new_folder_is_made_with_its_parents(tmp_path):
-    report.open_folder(tmp_path / "a" / "b", "topspeed")
+    folder.open_folder(tmp_path / "a" / "b", "topspeed")
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
 def test_a_report_of_another_benchmark_is_left_alone(busy_run, tmp_path):
-    report.write_report(evaluation_of(busy_run), tmp_path, video=False)
+    folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
     with pytest.raises(UserError, match="holds a report of topspeed: name another folder for sprint"):
-        report.open_folder(tmp_path, "sprint")
+        folder.open_folder(tmp_path, "sprint")
 
 
 def test_a_benchmark_of_no_single_run_leaves_no_run(busy_run, tmp_path):
     evaluation = evaluation_of(busy_run, trajectory=None, tables=())
-    assert report.write_report(evaluation, tmp_path) is None
+    assert folder.write_report(evaluation, tmp_path) is None
     assert {path.name for path in tmp_path.iterdir()} == {"metrics.json", "speed.png", "index.html"}
 
 
@@ -136,7 +137,7 @@ def test_a_page_shows_rows_tables_and_the_mood(busy_run):
     evaluation = evaluation_of(
         busy_run, rows=(Row("Lead", "0.6 s", "at <5 m"),), tiles=("Lead",), tables=(table,), good=False
     )
-    text = report.page(evaluation, {}, has_video=False)
+    text = page.page(evaluation, {}, has_video=False)
     Page(text)
     assert "<div><b>0.6 s</b><span>Lead</span></div>" in text
     assert "at &lt;5 m" in text
@@ -146,21 +147,21 @@ def test_a_page_shows_rows_tables_and_the_mood(busy_run):
 
 def test_the_overview_leads_to_every_page(busy_run, tmp_path):
     evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
-    report.write_overview(evaluations, tmp_path)
+    folder.write_overview(evaluations, tmp_path)
     text = (tmp_path / "index.html").read_text()
     assert Page(text).sources == ["topspeed/index.html", "sprint/index.html"]
     assert "sprint done." in text
-    found = report.read_report(tmp_path)
+    found = folder.read_report(tmp_path)
     assert found.benchmark == "all"
     assert found.conditions == {"policy": "a policy", "weights_sha256": "0" * 64}
-    assert found.results == {each.benchmark: report.card_results(each) for each in evaluations}
+    assert found.results == {each.benchmark: folder.card_results(each) for each in evaluations}
 
 
 def test_the_overview_on_the_terminal_has_every_verdict(busy_run):
-    terminal = io.StringIO()
+    printed = io.StringIO()
     evaluations = [evaluation_of(busy_run, name, verdict=f"{name} done.") for name in ("topspeed", "sprint")]
-    report.print_overview(evaluations, Console(file=terminal, width=80))
-    assert [line.split() for line in terminal.getvalue().splitlines()[1:]] == [
+    terminal.print_overview(evaluations, Console(file=printed, width=80))
+    assert [line.split() for line in printed.getvalue().splitlines()[1:]] == [
         ["topspeed", "topspeed", "done."],
         ["sprint", "sprint", "done."],
     ]
@@ -210,7 +211,7 @@ def test_film_of_a_short_run_shows_as_much_as_there_is(make_run, duration):
 
 
 def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
-    reason = report.write_report(evaluation_of(busy_run), tmp_path, gl_library="none-such")
+    reason = folder.write_report(evaluation_of(busy_run), tmp_path, gl_library="none-such")
     assert reason is not None
     assert re.fullmatch(r"no video: no GL library works here \(none-such: .*\); unset MUJOCO_GL, or .*", reason)
     assert "Traceback" not in reason
@@ -221,8 +222,9 @@ def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
 def test_film_is_a_film(make_run, tmp_path):
     """Where there is no GL library, the reason is all there is."""
     path = tmp_path / "trajectory.npz"
-    run = make_run(duration=0.2)
-    run.save(path)
+    far = make_run(duration=0.2)
+    far.qpos[:, 0] += 280.3  # where the scene has no lane lines any more
+    far.save(path)
     try:
         video.make_video(path, tmp_path / "run.mp4")
     except video.NoVideo as reason:
@@ -232,11 +234,39 @@ def test_film_is_a_film(make_run, tmp_path):
     frames = pixels.reshape(-1, video.HEIGHT, video.WIDTH, 3)
     assert len(frames) == 6
     assert all(np.std(frame) > 10 for frame in frames)
+    ground = frames[:, -video.HEIGHT // 8 :, video.WIDTH // 2 :].astype(float).mean(axis=(1, 2))
+    assert np.all(ground[:, 0] > 1.5 * ground[:, 2])  # the track is red, from the first frame on
+    assert np.max(frames[:, video.HEIGHT // 2 :].min(axis=-1)) > 180  # and has white lines
     assert {entry.name for entry in tmp_path.iterdir()} == {"trajectory.npz", "run.mp4"}
+
+
+def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(busy_run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setattr(video.importlib.util, "find_spec", lambda name: None)
+    reason = folder.write_report(evaluation_of(busy_run), tmp_path)
+    assert reason == "no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video"
+    assert (tmp_path / "index.html").is_file()
+
+
+def test_a_run_that_blew_up_leaves_its_report(busy_run, tmp_path):
+    torque = busy_run.torque.copy()
+    torque[-1, 3] = np.nan
+    wrecked = dataclasses.replace(busy_run, torque=torque, fell_at=8.0)
+    folder.write_report(evaluation_of(wrecked), tmp_path, video=False)
+    assert folder.read_report(tmp_path).results["topspeed"]["electrical_power"] is None
+
+
+def test_names_are_printed_as_they_are(busy_run):
+    printed = io.StringIO()
+    run = evaluation_of(dataclasses.replace(busy_run, name="[/foo]bar"), verdict="[bold]done.")
+    terminal.print_table(run, Console(file=printed, width=80))
+    terminal.print_overview([run], Console(file=printed, width=80))
+    assert "[/foo]bar" in printed.getvalue()
+    assert printed.getvalue().count("[bold]done.") == 2
 
 
 def test_reports_are_of_the_hardware_that_ran(busy_run, tmp_path):
     longer = dataclasses.replace(busy_run.hardware, leg_length=0.4)
     run = dataclasses.replace(busy_run, hardware=longer)
-    report.write_report(evaluation_of(run), tmp_path, video=False)
+    folder.write_report(evaluation_of(run), tmp_path, video=False)
     assert Trajectory.load(Path(tmp_path) / "trajectory.npz").hardware == longer

@@ -1,9 +1,13 @@
+import contextlib
 import dataclasses
+import json
 
 import numpy as np
 import pytest
+from damage import flipped_bits, strange_json
 
 from bp2_rl.evaluation.runs.trajectory import Trajectory, TrajectoryError
+from bp2_rl.files import write_npz
 from bp2_rl.robot.specs import HardwareSpec
 
 
@@ -90,3 +94,35 @@ def test_heading_has_no_jump_where_the_angle_wraps(make_run):
     qpos = run.qpos.copy()
     qpos[:, 3], qpos[:, 6] = np.cos(yaw / 2), np.sin(yaw / 2)
     np.testing.assert_allclose(make_run(duration=0.1, qpos=qpos).heading, yaw, rtol=1e-12)
+
+
+def test_whatever_a_trajectorys_file_says_of_itself_it_is_loaded_or_refused(make_run, tmp_path):
+    path = tmp_path / "run.npz"
+    make_run(duration=0.1).save(path)
+    arrays = dict(np.load(path))
+    for text in strange_json(json.loads(str(arrays["facts"])), 200):
+        write_npz(path, arrays | {"facts": np.array(text)})
+        with contextlib.suppress(TrajectoryError):  # anything else fails the test
+            Trajectory.load(path)
+
+
+def test_a_flipped_bit_ends_in_a_trajectory_or_in_one_line(make_run, tmp_path):
+    path = tmp_path / "run.npz"
+    make_run(duration=0.01).save(path)
+    for content in flipped_bits(path.read_bytes(), 400):
+        path.write_bytes(content)
+        with contextlib.suppress(TrajectoryError):
+            Trajectory.load(path)
+
+
+def test_a_trajectorys_arrays_are_not_unpacked_where_they_do_not_fit(make_run, tmp_path):
+    """What we save is not compressed: arrays larger than their file are a stranger's."""
+    path = tmp_path / "run.npz"
+    run = make_run(duration=0.1)
+    run.save(path)
+    arrays = dict(np.load(path))
+    for name in ("time", *(name for name in arrays if arrays[name].ndim > 1)):
+        arrays[name] = np.zeros((100_000, *arrays[name].shape[1:]))
+    write_npz(path, arrays, compressed=True)
+    with pytest.raises(TrajectoryError, match="at most are read"):
+        Trajectory.load(path)

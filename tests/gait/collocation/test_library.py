@@ -6,7 +6,6 @@ trajectories of the optimisation, on a coarse mesh, with impacts and rolling fee
 
 import dataclasses
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,11 @@ from hypothesis import strategies as st
 
 from bp2_rl import config
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.library import CollocationGait, load_library
-from bp2_rl.gait.kinematic import SOLE_CLEARANCE, TROT, KinematicGait
+from bp2_rl.gait.collocation.file import MotionLibrary, load_library, save_library
+from bp2_rl.gait.collocation.gait import CollocationGait
+from bp2_rl.gait.kinematic import SOLE_CLEARANCE, KinematicGait
 from bp2_rl.gait.reference import Reference
+from bp2_rl.gait.stepping import TROT
 from bp2_rl.robot import kinematics, specs
 from bp2_rl.trajopt.collocation import solve
 from bp2_rl.trajopt.problem import Problem
@@ -59,17 +60,17 @@ def made(folder):
 @pytest.fixture(scope="module")
 def solved(folder):
     """Trots of 9.5 and 10 m/s on 6 intervals a segment."""
-    fast = solve(Problem(speed=10.0, intervals=6)).trajectory
-    slow = solve(Problem(speed=9.5, intervals=6), fast).trajectory
-    names = ("durations", "q", "v", "tau", "force")
+    fast = solve(Problem(speed=10.0, intervals=6)).motion
+    slow = solve(Problem(speed=9.5, intervals=6), fast).motion
+    names = ("durations", "q", "v", "a", "tau", "force", "impulse")
     arrays = {name: np.stack([getattr(slow, name), getattr(fast, name)]) for name in names}
     return CollocationGait(save(folder / "solved.npz", speeds=np.array([9.5, 10.0]), **arrays))
 
 
 def save(path, **arrays):
     """Write a library file; returns its path as the config has it."""
-    contents: dict[str, Any] = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
-    np.savez(path, **contents, format=np.array(1), provenance=np.array(json.dumps({"made": "by a test"})))
+    contents = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+    save_library(path, MotionLibrary(**contents, provenance={"made": "by a test"}))
     return str(path)
 
 
@@ -77,7 +78,9 @@ def kinematic_arrays():
     """The kinematic gait's straight running on a library's mesh, with rates by automatic differentiation."""
     durations, q, v = (np.asarray(part) for part in jax.jit(jax.vmap(_kinematic_motion))(jnp.asarray(SPEEDS)))
     tau = np.random.default_rng(5).uniform(-50.0, 50.0, (len(SPEEDS), 2, POINTS, 8))
-    return {"speeds": SPEEDS, "durations": durations, "q": q, "v": v, "tau": tau, "force": np.zeros_like(tau)}
+    nothing = np.zeros_like(tau)
+    motion = {"durations": durations, "q": q, "v": v, "a": np.zeros_like(v), "tau": tau}
+    return {"speeds": SPEEDS, **motion, "force": nothing, "impulse": nothing[:, :, 0]}
 
 
 def _kinematic_motion(speed):
@@ -469,7 +472,7 @@ def test_legs_of_another_length_are_refused(made):
 
 
 def test_a_missing_file_is_refused(folder):
-    with pytest.raises(UserError, match=r"cannot be read \(No such file.*bp2 trajopt library build"):
+    with pytest.raises(UserError, match=r"cannot be read: No such file.*bp2 trajopt library build"):
         load_library(folder / "nothing.npz")
 
 
@@ -477,7 +480,7 @@ def test_a_missing_file_is_refused(folder):
 def test_a_truncated_file_is_refused(made, folder, keep):
     path = folder / "broken.npz"
     path.write_bytes(Path(made.path).read_bytes()[:keep])
-    with pytest.raises(UserError, match="is broken"):
+    with pytest.raises(UserError, match=r"is damaged or no \.npz file.*bp2 trajopt library build"):
         load_library(path)
 
 
@@ -486,7 +489,7 @@ def test_a_damaged_or_foreign_file_is_refused(made, folder):
     contents = bytearray(Path(made.path).read_bytes())
     contents[len(contents) // 2] ^= 0xFF
     path.write_bytes(contents)
-    with pytest.raises(UserError, match="is broken"):
+    with pytest.raises(UserError, match=r"is damaged or no \.npz file"):
         load_library(path)
     np.save(folder / "array.npy", np.zeros(3))
     with pytest.raises(UserError, match=r"no \.npz file"):
@@ -509,17 +512,19 @@ def _moved(name, index, by):
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
-        (lambda arrays: {name: array for name, array in arrays.items() if name != "tau"}, "lacks tau"),
+        (lambda arrays: {name: array for name, array in arrays.items() if name != "tau"}, "lacks the array tau"),
         (_replaced("format", lambda _: np.array(2)), "has format 2, this version reads 1"),
         (_replaced("provenance", lambda _: np.array("{")), "provenance that is not JSON"),
+        (_replaced("provenance", lambda _: np.array("[" * 100_000)), "provenance that is not JSON"),
         (_replaced("provenance", lambda _: np.array("[]")), "provenance that is not a JSON object"),
+        (_replaced("provenance", lambda _: np.array(1.0)), "holds provenance as float64"),
         (_replaced("q", lambda q: q.astype(int)), "holds q as int64"),
         (
             _replaced("v", lambda v: v[..., :14]),
-            r"holds v as float32 \(2, 2, 13, 14\), not as floats \(2, 2, 13, 15\)",
+            r"holds v as float32\[2, 2, 13, 14\], expected floating\[2, 2, 13, 15\]",
         ),
-        (_replaced("q", lambda q: q[0]), r"holds q as float32 \(2, 13, 15\)"),
-        (_replaced("speeds", lambda v: v[:1]), "needs two speeds"),
+        (_replaced("q", lambda q: q[0]), r"holds q as float32\[2, 13, 15\]"),
+        (lambda arrays: {name: x[:1] if x.ndim else x for name, x in arrays.items()}, "needs two speeds"),
         (_moved("force", (0, 0, 0, 0), np.nan), "numbers in force that are not finite"),
         (_moved("v", (1, 1, 3, 7), np.inf), "numbers in v that are not finite"),
         (_replaced("speeds", lambda v: v[::-1]), "do not ascend"),
@@ -535,3 +540,29 @@ def test_a_wrong_library_is_refused_by_its_fault(solved, folder, change, fault):
         np.savez(path, **change({name: file[name] for name in file.files}))
     with pytest.raises(UserError, match=rf"{fault}.*: make it anew with `bp2 trajopt library build`$"):
         load_library(path)
+
+
+def test_every_bit_flipped_in_a_library_is_one_line(solved, folder):
+    """Headers of zip, deflate and NumPy, names and data: refused, or what it says is still a trot."""
+    content, path = Path(solved.path).read_bytes(), folder / "flipped.npz"
+    rng, lines = np.random.default_rng(0), []
+    ends = np.concatenate([np.arange(300), len(content) - 1 - np.arange(900)])  # headers are at both
+    for place in np.concatenate([rng.choice(ends, 150, replace=False), rng.integers(0, len(content), 50)]):
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(flipped)
+        try:
+            load_library(path)
+        except UserError as error:
+            lines.append(str(error))
+    assert len(lines) > 100
+    assert not any("\n" in line for line in lines)
+
+
+def test_a_librarys_arrays_are_the_ones_saved(solved, folder):
+    library = load_library(Path(solved.path))
+    save_library(folder / "deep" / "again.npz", library)
+    again = load_library(folder / "deep" / "again.npz")
+    assert again.provenance == library.provenance
+    for name, array in library.arrays.items():
+        np.testing.assert_array_equal(again.arrays[name], array)

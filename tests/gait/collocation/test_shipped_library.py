@@ -5,16 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.assets import asset_path
-from bp2_rl.gait.collocation.library import CollocationGait
+from bp2_rl.cli.trajopt.solutions import load_solutions
+from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.robot import kinematics, specs
-from bp2_rl.trajopt.family import SHIPPED, load_family, steps_of
+from bp2_rl.trajopt.family import steps_of
 from bp2_rl.trajopt.verify import failures, verify
 
 
 @pytest.fixture(scope="module")
 def family():
-    return load_family(asset_path(SHIPPED))
+    return load_solutions(None)
 
 
 def test_it_covers_the_speeds(family):

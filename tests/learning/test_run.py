@@ -9,11 +9,15 @@ import jax
 import numpy as np
 import pytest
 
+from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
+from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
-from bp2_rl.learning import train
+from bp2_rl.files import lock_folder
+from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.stages import Parent, Stage, TrainConfig, make_config
 
@@ -33,23 +37,23 @@ def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
 @pytest.fixture(autouse=True, scope="module")
 def shared_learners():
     """Runs of the same environment and sizes share their compiled train step: it takes a minute to compile."""
-    make = functools.cache(lambda env, ppo: train_make_learner(TrainConfig(env=env, ppo=ppo)))
+    make = functools.cache(lambda env, ppo: make_learner(TrainConfig(env=env, ppo=ppo)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train, "make_learner", lambda config: make(config.env, config.ppo))
+        patch.setattr(training, "make_learner", lambda config: make(config.env, config.ppo))
         yield
 
 
-train_make_learner = train.make_learner
+make_learner = training.make_learner
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return train.start(tiny(), tmp_path_factory.mktemp("runs") / "uninterrupted")
+    return training.start(tiny(), tmp_path_factory.mktemp("runs") / "uninterrupted")
 
 
 def leaves(run_dir, step):
-    config = train.load_run_config(run_dir)
-    template = train.make_learner(config).shape()
+    config = training.load_run_config(run_dir)
+    template = training.make_learner(config).shape()
     return jax.tree.leaves(restore_checkpoint(run_dir, template, step)[1])
 
 
@@ -59,9 +63,9 @@ def metrics(run_dir):
 
 
 def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
-    assert train.load_run_config(run) == tiny()
+    assert training.load_run_config(run) == tiny()
     assert latest_step(run) == 4
-    assert train.is_finished(run)
+    assert training.is_finished(run)
     lines = metrics(run)
     assert [line["step"] for line in lines] == [64, 128, 192, 256]
     assert {"reward", "falls", "speed_error", "curriculum_level", "reward/tracking", "loss/kl_mean"} <= lines[0].keys()
@@ -81,8 +85,8 @@ def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
 
 
 def test_the_exported_policy_acts_as_the_trained_network_does(run):
-    config = train.load_run_config(run)
-    learner = train.make_learner(config)
+    config = training.load_run_config(run)
+    learner = training.make_learner(config)
     _, state = restore_checkpoint(run, learner.shape())
     observation = {"state": np.random.default_rng(0).normal(size=(8, 47)).astype(np.float32)}
     mean, _ = learner.network.policy_network.apply(state.normalizer, state.params.policy, observation)
@@ -94,29 +98,29 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
     stopped = tmp_path / "stopped"
     shutil.copytree(run, stopped)
     shutil.rmtree(stopped / "checkpoints" / "4")
-    train.resume(stopped)
+    training.resume(stopped)
     assert latest_step(stopped) == 4
     for a, b in zip(leaves(run, 4), leaves(stopped, 4), strict=True):
         np.testing.assert_array_equal(a, b)
     assert metrics(stopped) == metrics(run)
     # What has been restored runs the program that the first run compiled.
-    assert train.make_learner(tiny()).train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
+    assert training.make_learner(tiny()).train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
-    learner = train.make_learner(tiny())
+    learner = training.make_learner(tiny())
     _, old = restore_checkpoint(run, learner.shape())
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
     old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
     parent = tmp_path / "parent"
-    train._claim(parent)
-    train.save_config(parent / "config.json", tiny())
+    training._claim(parent)
+    training.save_config(parent / "config.json", tiny())
     save_checkpoint(parent, 4, old)
     config = tiny("relaxed")
-    learner = train.make_learner(config)
+    learner = training.make_learner(config)
     fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = train._adopt(fresh, train._inherit(parent, config, learner.shape())[0])
+    adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape())[0])
     for name in ("params", "normalizer"):
         for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
             np.testing.assert_array_equal(a, b)
@@ -127,11 +131,11 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
 
 def test_a_child_counts_its_parents_steps(run, tmp_path):
     config = dataclasses.replace(tiny(), stage="relaxed")
-    child = train.start(config, tmp_path / "child", parent=run)
-    parent = train.load_run_config(child).parent
+    child = training.start(config, tmp_path / "child", parent=run)
+    parent = training.load_run_config(child).parent
     assert parent == Parent(run="uninterrupted", config_hash=config_hash(tiny()), control_steps=4 * 64)
     config = dataclasses.replace(tiny(steps=64), stage="relaxed")
-    grandchild = train.start(config, tmp_path / "grandchild", parent=child)
+    grandchild = training.start(config, tmp_path / "grandchild", parent=child)
     steps = [load_policy(folder).card.physics_steps for folder in (run, child, grandchild)]
     assert steps == [4 * 64 * 5, 8 * 64 * 5, 9 * 64 * 5]  # 5 physics steps a control step
     # What is written before the first step is what was inherited.
@@ -145,13 +149,13 @@ def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said
     folder.mkdir()
     (folder / holds).write_text("years of work")
     with pytest.raises(UserError, match=f"holds {said}"):
-        train.start(tiny(), folder)
+        training.start(tiny(), folder)
     assert [path.name for path in folder.iterdir()] == [holds]
     assert (folder / holds).read_text() == "years of work"
 
 
 def test_an_empty_folder_will_do(tmp_path):
-    train._claim(tmp_path)
+    training._claim(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -159,7 +163,7 @@ def test_a_parent_with_other_networks_is_refused_by_name(run, tmp_path):
     config = tiny("relaxed")
     config = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, policy_layers=(8,)))
     with pytest.raises(UserError, match="policy_layers"):
-        train.start(config, tmp_path / "other", parent=run)
+        training.start(config, tmp_path / "other", parent=run)
     assert not (tmp_path / "other" / "config.json").exists()
 
 
@@ -177,12 +181,12 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp
         largest = max((broken / "checkpoints" / "2").rglob("*"), key=lambda path: path.stat().st_size)
         largest.write_bytes(largest.read_bytes()[:-10])
     elif what == "foreign":
-        config = train.load_run_config(broken)
+        config = training.load_run_config(broken)
         other = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, value_layers=(8,)))
-        train.save_config(broken / "config.json", other)
+        training.save_config(broken / "config.json", other)
     before = {path: path.stat().st_size for path in broken.rglob("*") if path.is_file()}
     with pytest.raises((UserError, CheckpointError)) as error:
-        train.resume(broken)
+        training.resume(broken)
     assert "\n" not in str(error.value)
     if what == "foreign":
         assert "is of another training: ppo.value_layers is [16] there and [8] in config.json" in str(error.value)
@@ -190,11 +194,75 @@ def test_resuming_what_cannot_be_resumed_is_refused_and_changes_nothing(run, tmp
 
 
 def test_summaries_turn_means_into_rates():
-    raw = {f"{kind}/{lower:g}": 0.0 for kind in ("share", "error") for lower in train.SPEED_BINS}
+    raw = {f"{kind}/{lower:g}": 0.0 for kind in ("share", "error") for lower in SPEED_BINS}
     raw |= {"share/4": 0.25, "error/4": 0.05, "falls": 0.0003, "time_outs": 0.0001, "reward_square": 0.25}
-    out = train.summarize(raw)
+    out = summarize(raw)
     assert out["speed_error/4"] == pytest.approx(0.2)
     assert out["falls"] == pytest.approx(0.75)
     assert out["falls_per_second"] == pytest.approx(0.06)
     assert out["reward_rms"] == pytest.approx(0.5)
     assert "speed_error/0" not in out
+
+
+@pytest.mark.parametrize("lost", [(256,), (128,), (128, 256)])
+def test_a_policy_that_a_kill_kept_from_being_exported_is_exported_on_resume(run, tmp_path, lost):
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    for steps in lost:
+        shutil.rmtree(killed / "policies" / str(steps))
+    if 256 in lost:  # the run's own policy is of the save before
+        shutil.rmtree(killed / "policy")
+        shutil.copytree(run / "policies" / "128", killed / "policy")
+    training.resume(killed)
+    for name in ("policies/128", "policies/256", "policy"):
+        assert (killed / name / "weights.npz").read_bytes() == (run / name / "weights.npz").read_bytes()
+        assert load_policy(killed / name).card.physics_steps == load_policy(run / name).card.physics_steps
+
+
+def test_a_damaged_older_checkpoint_does_not_keep_a_run_from_going_on(run, tmp_path):
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    shutil.rmtree(killed / "policies" / "128")
+    (killed / "checkpoints" / "2" / "state.npz").write_bytes(b"")
+    training.resume(killed)
+    assert "warning: no policy of step 2: " in (killed / "log.txt").read_text()
+
+
+def test_a_second_process_is_refused_in_one_line_and_changes_nothing(run, tmp_path):
+    copy, fresh = tmp_path / "copy", tmp_path / "fresh"
+    shutil.copytree(run, copy)
+    fresh.mkdir()
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    with lock_folder(copy, "busy"), pytest.raises(UserError, match=f"another process trains in {copy}: wait for it"):
+        training.resume(copy)
+    with lock_folder(fresh, "busy"), pytest.raises(UserError, match="another process trains in"):
+        training.start(tiny(), fresh)
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before | {copy / ".lock": b""}
+    assert [path.name for path in fresh.iterdir()] == [".lock"]
+
+
+@pytest.mark.parametrize("flag", ["--resume", "--replay", "--from", "--out"])
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(flag, name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main([flag, name]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: no file or folder can be called ")
+    assert error.count("\n") == 1
+    assert len(error) < 150
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_is_not_there_is_said_not_to_be_there(capsys):
+    assert command.main(["--resume", "runs/doesnotexist"]) == 2
+    assert capsys.readouterr().err == "error: no training run at runs/doesnotexist: there is no such folder\n"
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 9223372036854775808])
+def test_a_seed_that_jax_does_not_take_is_refused(seed, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["--preset", "smoke", "--run.seed", str(seed)]) == 2
+    error = capsys.readouterr().err
+    assert f"run.seed must be 0 to 4294967295, got {seed}" in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""The collocation library: trot trajectories over a range of speeds, found by `bp2_rl.trajopt`, as a reference motion.
+"""The collocation gait: the motions of a library, between its speeds and beyond them, as a reference motion.
 
 A library holds, for every speed, half a gait cycle: stance of FL and RR, then flight; left and right then change
 places. Between its points the coordinates are the cubics through their values and rates, and torques are straight
@@ -16,10 +16,7 @@ it. Torques are those of straight running.
 import dataclasses
 import functools
 import hashlib
-import json
 import math
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -31,108 +28,12 @@ from jaxtyping import Array, Bool, Float
 from bp2_rl.assets import asset_path
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
-from bp2_rl.gait.kinematic import STANDING, TROT, _ground, _square_speed, _turn
+from bp2_rl.gait.collocation.file import COORDINATES, MEND, SHIPPED, TRUNK, by_leg, mirror
+from bp2_rl.gait.collocation.table import Table, load_table
 from bp2_rl.gait.reference import Reference
+from bp2_rl.gait.stepping import STANDING, TROT, ground, square_speed, turn
+from bp2_rl.polynomials import cubic_and_slope, hermite_and_rate
 from bp2_rl.robot import kinematics, specs
-
-FORMAT = 1
-SHIPPED = "reference_motions/bp2_trot.npz"  # below assets/
-MEND = "make it anew with `bp2 trajopt library build`"
-
-TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
-STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
-PERIODIC = 1e-4  # m or rad, by which segments may fail to join
-ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class MotionLibrary:
-    """Trajectories of S speeds, each of two segments (stance of FL and RR, flight) of K points equally spaced in time.
-
-    Coordinates: x, z and pitch of the trunk, then hip, knee and spring of each leg. Where velocities jump, a segment's
-    first point is after the impact and its last one before the next.
-    """
-
-    speeds: Float[np.ndarray, " S"]  # m/s, ascending
-    durations: Float[np.ndarray, "S 2"]  # s; they add up to half a period
-    q: Float[np.ndarray, "S 2 K 15"]  # m, rad
-    v: Float[np.ndarray, "S 2 K 15"]  # m/s, rad/s
-    tau: Float[np.ndarray, "S 2 K 8"]  # Nm, hip and knee of each leg
-    force: Float[np.ndarray, "S 2 K 8"]  # N, (x, z) under each foot
-    provenance: dict[str, Any]  # problem, versions and what was verified
-
-
-def load_library(path: Path) -> MotionLibrary:
-    """Read and check the library that `bp2 trajopt library build` wrote to `path`.
-
-    Raises:
-        UserError: there is no such file, it is broken or of another format, or its trajectories are no periodic trot.
-    """
-    shapes = {"speeds": "S", "durations": "S 2", "q": "S 2 K 15", "v": "S 2 K 15", "tau": "S 2 K 8", "force": "S 2 K 8"}
-    contents = _read(path, ("format", "provenance", *shapes))
-    if not np.array_equal(contents["format"], FORMAT):
-        raise _broken(path, f"has format {contents['format']}, this version reads {FORMAT}")
-    sizes = {"S": contents["speeds"].size, "K": contents["q"].shape[2] if contents["q"].ndim > 2 else 2}
-    if min(sizes.values()) < 2:
-        raise _broken(path, f"needs two speeds and two points a segment, has {sizes['S']} and {sizes['K']}")
-    for name, wanted in shapes.items():
-        array, shape = contents[name], tuple(sizes.get(size) or int(size) for size in wanted.split())
-        if not np.issubdtype(array.dtype, np.floating) or array.shape != shape:
-            raise _broken(path, f"holds {name} as {array.dtype} {array.shape}, not as floats {shape}")
-        if not np.isfinite(array).all():
-            raise _broken(path, f"holds numbers in {name} that are not finite")
-    library = MotionLibrary(**{name: contents[name] for name in shapes}, provenance=_provenance(path, contents))
-    if fault := _fault(library):
-        raise _broken(path, fault)
-    return library
-
-
-def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file, nothing pickled."""
-    try:
-        with path.open("rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise _broken(path, "is no .npz file")
-            if missing := [name for name in names if name not in file.files]:
-                raise _broken(path, f"lacks {', '.join(missing)}")
-            return {name: file[name] for name in names}
-    except OSError as error:
-        raise _broken(path, f"cannot be read ({error.strerror or error})") from error
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        if isinstance(error, UserError):
-            raise
-        raise _broken(path, "is broken") from error
-
-
-def _provenance(path: Path, contents: dict[str, np.ndarray]) -> dict[str, Any]:
-    try:
-        provenance = json.loads(str(contents["provenance"]))
-    except ValueError as error:
-        raise _broken(path, "holds a provenance that is not JSON") from error
-    if not isinstance(provenance, dict):
-        raise _broken(path, "holds a provenance that is not a JSON object")
-    return provenance
-
-
-def _fault(library: MotionLibrary) -> str:
-    """What keeps the trajectories from being periodic trots of ascending speeds, if anything."""
-    speeds, durations, q = library.speeds, library.durations, library.q
-    if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
-        return "holds speeds that do not ascend from above 0"
-    if not np.all(durations > 0):
-        return "holds durations that are not above 0"
-    again = np.concatenate([q[:, 0, 0, :TRUNK], _mirror(_by_leg(q[:, 0, 0, TRUNK:])).reshape(-1, 12)], axis=-1)
-    again[:, 0] += speeds * durations.sum(axis=1)
-    for where, gap in (("at lift-off", q[:, 1, 0] - q[:, 0, -1]), ("after half a cycle", q[:, 1, -1] - again)):
-        worst = np.abs(gap).max(axis=1)
-        if worst.max() > PERIODIC:
-            return f"holds a motion at {speeds[worst.argmax()]:g} m/s whose ends do not meet {where}"
-    return ""
-
-
-def _broken(path: Path, fault: str) -> UserError:
-    return UserError(f"motion library {path} {fault}: {MEND}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -218,8 +119,8 @@ class CollocationGait(CollocationConfig):
         )
 
     @property
-    def _table(self) -> "_Table":
-        return _load_table(self.file, self.hardware.leg_length)
+    def _table(self) -> Table:
+        return load_table(self.file, self.hardware.leg_length)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""
@@ -227,7 +128,7 @@ class CollocationGait(CollocationConfig):
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 from `start_speed` on, with a continuous derivative."""
-        y = jnp.minimum(_square_speed(command) / self.start_speed**2, 1.0)
+        y = jnp.minimum(square_speed(command) / self.start_speed**2, 1.0)
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_Stride":
@@ -262,8 +163,7 @@ class CollocationGait(CollocationConfig):
         where = (in_flight.astype(jnp.int32)[..., None], interval[..., None], stride.rows)
         ends = cubics.at[where].get(mode="promise_in_bounds")
         c = jnp.sum(stride.weights[..., None, None] * ends, axis=-3)
-        value = c[..., 0, :] + u * (c[..., 1, :] + u * (c[..., 2, :] + u * c[..., 3, :]))
-        slope = c[..., 1, :] + u * (2.0 * c[..., 2, :] + u * 3.0 * c[..., 3, :])
+        value, slope = cubic_and_slope(u, (c[..., 0, :], c[..., 1, :], c[..., 2, :], c[..., 3, :]))
         return _moment(value, mirrored), _moment(slope * (intervals / duration)[..., None], mirrored)
 
     def _displacement(
@@ -289,17 +189,17 @@ class CollocationGait(CollocationConfig):
         in_stance = since_touchdown < stance
         half = jnp.broadcast_to(stance / 2.0, since_touchdown.shape)
         tau = jnp.stack([jnp.where(in_stance, since_touchdown - half, 0.0), half, -half], axis=-2)
-        ground = _turn(-omega * tau, middle) + _ground(jnp.zeros_like(stand[:, :2]), v, omega, tau)
-        x, y = ground[..., 0], ground[..., 1]
+        there = turn(-omega * tau, middle) + ground(jnp.zeros_like(stand[:, :2]), v, omega, tau)
+        x, y = there[..., 0], there[..., 1]
         drift = jnp.stack([x - middle[..., 0] + library_speed * tau, y - middle[..., 1]], axis=-1)
         drift_rate = jnp.stack([library_speed - v[..., :1] + omega * y, -v[..., 1:] - omega * x], axis=-1)
 
         s = (since_touchdown - stance) / swing
-        returning, returning_rate = _joining_cubic(
+        returning, returning_rate = hermite_and_rate(
             jnp.where(in_stance, 0.0, s)[..., None],
             swing[..., None],
-            (drift[..., 1, :, :], drift_rate[..., 1, :, :]),
-            (drift[..., 2, :, :], drift_rate[..., 2, :, :]),
+            *(drift[..., 1, :, :], drift[..., 2, :, :]),
+            *(drift_rate[..., 1, :, :], drift_rate[..., 2, :, :]),
         )
         stays = in_stance[..., None]
         return (
@@ -322,18 +222,6 @@ class CollocationGait(CollocationConfig):
         return kinematics.joint_angles(
             _within_reach(anyway, wanted, length, length - centre), centre, leg_length=length
         )
-
-
-class _Table(NamedTuple):
-    """A library made ready for interpolation."""
-
-    strides: np.ndarray  # (S, 5) speed, durations of stance and flight, x of fore and hind foot in mid-stance
-    cubics: np.ndarray  # (2, K - 1, S, 4, 23) coefficients by the share of an interval, of the parts of `_Moment`
-    height: float  # m, least over the speeds of the trunk's mean height
-
-    @property
-    def speeds(self) -> np.ndarray:
-        return self.strides[:, 0]
 
 
 class _Stride(NamedTuple):
@@ -361,74 +249,10 @@ class _Moment(NamedTuple):
 class _Stand(NamedTuple):
     """Standing still: `specs.STAND_JOINTS` on springs that bear the weight, with legs without mass."""
 
-    feet: np.ndarray  # (4, 3) m, centres of the feet from the trunk's centre
+    feet: Float[np.ndarray, "4 3"]  # m, centres of the feet from the trunk's centre
     sag: float  # m
     height: float  # m, of the trunk's centre
-    torque: np.ndarray  # (2,) Nm, hip and knee
-
-
-@functools.lru_cache(maxsize=8)
-def _load_table(path: Path, leg_length: float) -> _Table:
-    """The table of a library whose standing feet are on the ground with legs of this length."""
-    library = load_library(path)
-    q, v, tau = (array.astype(float) for array in (library.q, library.v, library.tau))
-    places, rates = _with_feet(q, v, leg_length)
-    off = np.abs(places[:, 0, :, 1:2] + _by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - specs.FOOT_RADIUS)
-    if off.max() > ON_GROUND:
-        raise _broken(path, f"has standing feet {1e3 * off.max():.0f} mm off the ground with legs of {leg_length} m")
-    durations = library.durations.astype(float)
-    cubics = _cubics(durations, places, rates, tau)
-    middle = _by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[:, STANDING_PAIR, 0]
-    mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(axis=1)
-    return _Table(
-        strides=np.column_stack([library.speeds.astype(float), durations, middle]),
-        cubics=np.moveaxis(cubics, 0, 2),
-        height=float(mean_height.min()),
-    )
-
-
-def _cubics(durations: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """Coefficients (S, 2, K - 1, 4, 23): Hermite's cubics of q and v, straight lines of tau."""
-    h = (durations / (q.shape[2] - 1))[..., None, None]
-    left, right, out, into = q[:, :, :-1], q[:, :, 1:], h * v[:, :, :-1], h * v[:, :, 1:]
-    cubic = [left, out, 3.0 * (right - left) - 2.0 * out - into, 2.0 * (left - right) + out + into]
-    line = [tau[:, :, :-1], np.diff(tau, axis=2)]
-    line += [np.zeros_like(line[1])] * 2
-    return np.concatenate([np.stack(cubic, axis=-2), np.stack(line, axis=-2)], axis=-1)
-
-
-def _by_share(cubics: np.ndarray, share: float) -> np.ndarray:
-    """What (..., K - 1, 4, n) coefficients say at a share of their segment."""
-    position = share * cubics.shape[-3]
-    interval = min(int(position), cubics.shape[-3] - 1)
-    return np.sum(cubics[..., interval, :, :] * (position - interval) ** np.arange(4)[:, None], axis=-2)
-
-
-def _with_feet(q: np.ndarray, v: np.ndarray, leg_length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates (..., 15) and rates with hip and knee replaced by (x, z) of the foot's centre and its rate."""
-    (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
-        np.moveaxis(_by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
-    )
-    pitch, pitch_rate = q[..., 2:3], v[..., 2:3]
-    links = (  # along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate
-        (kinematics.LEG_ORIGINS[:, 0], 0.0, pitch, pitch_rate),
-        (leg_length, 0.0, pitch + hip + np.pi / 2, pitch_rate + hip_rate),
-        (
-            leg_length - specs.FOOT_RADIUS - spring,
-            -spring_rate,
-            pitch + hip + knee + np.pi / 2,
-            pitch_rate + hip_rate + knee_rate,
-        ),
-    )
-    x = np.sum([length * np.cos(angle) for length, _, angle, _ in links], axis=0)
-    z = np.sum([-length * np.sin(angle) for length, _, angle, _ in links], axis=0)
-    x_rate = np.sum([change * np.cos(at) - length * turn * np.sin(at) for length, change, at, turn in links], axis=0)
-    z_rate = np.sum([-change * np.sin(at) - length * turn * np.cos(at) for length, change, at, turn in links], axis=0)
-
-    def row(trunk: np.ndarray, *legs: np.ndarray) -> np.ndarray:
-        return np.concatenate([trunk, np.stack(legs, axis=-1).reshape(*trunk.shape[:-1], -1)], axis=-1)
-
-    return row(q[..., :TRUNK], x, z, spring), row(v[..., :TRUNK], x_rate, z_rate, spring_rate)
+    torque: Float[np.ndarray, "2"]  # Nm, hip and knee
 
 
 @functools.lru_cache(maxsize=8)
@@ -446,9 +270,9 @@ def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _Mo
     """The parts of a row of the table."""
 
     def placed(legs: Array) -> Array:
-        return jnp.where(mirrored[..., None, None], _mirror(legs), legs)
+        return jnp.where(mirrored[..., None, None], mirror(legs), legs)
 
-    legs = placed(_by_leg(values[..., TRUNK:COORDINATES]))
+    legs = placed(by_leg(values[..., TRUNK:COORDINATES]))
     torque = placed(values[..., COORDINATES:].reshape(*values.shape[:-1], 4, 2))
     return _Moment(values[..., 0], values[..., 1], values[..., 2], legs[..., :2], legs[..., 2], torque)
 
@@ -471,20 +295,6 @@ def _within_reach(
     return hip + (reached / then)[..., None] * (wanted - hip)
 
 
-def _joining_cubic(
-    s: Float[Array, "... 1"],
-    duration: Float[Array, "... 1"],
-    start: tuple[Float[Array, "... 2"], Float[Array, "... 2"]],
-    end: tuple[Float[Array, "... 2"], Float[Array, "... 2"]],
-) -> tuple[Float[Array, "... 2"], Float[Array, "... 2"]]:
-    """Value and rate, at the share `s` of a duration, of the cubic from one (value, rate) to another."""
-    (a, out), (b, into) = start, end
-    out, into, r = duration * out, duration * into, 1.0 - s
-    value = a * r**2 * (1.0 + 2.0 * s) + b * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
-    slope = 6.0 * s * r * (b - a) + out * r * (1.0 - 3.0 * s) - into * s * (2.0 - 3.0 * s)
-    return value, slope / duration
-
-
 def _mix(share: Float[Array, "..."], zero: Any, one: Float[Array, "..."]) -> Float[Array, "..."]:
     """From `zero` to `one`."""
     return zero + share * (one - zero)
@@ -494,15 +304,3 @@ def _from_level(p: Float[Array, "... 4 3"], pitch: Float[Array, "..."]) -> Float
     """p, of legs, from a level frame to one pitched by `pitch`, nose down."""
     c, s = jnp.cos(pitch)[..., None], jnp.sin(pitch)[..., None]
     return jnp.stack([c * p[..., 0] - s * p[..., 2], p[..., 1], c * p[..., 2] + s * p[..., 0]], axis=-1)
-
-
-def _by_leg(coordinates: Any) -> Any:
-    """(..., 12) -> (..., 4 legs, 3); NumPy or JAX."""
-    return coordinates.reshape(*coordinates.shape[:-1], 4, 3)
-
-
-def _mirror(legs: Any) -> Any:
-    """(..., 4 legs, n) with left and right in each other's place; NumPy or JAX."""
-    xp = legs.__array_namespace__()
-    pairs = legs.reshape(*legs.shape[:-2], 2, 2, legs.shape[-1])
-    return xp.flip(pairs, axis=-2).reshape(legs.shape)

@@ -8,7 +8,10 @@ from matplotlib.ticker import MaxNLocator
 
 from bp2_rl.plotting import FAINT, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.robot.specs import BP2
-from bp2_rl.trajopt.codesign import FLAT, PARAMETERS, Codesign, Parameter, Row, Scan
+from bp2_rl.trajopt.codesign.scan import FLAT, Scan
+from bp2_rl.trajopt.codesign.search import Row
+from bp2_rl.trajopt.codesign.settings import PARAMETERS, Parameter
+from bp2_rl.trajopt.codesign.study import Codesign
 
 TITLES: dict[Parameter, str] = {
     "gear_ratio": "Gear ratio [1]",

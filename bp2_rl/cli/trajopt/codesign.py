@@ -1,0 +1,43 @@
+"""`bp2 trajopt codesign`: hardware and trajectory together."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+from bp2_rl.bounds import check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.files import make_folder
+from bp2_rl.trajopt.codesign.settings import CodesignSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Find gear ratio, leg length and spring stiffness along with the trajectory, and scan each."""
+
+    settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "codesign"
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _codesign(app.parse(Arguments, argv, "bp2 trajopt codesign")))
+
+
+def _codesign(arguments: Arguments) -> None:
+    """Print the study and leave it with its picture; what was solved before is not solved again."""
+    make_folder(arguments.out)
+
+    from bp2_rl.trajopt.codesign.figure import codesign_figure
+    from bp2_rl.trajopt.codesign.study import study_codesign
+
+    study = study_codesign(arguments.settings, arguments.out, arguments.workers)
+    output.save_figure(codesign_figure(study), arguments.out / "codesign.png")
+    print(f"study and picture: {arguments.out}")

@@ -1,0 +1,57 @@
+"""`bp2 trajopt solve`: one speed."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder
+from bp2_rl.errors import UserError
+from bp2_rl.files import make_folder
+from bp2_rl.trajopt.problem import Problem, Starts
+from bp2_rl.trajopt.solution import save_solution, speed_name
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Find the best trajectory at one speed, verify it, and keep it with its picture."""
+
+    problem: Annotated[Problem, Flat] = Problem()
+    starts: Starts = 3
+    """guesses to start from; the cheapest solution is kept"""
+    refine: Annotated[int, Within(0, 500)] = 32
+    """intervals a segment on which that one is solved again; 0 for not"""
+    out: Folder = OUT / "solve"
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if self.refine == 1:
+            raise UserError("refine must be 0 or at least 2 intervals, got 1")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _solve(app.parse(Arguments, argv, "bp2 trajopt solve")))
+
+
+def _solve(arguments: Arguments) -> None:
+    """Leave a solution, named after its speed, in the output folder."""
+    from bp2_rl.trajopt.collocation import refine, solve_best
+    from bp2_rl.trajopt.figures.trajectory import trajectory_figure
+    from bp2_rl.trajopt.verify import verify
+
+    make_folder(arguments.out)
+    with output.spinner(f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"):
+        found = solve_best(arguments.problem, arguments.starts)
+        if arguments.refine:
+            found = refine(found, arguments.refine)
+        found = dataclasses.replace(found, checks=verify(found))
+    path = arguments.out / speed_name(found.problem.speed)
+    save_solution(path, found)
+    output.save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
+    output.describe([found])
+    output.judge([found])
+    print(f"solution and picture: {path}.*")

@@ -1,0 +1,110 @@
+"""What an evaluation leaves in a folder, and how that is read back.
+
+metrics.json     benchmark, conditions, results and every figure of merit
+index.html       the same as one page, pictures inside
+*.png            the pictures
+run.mp4          the best seconds        trajectory.npz   every millisecond: where there was a single run
+"""
+
+import dataclasses
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bp2_rl.config import load_config, save_config, to_json
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation
+from bp2_rl.evaluation.benchmarks.registry import ALL
+from bp2_rl.evaluation.report.film import NoVideo, make_video
+from bp2_rl.evaluation.report.page import PAGE, VIDEO, overview, page
+from bp2_rl.files import write_bytes, write_text
+
+METRICS, TRAJECTORY = "metrics.json", "trajectory.npz"
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What metrics.json holds."""
+
+    benchmark: str
+    conditions: dict[str, str]
+    results: dict[str, Any]  # by the benchmark's name: what a policy's card says
+    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)  # everything that was measured
+
+
+def open_folder(folder: Path, benchmark: str) -> None:
+    """Make a report's folder; raises UserError where that cannot be, or where it holds anything but such a report."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not (folder / METRICS).is_file():
+            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old report")
+        if (folder / METRICS).is_file() and (old := read_report(folder).benchmark) != benchmark:
+            raise UserError(f"--out {folder} holds a report of {old}: name another folder for {benchmark}")
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+
+
+def write_report(
+    evaluation: Evaluation, folder: Path, *, video: bool = True, gl_library: str | None = None
+) -> str | None:
+    """Write the whole report to an open folder.
+
+    Returns the reason, in one line, if a film was asked for and could not be made.
+    """
+    for old in (PAGE, VIDEO, TRAJECTORY):
+        (folder / old).unlink(missing_ok=True)
+    results, metrics = {evaluation.benchmark: card_results(evaluation)}, to_json(evaluation.metrics)
+    save_config(folder / METRICS, Report(evaluation.benchmark, evaluation.conditions, results, metrics))
+    pictures = {picture.name: _png(picture.figure) for picture in evaluation.pictures}
+    for name, picture in pictures.items():
+        write_bytes(folder / f"{name}.png", picture)
+    no_video = None
+    if evaluation.trajectory is not None:
+        evaluation.trajectory.save(folder / TRAJECTORY)
+        no_video = _film(folder, gl_library) if video else None
+    write_text(folder / PAGE, page(evaluation, pictures, has_video=(folder / VIDEO).is_file()))
+    return no_video
+
+
+def write_overview(evaluations: Sequence[Evaluation], folder: Path) -> None:
+    """Write the page and the results of several benchmarks, whose reports lie in `folder` under their names."""
+    first = evaluations[0].conditions
+    shared = {name: first[name] for name in ("policy", "weights_sha256")}
+    results = {evaluation.benchmark: card_results(evaluation) for evaluation in evaluations}
+    save_config(folder / METRICS, Report(ALL, shared, results))
+    write_text(folder / PAGE, overview(evaluations))
+
+
+def _film(folder: Path, gl_library: str | None) -> str | None:
+    """Make the film; the reason, in one line, if that cannot be."""
+    try:
+        make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
+    except NoVideo as reason:
+        return str(reason)
+    return None
+
+
+def read_report(folder: Path) -> Report:
+    """What was measured, of a folder that `write_report` wrote; raises UserError for any other."""
+    if not (folder / METRICS).is_file():
+        raise UserError(f"no report in {folder}: expected {METRICS} there, as python eval.py --out {folder} leaves it")
+    return load_config(Report, folder / METRICS)
+
+
+def card_results(evaluation: Evaluation) -> dict[str, Any]:
+    """What a policy's card says of the benchmark: the results, and the conditions that it does not say itself."""
+    said = evaluation.conditions
+    return {name: said[name] for name in _CARD_CONDITIONS if name in said} | evaluation.results
+
+
+_CARD_CONDITIONS = ("schedule", "sprint", "simulator", "operator", "steering")
+
+
+def _png(figure: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()

@@ -1,0 +1,124 @@
+"""The report as a page of HTML that explains itself, pictures inside."""
+
+import base64
+import html
+from collections.abc import Collection, Iterable, Sequence
+
+from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
+
+PAGE, VIDEO = "index.html", "run.mp4"
+
+
+def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool) -> str:
+    """The report as one HTML page; only the film stays a file beside it.
+
+    Args:
+        evaluation: what to show.
+        pictures: its pictures as PNG, by name.
+        has_video: whether the film is there.
+    """
+    film = f'<video src="{VIDEO}" controls loop muted playsinline></video>' if has_video else ""
+    figures = "".join(_figure(pictures[p.name], _escape(p.caption)) for p in evaluation.pictures if p.name in pictures)
+    measures = Table("Measures", MEASURES, evaluation.rows, words=True)
+    conditions = "".join(
+        f"<tr><th>{_escape(k)}</th><td>{_escape(v)}</td></tr>" for k, v in evaluation.conditions.items()
+    )
+    return _PAGE.format(
+        title=_escape(f"{evaluation.benchmark}: {evaluation.subject}"),
+        header=f"{_verdict(evaluation)}<p class=quiet>BP2 in {_escape(evaluation.backend)}</p>",
+        body=f"{_tiles(evaluation)}{film}{figures}{''.join(map(_section, (measures, *evaluation.tables)))}"
+        f"<h2>Conditions</h2><table class=conditions><tbody>{conditions}</tbody></table>",
+    )
+
+
+def overview(evaluations: Sequence[Evaluation]) -> str:
+    """One page that leads to the page of every benchmark."""
+    sections = "".join(
+        f'<h2><a href="{_escape(each.benchmark)}/{PAGE}">{_escape(each.benchmark)}</a></h2>'
+        f"<p class=quiet>{_escape(each.subject)}, {_escape(each.backend)}</p>{_verdict(each)}{_tiles(each)}"
+        for each in evaluations
+    )
+    policy = f"<p class=quiet>{_escape(evaluations[0].conditions['policy'])}</p>"
+    return _PAGE.format(title="BP2: all benchmarks", header=policy, body=sections)
+
+
+def _verdict(evaluation: Evaluation) -> str:
+    return f'<p class="verdict {"good" if evaluation.good else "bad"}">{_escape(evaluation.verdict)}</p>'
+
+
+def _tiles(evaluation: Evaluation) -> str:
+    shown = {row.label: row.value for row in evaluation.rows}
+    tiles = "".join(
+        f"<div><b>{_escape(shown[label])}</b><span>{_escape(label)}</span></div>" for label in evaluation.tiles
+    )
+    return f"<section class=tiles>{tiles}</section>"
+
+
+def _figure(png: bytes, caption: str) -> str:
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f'<figure><img alt="{caption}" src="{source}"><figcaption>{caption}</figcaption></figure>'
+
+
+def _section(table: Table) -> str:
+    numbers = range(1, len(table.head) - table.words)
+    content = _table(table.head, table.lines, numbers=numbers)
+    return f"<h2>{_escape(table.title)}</h2><div class=wide>{content}</div>"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Collection[int]) -> str:
+    def line(tag: str, cells: Sequence[str]) -> str:
+        cells = [f"<{tag}{' class=n' if i in numbers else ''}>{_escape(cell)}</{tag}>" for i, cell in enumerate(cells)]
+        return f"<tr>{''.join(cells)}</tr>"
+
+    return f"<table><thead>{line('th', head)}</thead><tbody>{''.join(line('td', row) for row in rows)}</tbody></table>"
+
+
+def _escape(text: str) -> str:
+    return html.escape(text)
+
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+:root {{ --ink: #1f2328; --quiet: #656d76; --line: #e4e7eb; --good: #00704f; --bad: #b33c00; }}
+* {{ box-sizing: border-box; }}
+body {{ margin: 0 auto; max-width: 60rem; padding: 3rem 1.5rem 5rem; color: var(--ink); background: #fff;
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif; }}
+h1 {{ margin: 0; font-size: 1.7rem; line-height: 1.25; letter-spacing: -.01em; }}
+h2 {{ margin: 3rem 0 .75rem; font-size: 1.15rem; }}
+.verdict {{ margin: .4rem 0 0; font-size: 1.1rem; font-weight: 600; }}
+a {{ color: inherit; text-decoration-color: var(--quiet); text-underline-offset: .2em; }}
+.good {{ color: var(--good); }} .bad {{ color: var(--bad); }}
+.quiet {{ margin: 0; color: var(--quiet); }}
+.tiles {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: 1px; margin: 2rem 0;
+  background: var(--line); border: 1px solid var(--line); border-radius: 8px; overflow: hidden; }}
+.tiles div {{ padding: .9rem .8rem; background: #fff; }}
+.tiles b {{ display: block; font-size: 1.2rem; font-variant-numeric: tabular-nums; }}
+.tiles span {{ color: var(--quiet); font-size: .85rem; }}
+video, img {{ display: block; width: 100%; height: auto; border-radius: 8px; }}
+figure {{ margin: 2.25rem 0 0; }}
+figcaption {{ margin-top: .4rem; color: var(--quiet); font-size: .9rem; }}
+.wide {{ overflow-x: auto; }}
+table {{ width: 100%; border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
+th, td {{ padding: .38rem .75rem .38rem 0; border-bottom: 1px solid var(--line);
+  text-align: left; vertical-align: top; }}
+th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
+.n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }}
+th:last-child, td:last-child {{ padding-right: 0; }}
+.conditions th {{ width: 8rem; font-weight: 600; }}
+.conditions td {{ overflow-wrap: anywhere; }}
+</style>
+</head>
+<body>
+<header>
+<h1>{title}</h1>
+{header}
+</header>
+{body}
+</body>
+</html>
+"""

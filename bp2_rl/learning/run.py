@@ -1,0 +1,216 @@
+"""A training run as a folder: started, resumed, inherited from, replayed."""
+
+import contextlib
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
+from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.config import upgrade
+from bp2_rl.errors import UserError
+from bp2_rl.files import LOCK, lock_folder, require_name
+from bp2_rl.learning import cluster, guards, loop
+from bp2_rl.learning.checkpoint import (
+    CHECKPOINTS,
+    FAILED,
+    CheckpointError,
+    Metadata,
+    latest_step,
+    place,
+    read_metadata,
+    restore_checkpoint,
+    save_checkpoint,
+)
+from bp2_rl.learning.log import Unlogged
+from bp2_rl.learning.loop import CONFIG, train_steps
+from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.stages import Parent, TrainConfig
+
+NETWORK = ("policy_layers", "value_layers", "activation")
+"""Fields of `PPOConfig` that a run shares with its parent."""
+
+
+def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> Path:
+    """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
+
+    From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
+    random numbers start anew.
+
+    Raises:
+        UserError: the folder is not empty, not writable or another process's, or the parent's networks or actions
+            differ.
+        RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+    """
+    run_dir = Path(run_dir)
+    inherited = None
+    with cluster.together():
+        learner = make_learner(config)
+        if parent is not None:
+            inherited, origin = _inherit(Path(parent), config, learner.shape())
+            config = dataclasses.replace(config, parent=origin)
+    cluster.require_same(config_hash(config), "settings")
+    with contextlib.ExitStack() as held:
+        with cluster.together():
+            if cluster.is_first():
+                _claim(run_dir)
+                held.enter_context(_alone(run_dir))
+                _require_empty(run_dir)  # another process may have been faster
+                save_config(run_dir / CONFIG, config)
+        state = learner.init(config.run.seed)
+        if inherited is not None:
+            state = _adopt(state, inherited)
+        save_checkpoint(run_dir, 0, state, config=to_json(config))
+        return loop.train(learner, state, config, run_dir)
+
+
+def resume(run_dir: Path) -> Path:
+    """Go on with a stopped run exactly where its newest checkpoint stands.
+
+    Raises:
+        UserError: there is no run or no checkpoint, it does not fit this program, or another process trains it.
+        RunStopped: as `start`.
+    """
+    run_dir = Path(run_dir)
+    with contextlib.ExitStack() as held:
+        with cluster.together():
+            config = load_run_config(run_dir)
+            if cluster.is_first():
+                held.enter_context(_alone(run_dir))
+            step = latest_step(run_dir)
+            if step is None:
+                raise UserError(
+                    f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew"
+                )
+            unlogged = _read_log(_read_own(run_dir, step, config), run_dir)
+            learner = make_learner(config)
+            _, state = restore_checkpoint(run_dir, learner.shape(), step)
+            unexported = loop.find_unexported(run_dir, config)
+        cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
+        return loop.train(learner, state, config, run_dir, unlogged=unlogged, unexported=unexported)
+
+
+def replay(run_dir: Path) -> str:
+    """Repeat the train step at which a run stopped because it was not finite; what was not finite first, in words.
+
+    Raises:
+        UserError: there is no run, or it did not stop so.
+    """
+    config = load_run_config(run_dir)
+    step = latest_step(run_dir, FAILED)
+    if step is None:
+        raise UserError(f"run {run_dir} has no train step to replay: all that it made were finite")
+    _read_own(run_dir, step, config, FAILED)
+    learner = make_learner(config)
+    _, state = restore_checkpoint(run_dir, learner.shape(), step, folder=FAILED)
+    return f"train step {step + 1}: {guards.explain(learner, state)}"
+
+
+def load_run_config(run_dir: Path) -> TrainConfig:
+    """The config of a run; raises `UserError` where there is none."""
+    require_name(run_dir)
+    if not Path(run_dir).exists():
+        raise UserError(f"no training run at {run_dir}: there is no such folder")
+    if not (Path(run_dir) / CONFIG).is_file():
+        raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
+    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
+
+
+def is_finished(run_dir: Path) -> bool:
+    """Whether a run has trained all its steps."""
+    step = latest_step(run_dir)
+    return step is not None and step >= train_steps(load_run_config(run_dir))
+
+
+def make_learner(config: TrainConfig) -> PPO:
+    """The learner of a run, on all of JAX's devices."""
+    robots = -(-config.ppo.num_envs // len(jax.devices()))
+    return PPO(BP2Env(config.env, impl=config.impl, num_robots=robots), config.ppo)
+
+
+# --- From one run to the next --------------------------------------------------------------------------------
+
+
+def _claim(run_dir: Path) -> None:
+    """Make the run's folder; it must be new or empty, so that nothing is lost."""
+    require_name(run_dir)
+    try:
+        if run_dir.is_dir():
+            _require_empty(run_dir)
+        run_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
+
+
+def _require_empty(run_dir: Path) -> None:
+    if any(entry.name != LOCK for entry in run_dir.iterdir()):
+        what = "a run already" if (run_dir / CONFIG).exists() else "other files"
+        raise UserError(f"{run_dir} holds {what}: name another --out, or continue a run with --resume")
+
+
+def _alone(run_dir: Path) -> contextlib.AbstractContextManager[int]:
+    """Keep other processes from training in the run's folder meanwhile."""
+    return lock_folder(run_dir, f"another process trains in {run_dir}: wait for it, or stop it")
+
+
+def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict[str, Any], Parent]:
+    """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
+    old = load_run_config(parent)
+    for name, theirs, ours in (
+        *((f"ppo.{name}", getattr(old.ppo, name), getattr(config.ppo, name)) for name in NETWORK),
+        ("env.control", old.env.control, config.env.control),
+    ):
+        if theirs != ours:
+            raise UserError(f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree")
+    levels = np.empty(old.ppo.num_envs, np.float32)
+    wanted = {"params": shape.params, "normalizer": shape.normalizer, "fleet": {"info": {"curriculum": levels}}}
+    step, part = restore_checkpoint(parent, wanted, part=True)
+    before = old.parent.control_steps if old.parent else 0
+    steps = before + step * old.ppo.steps_per_train_step
+    return part, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
+
+
+def _adopt(state: TrainState, part: dict[str, Any]) -> TrainState:
+    """`state` with the parent's networks and normaliser, and its robots' curriculum levels dealt out in turn."""
+    here = state.fleet.info["curriculum"]
+    levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
+    fleet = dataclasses.replace(state.fleet, info={**state.fleet.info, "curriculum": levels})
+    return state.replace(params=part["params"], normalizer=part["normalizer"], fleet=fleet)
+
+
+def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
+    """What the run's log had not written when a checkpoint was saved."""
+    try:
+        return from_json(Unlogged, metadata.log)
+    except ConfigError as error:
+        raise CheckpointError(f"{run_dir}'s checkpoint {metadata.step} is damaged: log: {error}") from error
+
+
+def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS) -> Metadata:
+    """The metadata of a checkpoint, which must be of a run with these settings."""
+    directory = run_dir / folder / str(step)
+    metadata = read_metadata(run_dir, step, folder)
+    try:
+        there = _fields(to_json(from_json(TrainConfig, upgrade(metadata.config))))
+    except ConfigError as error:
+        raise CheckpointError(f"{directory} is of another training: {error}") from error
+    here = _fields(to_json(config))
+    for name in [*here, *there]:
+        if there.get(name) != here.get(name):
+            raise CheckpointError(
+                f"{directory} is of another training: {name} is {there.get(name, 'absent')} there and "
+                f"{here.get(name, 'absent')} in {CONFIG}"
+            )
+    return metadata
+
+
+def _fields(data: Any, path: str = "") -> dict[str, Any]:
+    """The values of a JSON object by their dotted names."""
+    if not isinstance(data, dict):
+        return {path: data}
+    return {
+        name: value for key, inner in data.items() for name, value in _fields(inner, f"{path}.{key}".strip(".")).items()
+    }

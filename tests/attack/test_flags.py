@@ -1,0 +1,116 @@
+"""Every flag of every command, given what no one should give: accepted, or refused in one line with status 2.
+
+Nothing is computed: the work that a command would begin is cut off where it begins.
+"""
+
+import contextlib
+import importlib
+import re
+import time
+from pathlib import Path
+
+import pytest
+
+LONGEST = 20.0  # s, for an answer
+NUMBERS = ("nan", "inf", "-inf", "1e308", "-1e308", "9" * 400, "fast")
+WORDS = ("x" * 5000, "[/foo]bar", "\udcff", "")
+REFUSED = ("nan", "-inf", "1e308", "-1e308", "9" * 400, "fast")
+"""Numbers that make no setting: whatever the flag, they are refused."""
+
+
+class AcceptedError(Exception):
+    """The command would begin its work."""
+
+
+def begin(*_, **__):
+    raise AcceptedError
+
+
+COMMANDS = {
+    "train": ("bp2_rl.cli.train", ["--preset", "smoke"]),
+    "eval": ("bp2_rl.cli.eval", []),
+    "study": ("bp2_rl.cli.study", []),
+    "bench": ("bp2_rl.cli.bench", ["--preset", "smoke"]),
+    "export": ("bp2_rl.cli.export", []),
+    **{
+        f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
+        for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "figures")
+    },
+    "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
+}
+"""Each command's module, and the words that come before its flags."""
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_computed(monkeypatch, tmp_path):
+    for place in WORK:
+        monkeypatch.setattr(place, begin)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.chdir(tmp_path)
+
+
+WORK = (
+    "bp2_rl.learning.run.start",
+    "bp2_rl.learning.run.resume",
+    "bp2_rl.learning.run.replay",
+    "bp2_rl.evaluation.report.folder.open_folder",
+    "bp2_rl.study.training.run",
+    "bp2_rl.cli.bench._open",
+    "bp2_rl.cli.trajopt.output.spinner",
+    "bp2_rl.cli.trajopt.output.progress",
+    "bp2_rl.trajopt.codesign.study.study_codesign",
+    "bp2_rl.trajopt.decomposition.decompose",
+)
+"""Where a command has looked at all it was told, and begins to work."""
+
+
+def flags(text: str) -> dict[str, str]:
+    """The flags in a command's help, each with what it takes."""
+    found = {}
+    for line in text.splitlines():
+        if match := re.match(r"[│ ]*(--[\w.-]+)(?:, --no-[\w.-]+)?(?: (.*?))?(?:  .*)?[\s│]*$", line):
+            found[match[1]] = match[2] or ""
+    return found
+
+
+def attacks(metavar: str) -> tuple[str, ...]:
+    return NUMBERS if re.search("FLOAT|INT|M/S|[SN]$", metavar) else WORDS
+
+
+def run(capsys, module: str, words: list[str]) -> tuple[int, str, float]:
+    """Exit status, standard error, seconds."""
+    began = time.monotonic()
+    try:
+        status = importlib.import_module(module).main(words)
+    except SystemExit as end:
+        status = int(end.code or 0)
+    return status, capsys.readouterr().err, time.monotonic() - began
+
+
+def shown(case: list[str]) -> str:
+    return ascii(" ".join(word if len(word) < 40 else f"{word[:10]}...({len(word)})" for word in case))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
+    module, words = COMMANDS[command]
+    with contextlib.suppress(SystemExit):
+        importlib.import_module(module).main([*words, "--help"])
+    known = flags(capsys.readouterr().out)
+    assert known
+    wrong = []
+    for flag, metavar in known.items():
+        for value in attacks(metavar):
+            before = set(Path.cwd().iterdir())
+            case = [*words, flag, *[value] * max(1, len(metavar.split()) if "[" not in metavar else 1)]
+            status, error, seconds = run(capsys, module, case)
+            accepted = "AcceptedError" in error or status == 0
+            if seconds > LONGEST:
+                wrong.append(f"{shown(case)}: {seconds:.0f} s")
+            if accepted and value in REFUSED and attacks(metavar) is NUMBERS:
+                wrong.append(f"{shown(case)}: accepted")
+            if not accepted and set(Path.cwd().iterdir()) != before:
+                wrong.append(f"{shown(case)}: leaves something behind")
+            if not accepted and not (status == 2 and error.startswith("error: ") and error.count("\n") == 1):
+                wrong.append(f"{shown(case)}: status {status}, {error[:300]!a}")
+    assert not wrong, "\n".join(wrong)
