@@ -4,8 +4,9 @@
     friction: Annotated[float, Within(0.01, 10.0)] = 0.9
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
 
-`check_bounds` goes through a dataclass and the ones in it. A number must be finite unless its bounds say otherwise; in
-a tuple every entry must be within, and a `Range` must ascend; None stands for a choice that is left open.
+`check_bounds` goes through a dataclass and the ones in it. A number must be finite unless its bounds say otherwise, and
+an integer must fit 64 bits; in a tuple every entry must be within, and a `Range` must ascend; None stands for a choice
+that is left open.
 """
 
 import dataclasses
@@ -36,8 +37,8 @@ class Within:
 
     def __contains__(self, number: float) -> bool:
         """Whether a number keeps to the bounds; NaN never does."""
-        if isinstance(number, float) and math.isinf(number):
-            return self.infinite and number > 0
+        if not _is_finite(number):
+            return self.infinite and number == math.inf
         above = number > self.least if self.open_below else number >= self.least
         below = number < self.most if self.open_above else number <= self.most
         return above and below
@@ -45,13 +46,16 @@ class Within:
     def __str__(self) -> str:
         """In words, after "must be"."""
         lower, upper = math.isfinite(self.least), math.isfinite(self.most)
-        if lower and upper:
-            ends = [f"above {self.least:g}" if self.open_below else f"{self.least:g}"]
-            ends += [f"below {self.most:g}" if self.open_above else f"{self.most:g}"]
-            return f"from {ends[0]} to {ends[1]}"
-        if lower:
-            return "positive" if self.open_below and self.least == 0 else f"at least {self.least:g}"
-        return f"at most {self.most:g}" if upper else "a finite number"
+        if lower and upper and not (self.open_below or self.open_above):
+            return f"from {_show(self.least)} to {_show(self.most)}{' or inf' if self.infinite else ''}"
+        ends = []
+        if lower and self.open_below:
+            ends.append("positive" if self.least == 0 else f"above {_show(self.least)}")
+        elif lower:
+            ends.append(f"at least {_show(self.least)}")
+        if upper:
+            ends.append(f"{'below' if self.open_above else 'at most'} {_show(self.most)}")
+        return " and ".join(ends) or "a finite number"
 
 
 ANY = Within()
@@ -69,7 +73,8 @@ def check_bounds(config: Any, path: str = "") -> None:
 
     Args:
         config: an instance.
-        path: what its fields' names are preceded by in messages, `control.`; empty for none.
+        path: what its fields' names are preceded by in messages, `control.`; empty for none. If that begins as a flag
+            does, `--operator.`, they are written as flags.
 
     Raises:
         UserError: one line that names the first such field, its bounds, and its value.
@@ -77,6 +82,7 @@ def check_bounds(config: Any, path: str = "") -> None:
     hints = typing.get_type_hints(type(config), include_extras=True)
     for field in dataclasses.fields(config):
         value, name = getattr(config, field.name), f"{path}{field.name}"
+        name = name.replace("_", "-") if path.startswith("--") else name
         if dataclasses.is_dataclass(value):
             check_bounds(value, f"{name}.")
             continue
@@ -86,10 +92,9 @@ def check_bounds(config: Any, path: str = "") -> None:
             continue
         bounds = _bounds(annotation)
         for number in numbers:
-            if not -1e308 < number < 1e308 and number not in bounds:
-                raise UserError(f"{name} must be {bounds}, and finite, got {_show(number)}")
             if number not in bounds:
-                raise UserError(f"{name} must be {bounds}, got {_show(number)}")
+                endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
+                raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
         if _is_range(annotation) and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
 
@@ -113,7 +118,13 @@ def _is_range(annotation: Any) -> bool:
     return annotation == Range
 
 
+def _is_finite(number: float) -> bool:
+    """Whether a float is finite, or an integer of at most 64 bits."""
+    return -(2**63) <= number < 2**63 if isinstance(number, int) else math.isfinite(number)
+
+
 def _show(number: float) -> str:
     """A number for a message: an integer of hundreds of digits is no help."""
-    text = f"{number:g}" if isinstance(number, float) else str(number) if abs(number) < 10**20 else "a huge integer"
-    return text
+    if isinstance(number, int):
+        return str(number) if abs(number) < 10**30 else "a huge integer"
+    return f"{number:g}"

@@ -26,6 +26,7 @@ from bp2_rl.config import (
 from bp2_rl.env.config import EnvConfig
 from bp2_rl.errors import UserError
 from bp2_rl.learning.stages import TrainConfig, make_config
+from bp2_rl.trajopt.problem import Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +104,10 @@ def test_a_config_survives_json(config: Outer):
 def test_the_environments_config_survives_json():
     config = dataclasses.replace(EnvConfig(), reward=dataclasses.replace(EnvConfig().reward, tracking=0.123))
     assert from_json(EnvConfig, json.loads(json.dumps(to_json(config), allow_nan=False))) == config
+
+
+def test_the_standard_problem_survives_json():
+    assert from_json(Problem, json.loads(json.dumps(to_json(Problem()), allow_nan=False))) == Problem()
 
 
 def test_nan_survives_as_a_string():

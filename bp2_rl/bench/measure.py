@@ -274,12 +274,12 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
     first: Any = state.fleet.pipeline_state
 
     def aim(robot: Any) -> Any:
-        return env.controller.act(robot.controller, jnp.zeros(env.action_size), robot.command.current)[1]
+        return env.controller.act(robot.controller, robot.command.current, jnp.zeros(env.action_size))[1]
 
     def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
-                return jax.vmap(env._simulate)(physics, targets, robots)[0], None
+                return jax.vmap(env.simulate)(physics, targets, robots)[0], None
 
         return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
 

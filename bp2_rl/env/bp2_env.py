@@ -1,40 +1,25 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
 import dataclasses
-from functools import cached_property
 
 import jax
 import jax.numpy as jnp
 import mujoco
-import numpy as np
 from brax import envs
-from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env import commands, observations, randomization, rewards
-from bp2_rl.env.commands import CommandState
+from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.config import EnvConfig
-from bp2_rl.env.controller import Controller, ControllerState, motors_of
+from bp2_rl.env.controller import Controller, motors_of
+from bp2_rl.env.episode import DRAWS, PipelineState, Starts
+from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.physics.c import CPhysics
-from bp2_rl.env.physics.interface import Effort, Impl, Physics, Simulator
+from bp2_rl.env.physics.interface import Effort, Impl, Simulator
 from bp2_rl.env.physics.mjx import MjxPhysics
-from bp2_rl.env.randomization import Randomization
+from bp2_rl.env.termination import Fall
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
-
-SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
-"""Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
-
-
-class PipelineState(struct.PyTreeNode):
-    """Everything that starts anew with an episode."""
-
-    physics: Physics
-    controller: ControllerState
-    command: CommandState
-    randomization: Randomization
-    mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
 
 
 class BP2Env(envs.Env):
@@ -55,9 +40,9 @@ class BP2Env(envs.Env):
         self.config = config = config or EnvConfig()
         self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
         self.controller = Controller(config)
-        self._simulate = _simulator(impl, self.mj_model, config, num_robots)
-        self._trunk = int(self.mj_model.body("trunk").id)
-        self._stand = np.asarray(self.mj_model.key("stand").qpos, np.float32)
+        self.simulate = _simulator(impl, self.mj_model, config, num_robots)
+        self.starts = Starts(config, self.controller, self.mj_model)
+        self.trunk = int(self.mj_model.body("trunk").id)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
@@ -69,57 +54,54 @@ class BP2Env(envs.Env):
         """A new episode for the robot of `state`, which keeps its curriculum level."""
         return self._begin(rng, state.info["curriculum"])
 
-    def step(self, state: envs.State, action: Float[Array, "12"]) -> envs.State:
-        """One control step (5 ms)."""
+    def step(
+        self, state: envs.State, action: Float[Array, "12"], *, command: Float[Array, "3"] | None = None
+    ) -> envs.State:
+        """One control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
         config = self.config
         before: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
         sound_action = jnp.all(jnp.isfinite(action))
         action = jnp.where(sound_action, action, 0.0)
-        controller, targets = self.controller.act(before.controller, action, before.command.current)
-        pushed = self._push(before.physics, key_push)
+        controller, targets, reference = self.controller.act(before.controller, before.command.current, action)
+        pushed = randomization.push(before.physics.qvel, config.randomization, key_push)
         with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
-            physics, effort, feet = self._simulate(pushed, targets, before.randomization)
+            physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
 
-        exploded = ~(sound_action & _is_sound(physics, config.termination.max_speed))
-        physics = jax.tree.map(lambda new, home: jnp.where(exploded, home, new), physics, self._at_rest())
-        effort = jax.tree.map(lambda x: jnp.where(exploded, 0.0, x), effort)
+        fall = termination.fall(physics.qpos, physics.qvel, config.termination)
+        fall = fall._replace(exploded=fall.exploded | ~sound_action | ~jnp.all(jnp.isfinite(physics.torque)))
+        physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
+        effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
-        too_low = physics.qpos[2] < config.termination.min_height
-        tilted = heading.e_z[2] < config.termination.min_up
-        fallen = exploded | too_low | tilted
 
-        terms = self._rewards(before, controller, physics, effort, heading, targets.reference, fallen)
-        reward = sum(terms.values())
+        after = PipelineState(physics, controller, before.command, before.randomization, effort.torque)
+        terms = self._rewards(before, after, effort, heading, reference, fall)
 
         level = state.info["curriculum"]
-        command, raised = commands.advance(
-            before.command, level, heading.velocity[0], key_command, config.commands, config.curriculum
-        )
-        level = jnp.where(fallen, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
-        after = PipelineState(
-            physics=physics,
-            controller=controller.replace(command=command.current),
-            command=command,
-            randomization=before.randomization,
-            mean_torque=effort.torque,
-        )
+        if command is None:
+            obeyed, raised = commands.advance(
+                before.command, level, heading.velocity[0], key_command, config.commands, config.curriculum
+            )
+        else:
+            obeyed, raised = commands.obey(before.command, command, config.commands), level
+        level = jnp.where(fall.happened, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
+        after = after.replace(command=obeyed)
         return dataclasses.replace(
             state,
             pipeline_state=after,
             obs=self._observe(after, feet, key_noise),
-            reward=reward,
-            done=fallen.astype(jnp.float32),
-            metrics=_metrics(terms, before.controller.command, heading, effort, level, exploded, too_low, tilted),
+            reward=sum(terms.values()),
+            done=fall.happened.astype(jnp.float32),
+            metrics=metrics(Outcome(terms, before.command.current, heading, effort, level, fall)),
             info={**state.info, "rng": rng, "curriculum": level},
         )
 
-    @cached_property
+    @property
     def observation_size(self) -> dict[str, int]:
         """Sizes of the policy's and of the critic's observation."""
-        shapes = jax.eval_shape(self.reset, jax.random.PRNGKey(0)).obs
-        return {name: shape.shape[-1] for name, shape in shapes.items()}
+        size_of = observations.size_of
+        return {"state": size_of(observations.LAYOUT), "privileged_state": size_of(observations.CRITIC_LAYOUT)}
 
     @property
     def action_size(self) -> int:
@@ -136,108 +118,37 @@ class BP2Env(envs.Env):
         """The control step, s."""
         return specs.CONTROL_STEP
 
-    # --- Starting an episode -------------------------------------------------------------------------------------
+    # --- The parts of a step -------------------------------------------------------------------------------------
 
     def _begin(self, rng: Array, level: Float[Array, ""]) -> envs.State:
-        config = self.config
-        rng, key_command, key_stand, key_phase, key_pose, key_robot, key_noise = jax.random.split(rng, 7)
-        standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
-        top = commands.fastest(level, config.commands, config.curriculum)
-        command = commands.draw(key_command, None, top, config.commands)
-        command = command.replace(current=jnp.where(standing, 0.0, command.current))
-        phase = jax.random.uniform(key_phase)
-        reference = self.controller.reference(command.current, phase)
-        qpos, qvel = self._start_pose(key_pose, standing, reference, command.current)
-        pd_target = jnp.stack([reference.joint_position, reference.joint_velocity])
-        pipeline_state = PipelineState(
-            physics=Physics(
-                qpos=qpos,
-                qvel=qvel,
-                qacc_warmstart=jnp.zeros_like(qvel),
-                torque=jnp.zeros(specs.NUM_MOTORS),
-                targets=jnp.stack([pd_target, pd_target]),
-            ),
-            controller=self.controller.init(command.current, phase),
-            command=command,
-            randomization=randomization.draw(
-                key_robot, config.randomization, self.mj_model.nbody, config.hardware.friction
-            ),
-            mean_torque=jnp.zeros(specs.NUM_MOTORS),
-        )
-        zero = jnp.zeros(())
-        terms = dict.fromkeys(REWARD_TERMS, zero)
-        still = observations.heading(qpos, qvel)
+        rng, *keys, key_noise = jax.random.split(rng, DRAWS + 2)
+        episode, feet = self.starts.draw(keys, level)
+        zero, false = jnp.zeros(()), jnp.zeros((), bool)
+        heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
-        false = jnp.zeros((), bool)
+        no_rewards, no_fall = dict.fromkeys(rewards.REWARD_TERMS, zero), Fall(false, false, false)
         return envs.State(
-            pipeline_state=pipeline_state,  # pyright: ignore[reportArgumentType]  # Brax names only its own
-            obs=self._observe(pipeline_state, reference.contact, key_noise),
+            pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
+            obs=self._observe(episode, feet, key_noise),
             reward=zero,
             done=zero,
-            metrics=_metrics(terms, command.current, still, no_effort, level, false, false, false),
+            metrics=metrics(Outcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
             info={"rng": rng, "curriculum": level},
         )
-
-    def _start_pose(
-        self, key: Array, standing: Array, reference: Reference, command: Float[Array, "3"]
-    ) -> tuple[Array, Array]:
-        """(qpos, qvel): on the reference with its velocities, or standing still; both with joint noise."""
-        config = self.config.reset
-        key_joint, key_velocity = jax.random.split(key)
-        joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
-        joints += jax.random.uniform(key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise)
-        height = jnp.where(standing, self._stand[2], reference.height)
-        half_pitch = 0.5 * jnp.where(standing, 0.0, reference.pitch)
-        qpos = jnp.zeros(self.mj_model.nq)
-        qpos = qpos.at[2].set(height).at[3].set(jnp.cos(half_pitch)).at[5].set(jnp.sin(half_pitch))
-        qpos = qpos.at[MOTOR_QPOS].set(joints)
-        qpos = qpos.at[SPRING_QPOS].set(jnp.where(standing, self._stand[SPRING_QPOS], reference.spring_compression))
-        qvel = jnp.zeros(self.mj_model.nv)
-        qvel = qvel.at[:3].set(reference.velocity).at[4].set(reference.pitch_rate).at[5].set(command[2])
-        qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
-        spread = config.velocity_noise
-        qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
-        return qpos, jnp.where(standing, 0.0, qvel)
-
-    def _at_rest(self) -> Physics:
-        """A sound state to put in the place of one that is not; the episode is over anyway."""
-        rest = jnp.zeros(self.mj_model.nv)
-        zero = jnp.zeros(specs.NUM_MOTORS)
-        targets = jnp.stack([jnp.asarray(self._stand[MOTOR_QPOS]), zero])
-        return Physics(
-            qpos=jnp.asarray(self._stand),
-            qvel=rest,
-            qacc_warmstart=rest,
-            torque=zero,
-            targets=jnp.stack([targets, targets]),
-        )
-
-    # --- Within a control step -----------------------------------------------------------------------------------
-
-    def _push(self, physics: Physics, key: Array) -> Physics:
-        """Now and then, a sudden change of the trunk's horizontal velocity."""
-        config = self.config.randomization
-        if not config.enabled or config.push_velocity == 0.0:
-            return physics
-        key_when, key_what = jax.random.split(key)
-        now = jax.random.bernoulli(key_when, specs.CONTROL_STEP / config.push_interval)
-        kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
-        return physics.replace(qvel=physics.qvel.at[:2].add(jnp.where(now, kick, 0.0)))
 
     def _rewards(
         self,
         before: PipelineState,
-        controller: ControllerState,
-        physics: Physics,
+        after: PipelineState,
         effort: Effort,
         heading: observations.Heading,
         reference: Reference,
-        fallen: Array,
+        fall: Fall,
     ) -> dict[str, Array]:
-        config = self.config
+        config, physics = self.config, after.physics
         peak = config.hardware.joint_peak_torque
         inputs = rewards.RewardInputs(
-            command=before.controller.command,
+            command=before.command.current,
             z=physics.qpos[2],
             z_ref=reference.height,
             e_z=heading.e_z,
@@ -251,9 +162,9 @@ class BP2Env(envs.Env):
             tau_n=effort.torque / peak,
             tau_n_last=before.mean_torque / peak,
             power=effort.power,
-            action=controller.last_action,
+            action=after.controller.last_action,
             last_action=before.controller.last_action,
-            terminal=fallen.astype(jnp.float32),
+            terminal=fall.happened.astype(jnp.float32),
         )
         return rewards.table_s4(
             inputs,
@@ -265,29 +176,15 @@ class BP2Env(envs.Env):
         )
 
     def _observe(self, state: PipelineState, feet: Float[Array, "4"], key: Array) -> dict[str, Array]:
-        config, physics = self.config.randomization, state.physics
+        config, physics, command = self.config.randomization, state.physics, state.command
         measurement = observations.measure(physics.qpos, physics.qvel)
-        clean = self.controller.observe(state.controller, measurement)
-        noisy = clean
+        clean = noisy = self.controller.observe(state.controller, command.current, measurement)
         if config.enabled:
-            noisy = self.controller.observe(state.controller, observations.add_noise(measurement, config, key))
+            measurement = observations.add_noise(measurement, config, key)
+            noisy = self.controller.observe(state.controller, command.current, measurement)
         heading = observations.heading(physics.qpos, physics.qvel)
-        robot = state.randomization
-        privileged = jnp.concatenate(
-            [
-                clean,
-                heading.velocity,
-                physics.qpos[2:3],
-                physics.qpos[SPRING_QPOS],
-                physics.qvel[SPRING_QVEL],
-                feet,
-                state.command.target,
-                robot.friction[None],
-                robot.mass[self._trunk][None],
-                robot.com_offset,
-                robot.strength,
-                robot.latency[None],
-            ]
+        privileged = observations.critic_observation(
+            clean, heading, physics.qpos, physics.qvel, feet, command.target, state.randomization, self.trunk
         )
         return {"state": noisy, "privileged_state": privileged}
 
@@ -295,58 +192,3 @@ class BP2Env(envs.Env):
 def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
     motors = motors_of(config)
     return CPhysics(config.hardware, motors) if impl == "c" else MjxPhysics(model, motors, impl, num_robots)
-
-
-REWARD_TERMS: tuple[str, ...] = (
-    "height",
-    "attitude",
-    "joint_position",
-    "joint_velocity",
-    "tracking",
-    "torque",
-    "power",
-    "smoothness",
-    "symmetry",
-    "terminal",
-)
-
-
-def _is_sound(physics: Physics, max_speed: float) -> Array:
-    """Whether every number is finite and no coordinate moves faster than anything real could."""
-    finite = jnp.all(jnp.isfinite(physics.qpos)) & jnp.all(jnp.isfinite(physics.qvel))
-    # A comparison with NaN is False, so this form also catches what isfinite would.
-    return finite & jnp.all(jnp.isfinite(physics.torque)) & jnp.all(jnp.abs(physics.qvel) <= max_speed)
-
-
-def _metrics(
-    terms: dict[str, Array],
-    command: Float[Array, "3"],
-    heading: observations.Heading,
-    effort: Effort,
-    level: Array,
-    exploded: Array,
-    too_low: Array,
-    tilted: Array,
-) -> dict[str, Array]:
-    """Per-step numbers; the learner averages them over robots and steps.
-
-    `error/A` over `share/A` is the mean speed error at commands from A m/s up to the next bin.
-    """
-    error = jnp.abs(heading.velocity[0] - command[0])
-    speed = jnp.abs(command[0])
-    metrics = {f"reward/{name}": value for name, value in terms.items()}
-    uppers = (*SPEED_BINS[1:], np.inf)
-    for lower, upper in zip(SPEED_BINS, uppers, strict=True):
-        inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
-        metrics[f"share/{lower:g}"] = inside
-        metrics[f"error/{lower:g}"] = inside * error
-    metrics |= {
-        "speed_error": error,
-        "curriculum_level": level,
-        "speed": heading.velocity[0],
-        "power": jnp.sum(jnp.maximum(effort.power, 0.0)),
-        "fall/exploded": exploded.astype(jnp.float32),
-        "fall/too_low": (too_low & ~exploded).astype(jnp.float32),
-        "fall/tilted": (tilted & ~too_low & ~exploded).astype(jnp.float32),
-    }
-    return metrics

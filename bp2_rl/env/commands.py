@@ -60,6 +60,11 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     )
 
 
+def obey(state: CommandState, command: Float[Array, "3"], config: CommandConfig) -> CommandState:
+    """Someone steers: this command at once, but for a yaw rate that is too much for its speed."""
+    return state.replace(current=_turn_limited(command, config))
+
+
 def advance(
     state: CommandState,
     level: Float[Array, ""],
@@ -79,9 +84,8 @@ def advance(
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
     current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
-    turn = fastest_turn(current[0], config)  # the target's yaw rate may be too much for the speed on the way to it
     moved = state.replace(
-        current=current.at[2].set(jnp.clip(current[2], -turn, turn)),
+        current=_turn_limited(current, config),  # the target's yaw rate may be too much on the way to its speed
         time_left=state.time_left - dt * reached,
         error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
         time=state.time + dt * near,
@@ -91,3 +95,8 @@ def advance(
     level = jnp.where(expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
     fresh = draw(key, moved.current, fastest(level, config, curriculum), config)
     return jax.tree.map(lambda new, old: jnp.where(expired, new, old), fresh, moved), level
+
+
+def _turn_limited(command: Float[Array, "3"], config: CommandConfig) -> Float[Array, "3"]:
+    turn = fastest_turn(command[0], config)
+    return command.at[2].set(jnp.clip(command[2], -turn, turn))

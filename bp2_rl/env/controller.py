@@ -1,8 +1,8 @@
 """What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
 
-    observation = controller.observe(state, measurement)
+    observation = controller.observe(state, command, measurement)
     action = policy(observation)
-    state, targets = controller.act(state, action, next_command)
+    state, targets, reference = controller.act(state, command, action)
 
 The targets go to the 1 kHz PD loop.
 """
@@ -21,17 +21,15 @@ from bp2_rl.robot.actuator import Actuator
 class ControllerState(struct.PyTreeNode):
     """What the controller remembers from one control step to the next."""
 
-    command: Float[Array, "... 3"]  # v_x, v_y (m/s), omega_z (rad/s)
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
 
 
 class Targets(struct.PyTreeNode):
-    """What the joint PD loop follows until the next control step, and the reference at that time."""
+    """What the joint PD loop follows until the next control step."""
 
     position: Float[Array, "... 12"]  # rad
     velocity: Float[Array, "... 12"]  # rad/s
-    reference: Reference
 
 
 class Controller:
@@ -41,38 +39,38 @@ class Controller:
         self._control = config.control
         self.reference: ReferenceMotion = config.motion
 
-    def init(self, command: Float[Array, "... 3"], phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
+    def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
         """The state at the start of an episode."""
-        return ControllerState(
-            command=jnp.asarray(command, jnp.float32),
-            phase=jnp.asarray(phase, jnp.float32),
-            last_action=jnp.zeros(specs.NUM_MOTORS),
-        )
+        return ControllerState(phase=jnp.asarray(phase, jnp.float32), last_action=jnp.zeros(specs.NUM_MOTORS))
 
-    def observe(self, state: ControllerState, measurement: Measurement) -> Float[Array, "... 47"]:
-        """The policy's observation (see `observations.LAYOUT`)."""
-        return actor_observation(state.command, state.phase, measurement, state.last_action)
+    def observe(
+        self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
+    ) -> Float[Array, "... 47"]:
+        """The policy's observation (see `observations.LAYOUT`) under the present command, m/s and rad/s."""
+        return actor_observation(command, state.phase, measurement, state.last_action)
 
     def act(
-        self, state: ControllerState, action: Float[Array, "... 12"], next_command: Float[Array, "... 3"]
-    ) -> tuple[ControllerState, Targets]:
+        self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
+    ) -> tuple[ControllerState, Targets, Reference]:
         """Advance the phase by one control step under the present command and turn the action into joint targets.
+
+        With them comes the reference at the end of the step.
 
         `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
         reference's velocity; a share `feedforward` of its torque comes in as the offset that the PD law turns into it.
         `absolute`: standing pose plus action_scale x action, with zero velocity.
         """
         control = self._control
-        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(state.command)) % 1.0
-        reference = self.reference(state.command, phase)
+        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
+        reference = self.reference(command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
         if control.mode == "residual":
             centre = reference.joint_position + control.feedforward / control.stiffness * reference.torque
             velocity = reference.joint_velocity
         else:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
-        targets = Targets(position=centre + control.action_scale * action, velocity=velocity, reference=reference)
-        return ControllerState(command=next_command, phase=phase, last_action=action), targets
+        targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
+        return ControllerState(phase=phase, last_action=action), targets, reference
 
 
 def motors_of(config: EnvConfig) -> Actuator:

@@ -11,8 +11,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from bp2_rl.env.config import RandomizationConfig
+from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
 
 STAND = np.asarray(specs.STAND_JOINTS, np.float32)
 UP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -36,7 +37,26 @@ LAYOUT = (
 )
 """The policy's observation, in order: the paper's (section RL training) plus the last action."""
 
-OBSERVATION_SIZE = sum(entry.size for entry in LAYOUT)
+CRITIC_LAYOUT = (
+    *LAYOUT,  # without noise
+    Entry("velocity", 3),
+    Entry("height", 1),
+    Entry("spring_compression", 4),
+    Entry("spring_velocity", 4),
+    Entry("feet", 4),
+    Entry("target_command", 3),
+    Entry("friction", 1),
+    Entry("trunk_mass", 1),
+    Entry("com_offset", 3),
+    Entry("strength", 12),
+    Entry("latency", 1),
+)
+"""The critic's observation, in order: also what no sensor tells, where the command goes, and the draw of the robot."""
+
+
+def size_of(layout: tuple[Entry, ...]) -> int:
+    """Length of the observation that a layout describes."""
+    return sum(entry.size for entry in layout)
 
 
 class Measurement(struct.PyTreeNode):
@@ -84,6 +104,46 @@ def actor_observation(
             measurement.up,
             measurement.angular_velocity,
             last_action,
+        ]
+    )
+
+
+def critic_observation(
+    seen: Float[Array, "47"],
+    heading: "Heading",
+    qpos: Float[Array, "23"],
+    qvel: Float[Array, "22"],
+    feet: Float[Array, "4"],
+    target: Float[Array, "3"],
+    robot: Randomization,
+    trunk: int,
+) -> Float[Array, "84"]:
+    """The vector that `CRITIC_LAYOUT` describes.
+
+    Args:
+        seen: what the policy would see without noise.
+        heading: the trunk's motion.
+        qpos: the state in MuJoCo's coordinates ...
+        qvel: ... and its velocities.
+        feet: 1 for each that touches the ground.
+        target: the command that the present one is on its way to.
+        robot: what was drawn for it.
+        trunk: the trunk's body index.
+    """
+    return jnp.concatenate(
+        [
+            seen,
+            heading.velocity,
+            qpos[2:3],
+            qpos[SPRING_QPOS],
+            qvel[SPRING_QVEL],
+            feet,
+            target,
+            robot.friction[None],
+            robot.mass[trunk][None],
+            robot.com_offset,
+            robot.strength,
+            robot.latency[None],
         ]
     )
 

@@ -1,4 +1,4 @@
-"""Domain randomisation: one draw of the world and the robot, and how it enters model and motors."""
+"""Domain randomisation: one draw of the world and the robot, how it enters model and motors, and pushes."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,9 @@ from flax import struct
 from jaxtyping import Array, Float
 from mujoco import mjx
 
-from bp2_rl.env.config import RandomizationConfig, Range
+from bp2_rl.bounds import Range
+from bp2_rl.env.config import RandomizationConfig
+from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
 
 
@@ -55,6 +57,16 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, friction: flo
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
     )
+
+
+def push(qvel: Float[Array, "22"], config: RandomizationConfig, key: Array) -> Float[Array, "22"]:
+    """The velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
+    if not config.enabled or config.push_velocity == 0.0:
+        return qvel
+    key_when, key_what = jax.random.split(key)
+    now = jax.random.bernoulli(key_when, specs.CONTROL_STEP / config.push_interval)
+    kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
+    return qvel.at[:2].add(jnp.where(now, kick, 0.0))
 
 
 def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:

@@ -4,7 +4,8 @@ Each function returns one row *without* its base coefficient (the imitation rows
 tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
 """
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 from flax import struct
@@ -133,23 +134,42 @@ class RewardInputs(struct.PyTreeNode):
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
 
 
+class Weights(NamedTuple):
+    """What the rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
+
+    c_m: Scalar
+    c_v: Scalar
+    w: float
+    eta: Scalar
+    dt: float  # s, a control step
+
+
+_Row = Callable[[RewardInputs, RewardConfig, Weights], Scalar]
+_ROWS: dict[str, _Row] = {
+    "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
+    "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
+    "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
+    "joint_velocity": lambda x, _, at: at.c_m * joint_velocity_imitation(x.qd, x.qd_ref),
+    "tracking": lambda x, c, at: (
+        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.tracking_width)
+    ),
+    "torque": lambda x, c, at: c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt),
+    "power": lambda x, c, _: c.power * power_regularization(x.power),
+    "smoothness": lambda x, c, _: c.smoothness * action_smoothness(x.action, x.last_action),
+    "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
+    "terminal": lambda x, c, _: -c.terminal * x.terminal,
+}
+"""Table S4."""
+
+REWARD_TERMS = tuple(_ROWS)
+"""The rows' names, as in the metrics `reward/NAME`."""
+
+
 def table_s4(
     x: RewardInputs, config: RewardConfig, *, max_forward: float, max_lateral: float, max_yaw_rate: float, dt: float
 ) -> dict[str, Scalar]:
     """All rows with their coefficients; the reward is their sum."""
     c_m, c_v = speed_schedule(x.command[0], max_forward, config.imitation, config.tracking, config.schedule)
     w = tracking_balance(max_forward, max_lateral, max_yaw_rate)
-    eta = turn_activation(x.command, max_lateral, max_yaw_rate)
-    tracking = velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], w, config.tracking_width)
-    return {
-        "height": config.height * body_height(x.z, x.z_ref),
-        "attitude": config.attitude * body_attitude(x.e_z, x.e_z_ref),
-        "joint_position": c_m * joint_position_imitation(x.q, x.q_ref),
-        "joint_velocity": c_m * joint_velocity_imitation(x.qd, x.qd_ref),
-        "tracking": c_v * tracking,
-        "torque": config.torque * torque_regularization(x.tau_n, x.tau_n_last, dt),
-        "power": config.power * power_regularization(x.power),
-        "smoothness": config.smoothness * action_smoothness(x.action, x.last_action),
-        "symmetry": config.symmetry * straight_symmetry(x.q[0::3], eta),
-        "terminal": -config.terminal * x.terminal,
-    }
+    weights = Weights(c_m, c_v, w, turn_activation(x.command, max_lateral, max_yaw_rate), dt)
+    return {name: row(x, config, weights) for name, row in _ROWS.items()}

@@ -5,6 +5,8 @@ from typing import Protocol, runtime_checkable
 from flax import struct
 from jaxtyping import Array, Float
 
+from bp2_rl.robot.specs import HardwareSpec
+
 
 class Reference(struct.PyTreeNode):
     """The reference at one command and phase. All leaves share the leading batch axes.
@@ -30,6 +32,11 @@ class Reference(struct.PyTreeNode):
 @runtime_checkable
 class ReferenceMotion(Protocol):
     """A family of periodic motions indexed by the command (vx, vy in m/s, yaw rate in rad/s)."""
+
+    @property
+    def hardware(self) -> HardwareSpec:
+        """The robot that moves."""
+        ...
 
     @property
     def height(self) -> float:

@@ -13,11 +13,13 @@ import re
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Annotated
 
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 
 FAREWELL = 10.0
@@ -30,15 +32,16 @@ class ClusterConfig:
 
     coordinator: str | None = None
     """HOST:PORT of process 0, the same for all processes; auto: as Slurm or Open MPI started them"""
-    processes: int | None = None
+    processes: Annotated[int, Within(1, 2**16)] | None = None
     """how many there are; not with auto"""
-    process: int | None = None
+    process: Annotated[int, Within(0)] | None = None
     """which of them this is, counted from 0; not with auto"""
-    patience: float = 300.0
+    patience: Annotated[float, Within(0.0, 1e6, open_below=True)] = 300.0
     """seconds to wait for the others at the start"""
 
     def __post_init__(self) -> None:
         """Refuse what cannot meet."""
+        check_bounds(self, "--cluster.")
         numbers = (self.processes, self.process)
         if self.coordinator in (None, "auto"):
             if numbers != (None, None):
@@ -47,10 +50,8 @@ class ClusterConfig:
             raise UserError(f"--cluster.coordinator must be HOST:PORT or auto, got {self.coordinator}")
         elif self.processes is None or self.process is None:
             raise UserError("--cluster.coordinator HOST:PORT needs --cluster.processes and --cluster.process")
-        elif not 0 <= self.process < self.processes:
+        elif self.process >= self.processes:
             raise UserError(f"--cluster.process must be 0 to {self.processes - 1}, got {self.process}")
-        if not self.patience > 0:
-            raise UserError(f"--cluster.patience must be positive, got {self.patience}")
 
 
 def join(config: ClusterConfig) -> None:

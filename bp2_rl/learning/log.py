@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.env.bp2_env import SPEED_BINS
+from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning import guards
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.ppo import STUCK, PPOConfig

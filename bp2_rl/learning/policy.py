@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
-from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
 from bp2_rl.files import (
     ArraySpec,
@@ -241,7 +241,7 @@ def _read_card(directory: Path) -> PolicyCard:
             f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
         )
     try:
-        return from_json(PolicyCard, unseal(data, CHECKSUM))
+        return from_json(PolicyCard, upgrade(unseal(data, CHECKSUM)))
     except ConfigError as error:
         versions = data.get("versions")
         author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"

@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -28,10 +28,14 @@ from flax import linen, struct
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
+from bp2_rl.bounds import Share, Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.policy import Activation
 
+Scale = Annotated[float, Within(0.0, 1e6, open_below=True)]
+Weight = Annotated[float, Within(0.0, 1e6)]
+Layers = tuple[Annotated[int, Within(1, 2**16)], ...]
 ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
 MAX_BLOCKS = 64
 """Robots are shuffled within this many blocks; the number of devices must divide it."""
@@ -44,51 +48,37 @@ class PPOConfig:
     """Hyperparameters. One train step collects num_envs x unroll_length control steps and takes
     num_epochs x num_minibatches gradient steps on them."""
 
-    num_envs: int = 8192
-    unroll_length: int = 24
-    num_minibatches: int = 16
-    num_epochs: int = 4
-    episode_length: int = 1600  # control steps
-    learning_rate: float = 3e-4
-    desired_kl: float | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
-    max_learning_rate: float = 1e-3
-    discounting: float = 0.985
-    gae_lambda: float = 0.95
-    clipping: float = 0.2
-    entropy_cost: float = 5e-3
-    value_coefficient: float = 1.0
-    max_grad_norm: float = 1.0
-    reward_scaling: float = 1.0
-    policy_layers: tuple[int, ...] = (512, 256, 128)
-    value_layers: tuple[int, ...] = (512, 256, 128)
+    num_envs: Annotated[int, Within(1, 2**24)] = 8192
+    unroll_length: Annotated[int, Within(1, 2**16)] = 24
+    num_minibatches: Annotated[int, Within(1, 2**24)] = 16
+    num_epochs: Annotated[int, Within(1, 2**16)] = 4
+    episode_length: Annotated[int, Within(1, 2**30)] = 1600  # control steps
+    learning_rate: Scale = 3e-4
+    desired_kl: Scale | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
+    max_learning_rate: Scale = 1e-3
+    discounting: Share = 0.985
+    gae_lambda: Share = 0.95
+    clipping: Scale = 0.2
+    entropy_cost: Weight = 5e-3
+    value_coefficient: Weight = 1.0
+    max_grad_norm: Scale = 1.0
+    reward_scaling: Scale = 1.0
+    policy_layers: Layers = (512, 256, 128)
+    value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
-    initial_std: float = 0.3
+    initial_std: Scale = 0.3
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that says how to mend them."""
-
-        def require(condition: bool, name: str, what: str) -> None:
-            if not condition:
-                raise UserError(f"ppo.{name} must {what}, got {getattr(self, name)}")
-
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            require(not isinstance(value, float) or math.isfinite(value), field.name, "be a finite number")
-        for name in ("num_envs", "unroll_length", "num_minibatches", "num_epochs", "episode_length"):
-            require(getattr(self, name) >= 1, name, "be at least 1")
+        check_bounds(self, "ppo.")
         for name in ("policy_layers", "value_layers"):
-            layers = getattr(self, name)
-            require(len(layers) > 0 and min(layers) >= 1, name, "name one layer or more of at least 1 unit")
-        for name in ("learning_rate", "clipping", "max_grad_norm", "reward_scaling", "initial_std"):
-            require(getattr(self, name) > 0, name, "be positive")
-        for name in ("entropy_cost", "value_coefficient"):
-            require(getattr(self, name) >= 0, name, "not be negative")
-        for name in ("discounting", "gae_lambda"):
-            require(0 <= getattr(self, name) <= 1, name, "lie between 0 and 1")
-        require(self.desired_kl is None or self.desired_kl > 0, "desired_kl", "be positive, or None")
-        if self.desired_kl is not None:
-            lowest = f"be at least ppo.learning_rate ({self.learning_rate})"
-            require(self.max_learning_rate >= self.learning_rate, "max_learning_rate", lowest)
+            if not getattr(self, name):
+                raise UserError(f"ppo.{name} must name one layer or more")
+        if self.desired_kl is not None and self.max_learning_rate < self.learning_rate:
+            raise UserError(
+                f"ppo.max_learning_rate ({self.max_learning_rate:g}) must be at least ppo.learning_rate "
+                f"({self.learning_rate:g})"
+            )
         if self.num_envs % self.num_minibatches:
             raise UserError(
                 f"ppo.num_envs ({self.num_envs}) must be a multiple of ppo.num_minibatches ({self.num_minibatches})"

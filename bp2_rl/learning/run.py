@@ -10,6 +10,7 @@ import numpy as np
 
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.config import upgrade
 from bp2_rl.errors import UserError
 from bp2_rl.files import LOCK, lock_folder, require_name
 from bp2_rl.learning import cluster, guards, loop
@@ -115,7 +116,7 @@ def load_run_config(run_dir: Path) -> TrainConfig:
         raise UserError(f"no training run at {run_dir}: there is no such folder")
     if not (Path(run_dir) / CONFIG).is_file():
         raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
-    return load_config(TrainConfig, Path(run_dir) / CONFIG)
+    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
 
 
 def is_finished(run_dir: Path) -> bool:
@@ -193,7 +194,7 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:
-        there = _fields(to_json(from_json(TrainConfig, metadata.config)))
+        there = _fields(to_json(from_json(TrainConfig, upgrade(metadata.config))))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
     here = _fields(to_json(config))

@@ -1,11 +1,11 @@
 """What `imitation` and `relaxed`, `smoke`, `cpu` and `gpu` mean: configs, never code paths."""
 
 import dataclasses
-from typing import Literal
+from typing import Annotated, Literal
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.env.bp2_env import Impl
 from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig, RewardConfig
-from bp2_rl.errors import UserError
 from bp2_rl.learning.ppo import PPOConfig
 
 Stage = Literal["imitation", "relaxed"]
@@ -33,18 +33,14 @@ own, a robot that is 2 m/s too slow has nothing to gain by running faster. docs/
 class RunConfig:
     """How long, from which seed, and what is kept."""
 
-    steps: int = 100_000_000  # control steps, all robots together
-    seed: int = 0
-    checkpoints: int = 10  # saves during the run, evenly spread, the last one at its end
-    logs: int = 200  # lines of metrics.jsonl during the run
+    steps: Annotated[int, Within(1, 10**15)] = 100_000_000  # control steps, all robots together
+    seed: Annotated[int, Within(0, 2**32 - 1)] = 0
+    checkpoints: Annotated[int, Within(1, 10**6)] = 10  # saves during the run, evenly spread, the last one at its end
+    logs: Annotated[int, Within(1, 10**9)] = 200  # lines of metrics.jsonl during the run
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        for name in ("steps", "checkpoints", "logs"):
-            if getattr(self, name) < 1:
-                raise UserError(f"run.{name} must be at least 1, got {getattr(self, name)}")
-        if not 0 <= self.seed < 2**32:  # JAX takes the 32 lower bits of it
-            raise UserError(f"run.seed must be 0 to {2**32 - 1}, got {self.seed}")
+        check_bounds(self, "run.")
 
 
 @dataclasses.dataclass(frozen=True)

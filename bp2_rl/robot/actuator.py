@@ -58,6 +58,11 @@ class Actuator(struct.PyTreeNode):
         )
 
 
+def copper_loss(torque: Joints, no_load: Parameter, stall: Parameter) -> Joints:
+    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`."""
+    return torque**2 * (no_load / stall)
+
+
 def torque_limits(actuator: Actuator, qd: Joints) -> tuple[Joints, Joints]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s)."""
     return -_upper_limit(actuator, -qd), _upper_limit(actuator, qd)

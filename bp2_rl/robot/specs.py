@@ -10,9 +10,9 @@ order FR, FL, RR, RL; joints of a leg in the order abad, hip, knee (then the pas
 """
 
 import dataclasses
-import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 
 LEGS = ("FR", "FL", "RR", "RL")
@@ -125,31 +125,27 @@ TRUNK_PITCH_INERTIA = 4.0 * (
 class HardwareSpec:
     """The parameters of BP2's body that a designer may change; the defaults are BP2.
 
-    The motor itself stays: a gear ratio g gives g/8.5 times the joint torque at 8.5/g times the speed.
+    The motor itself stays: a gear ratio g gives g/8.5 times the joint torque at 8.5/g times the speed. The bounds are
+    those of what can be computed, not of what can be built.
     """
 
-    gear_ratio: float = GEAR_RATIO
-    leg_length: float = THIGH_LENGTH  # m, of the thigh and of the uncompressed lower leg alike
-    spring_stiffness: float = SPRING_STIFFNESS  # N/m
-    spring_damping: float = SPRING_DAMPING  # N s/m
-    spring_travel: float = SPRING_TRAVEL  # m, compression at which the stop begins to push
-    spring_stop_stiffness: float = SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
-    rotor_inertia: float = ROTOR_INERTIA  # kg m2, motor side
-    peak_torque: float = PEAK_TORQUE  # Nm, at the joint with the gear of 8.5
-    corner_speed: float = CORNER_SPEED  # rad/s likewise; 0 is the straight back-EMF line
-    no_load_speed: float = NO_LOAD_SPEED  # rad/s likewise
-    mass_scale: float = 1.0  # of every body, inertias alike
-    friction: float = FOOT_FRICTION
+    gear_ratio: Annotated[float, Within(0.1, 1000.0)] = GEAR_RATIO
+    leg_length: Annotated[float, Within(0.0, 10.0)] = THIGH_LENGTH
+    """m, of the thigh and of the uncompressed lower leg alike"""
+    spring_stiffness: Annotated[float, Within(100.0, 1e7)] = SPRING_STIFFNESS  # N/m
+    spring_damping: Annotated[float, Within(0.0, 1e5)] = SPRING_DAMPING  # N s/m
+    spring_travel: Annotated[float, Within(0.0, 10.0)] = SPRING_TRAVEL  # m, at which the stop begins to push
+    spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
+    rotor_inertia: Annotated[float, Within(0.0, 0.1)] = ROTOR_INERTIA  # kg m2, motor side
+    peak_torque: Annotated[float, Within(0.1, 1e5)] = PEAK_TORQUE  # Nm, at the joint with the gear of 8.5
+    corner_speed: Annotated[float, Within(0.0, 1e4)] = CORNER_SPEED  # rad/s likewise; 0 is the straight back-EMF line
+    no_load_speed: Annotated[float, Within(0.1, 1e4)] = NO_LOAD_SPEED  # rad/s likewise
+    mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
+    friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not math.isfinite(value) or value < 0:
-                raise UserError(f"hardware.{field.name} must be a finite number >= 0, got {value}")
-        for name in ("gear_ratio", "spring_stiffness", "peak_torque", "no_load_speed", "mass_scale", "friction"):
-            if getattr(self, name) == 0:
-                raise UserError(f"hardware.{name} must be greater than 0")
+        check_bounds(self, "hardware.")
         if self.corner_speed >= self.no_load_speed:
             raise UserError(
                 f"hardware.corner_speed ({self.corner_speed}) must be below no_load_speed ({self.no_load_speed})"

@@ -163,6 +163,7 @@ NAN, INF = float("nan"), float("inf")
         ("curriculum.tolerance", -1.0),
         ("curriculum.raise_by", NAN),
         ("curriculum.near", 1.0),
+        ("hardware.rotor_inertia", 1e308),
         ("randomization.friction", (0.0, 0.0)),
         ("randomization.friction", (1.0, 0.5)),
         ("randomization.joint_velocity_noise", NAN),

@@ -18,8 +18,7 @@ COMMAND = jnp.array([6.0, 0.0, 0.0])
 def targets(config: EnvConfig, action: float = 0.0):
     """What the controller makes of an action that is the same for all joints."""
     controller = Controller(config)
-    state = controller.init(COMMAND, 0.2)
-    return controller.act(state, jnp.full(12, action), COMMAND)
+    return controller.act(controller.init(0.2), COMMAND, jnp.full(12, action))
 
 
 @pytest.mark.parametrize(
@@ -28,24 +27,26 @@ def targets(config: EnvConfig, action: float = 0.0):
 def test_the_reference_is_the_one_that_was_named(name, motion):
     config = EnvConfig(reference=name)
     assert isinstance(config.motion, motion)
-    state, target = targets(config)
+    state, target, reference = targets(config)
     expected = config.motion(COMMAND, state.phase)
     assert np.allclose(target.position, expected.joint_position)
+    assert np.allclose(reference.height, expected.height)
     assert np.allclose(target.velocity, expected.joint_velocity)
 
 
 def test_the_reference_has_the_hardware_of_the_robot():
     config = EnvConfig(hardware=HardwareSpec(mass_scale=1.1))
-    assert config.gait.hardware == config.library.hardware == config.hardware
+    for reference in ("kinematic", "collocation", "none"):
+        assert dataclasses.replace(config, reference=reference).motion.hardware == config.hardware
 
 
 def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on():
     config = EnvConfig(reference="none")
-    state, target = targets(config)
+    state, target, reference = targets(config)
     assert np.allclose(target.position, specs.STAND_JOINTS, atol=0.1)  # a pose with the soles below the hips
     assert np.all(target.velocity == 0.0)
     assert float(state.phase) > 0.2
-    assert np.allclose(target.reference.velocity, COMMAND)
+    assert np.allclose(reference.velocity, COMMAND)
 
 
 def test_feed_forward_is_the_torque_that_the_pd_law_makes_of_the_offset():
@@ -53,7 +54,7 @@ def test_feed_forward_is_the_torque_that_the_pd_law_makes_of_the_offset():
         dataclasses.replace(EnvConfig(reference="collocation"), control=ControlConfig(feedforward=share))
         for share in (0.0, 0.5)
     )
-    (_, without), (_, with_torque) = targets(plain), targets(fed)
+    (_, without, reference), (_, with_torque, _) = targets(plain), targets(fed)
     offset = with_torque.position - without.position
-    assert np.allclose(fed.control.stiffness * offset, 0.5 * without.reference.torque, atol=1e-3)
-    assert np.abs(without.reference.torque).max() > 1.0
+    assert np.allclose(fed.control.stiffness * offset, 0.5 * reference.torque, atol=1e-3)
+    assert np.abs(reference.torque).max() > 1.0

@@ -13,9 +13,11 @@ from mujoco import mjx
 
 import bp2_rl.env
 from bp2_rl.env import observations, randomization
-from bp2_rl.env.bp2_env import REWARD_TERMS, SPEED_BINS, BP2Env
+from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.config import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.env.controller import motors_of
+from bp2_rl.env.metrics import SPEED_BINS
+from bp2_rl.env.rewards import REWARD_TERMS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
@@ -85,14 +87,14 @@ def test_running_starts_are_on_the_reference_with_its_velocities(env):
         randomization=RandomizationConfig(enabled=False),
     )
     state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
-    controller = state.pipeline_state.controller
-    reference = jax.vmap(config.motion)(controller.command, controller.phase)
+    command, controller = state.pipeline_state.command.current, state.pipeline_state.controller
+    reference = jax.vmap(config.motion)(command, controller.phase)
     # Compiled once with the reset and once by itself: float32 of some 10 rad/s, and of angles that follow from feet
     # at 15 m/s with a leg nearly stretched.
     np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=5e-6)
     np.testing.assert_allclose(physics(state).qvel[:, MOTOR_QVEL], reference.joint_velocity, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(physics(state).qvel[:, 0], reference.velocity[:, 0], rtol=1e-5, atol=1e-5)
-    assert np.ptp(controller.command[:, 0]) > 10.0
+    assert np.ptp(command[:, 0]) > 10.0
     np.testing.assert_allclose(physics(state).qpos[:, 2], reference.height, atol=1e-6)
     np.testing.assert_allclose(physics(state).qpos[:, SPRING_QPOS], reference.spring_compression, atol=1e-6)
     assert np.ptp(controller.phase) > 0.8
@@ -151,7 +153,7 @@ def test_randomisation_reaches_model_and_motors(env):
     robot = randomization.nominal(env.mj_model.nbody, 0.9)
     heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
     nominal = mjx.put_model(env.mj_model)
-    model = randomization.randomize_model(nominal, heavy, env._trunk)
+    model = randomization.randomize_model(nominal, heavy, env.trunk)
     assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(nominal.body_mass.sum()), rel=1e-6)
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
     motors = randomization.randomize_actuator(motors_of(env.config), heavy)
@@ -165,6 +167,35 @@ def test_the_critic_sees_the_truth_and_the_policy_sees_noise(start):
     # 64 x 12 samples: the standard deviation is known to 3 %.
     assert noise[:, joint_velocity].std() == pytest.approx(RandomizationConfig().joint_velocity_noise, rel=0.15)
     assert np.all(noise[:, :5] == 0.0)
+
+
+def test_the_critics_observation_is_laid_out_as_named(start, step, env):
+    after = step(start, ZERO)
+    ends = np.cumsum([size for _, size in observations.CRITIC_LAYOUT])
+    parts = np.split(np.asarray(after.obs["privileged_state"]), ends[:-1], axis=1)
+    seen = dict(zip((name for name, _ in observations.CRITIC_LAYOUT), parts, strict=True))
+    episode = after.pipeline_state
+    for name, expected in {
+        "command": episode.command.current,
+        "last_action": episode.controller.last_action,
+        "height": physics(after).qpos[:, 2:3],
+        "spring_compression": physics(after).qpos[:, SPRING_QPOS],
+        "target_command": episode.command.target,
+        "friction": episode.randomization.friction[:, None],
+        "trunk_mass": episode.randomization.mass[:, env.trunk, None],
+        "strength": episode.randomization.strength,
+        "latency": episode.randomization.latency[:, None],
+    }.items():
+        np.testing.assert_array_equal(seen[name], expected, err_msg=name)
+    assert set(np.unique(seen["feet"])) == {0.0, 1.0}
+
+
+def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start, env):
+    told = jnp.broadcast_to(jnp.array([6.0, 0.0, 2.0]), (ROBOTS, 3))
+    after = jax.jit(jax.vmap(lambda *arguments: env.step(*arguments[:2], command=arguments[2])))(start, ZERO, told)
+    expected = np.tile([6.0, 0.0, env.config.commands.max_turn / 6.0], (ROBOTS, 1))
+    np.testing.assert_allclose(after.pipeline_state.command.current, expected, rtol=1e-6)
+    np.testing.assert_allclose(after.obs["state"][:, :3], expected, rtol=1e-6)
 
 
 def test_latency_delays_the_targets(start, step):

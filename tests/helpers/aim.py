@@ -9,7 +9,7 @@ import numpy as np
 from brax import envs
 from jax.flatten_util import ravel_pytree
 
-from bp2_rl.env.bp2_env import SPEED_BINS
+from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning.ppo import PPO, PPOConfig
 
 TINY = PPOConfig(

@@ -194,6 +194,7 @@ NAN, INF = float("nan"), float("inf")
         ({"max_learning_rate": INF}, "max_learning_rate"),
         ({"max_grad_norm": NAN}, "max_grad_norm"),
         ({"initial_std": 0.0}, "initial_std"),
+        ({"num_envs": 10**400}, "num_envs must be from 1 to 16777216, got a huge integer"),
     ],
 )
 def test_impossible_hyperparameters_are_refused_by_name(changes, named):

@@ -11,7 +11,7 @@ import pytest
 
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
-from bp2_rl.env.bp2_env import SPEED_BINS
+from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
 from bp2_rl.files import lock_folder

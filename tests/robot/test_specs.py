@@ -130,12 +130,17 @@ def test_every_number_has_a_unit_and_a_source():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"gear_ratio": 0.0}, "gear_ratio must be greater than 0"),
-        ({"leg_length": float("nan")}, "leg_length must be a finite number"),
+        ({"gear_ratio": 0.0}, "gear_ratio must be from 0.1 to 1000, got 0"),
+        ({"leg_length": float("nan")}, "leg_length must be from 0 to 10, got nan"),
         ({"leg_length": 0.2}, "leg_length .* must exceed shank"),
-        ({"spring_stiffness": -1.0}, "spring_stiffness must be a finite number >= 0"),
+        ({"spring_stiffness": -1.0}, "spring_stiffness must be from 100 to 1e.07, got -1"),
         ({"corner_speed": 21.4}, "corner_speed .* must be below no_load_speed"),
-        ({"mass_scale": float("inf")}, "mass_scale must be a finite number"),
+        ({"mass_scale": float("inf")}, "mass_scale must be from 0.01 to 100, got inf"),
+        *(
+            ({name: 1e308}, f"hardware.{name} must be .*, got 1e.308")
+            for name in ("leg_length", "mass_scale", "friction")
+        ),
+        ({"rotor_inertia": 1e308}, "rotor_inertia must be from 0 to 0.1"),
     ],
 )
 def test_impossible_hardware_is_refused_in_one_line(change, says):

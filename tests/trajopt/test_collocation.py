@@ -155,10 +155,10 @@ def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
     [
         ({"speed": 0.0}, "speed must be from 0.01 to 100, got 0"),
         ({"speed": -3.0}, "speed must be from 0.01 to 100, got -3"),
-        ({"speed": 1e308}, "speed must be from 0.01 to 100, and finite, got 1e+308"),
-        ({"speed": float("nan")}, "speed must be from 0.01 to 100, and finite, got nan"),
+        ({"speed": 1e308}, "speed must be from 0.01 to 100, got 1e+308"),
+        ({"speed": float("nan")}, "speed must be from 0.01 to 100, got nan"),
         ({"intervals": 1}, "intervals must be from 2 to 500, got 1"),
-        ({"intervals": 10**400}, "intervals must be from 2 to 500, and finite, got a huge integer"),
+        ({"intervals": 10**400}, "intervals must be from 2 to 500, got a huge integer"),
         ({"clearance": -0.01}, "clearance must be from 0 to 0.5, got -0.01"),
         ({"pitch_limit": 0.0}, "pitch_limit must be from 0.001 to 1.5, got 0"),
         ({"weights": {"force": 0.0}}, "weights.force must be from 1 to 1e+06, got 0"),
@@ -175,7 +175,7 @@ def test_impossible_problems_are_refused(change, message):
 
 
 def test_a_spring_that_pulls_is_refused():
-    with pytest.raises(UserError, match="spring_stiffness must be a finite number >= 0"):
+    with pytest.raises(UserError, match=r"spring_stiffness must be from 100 to"):
         HardwareSpec(spring_stiffness=-1.0)
 
 

@@ -60,14 +60,15 @@ class CPhysics:
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """See `physics.Simulator`."""
-        history = target_history(physics, targets)
+        history, remembered = target_history(physics, targets)
         sizes = NQ, NV, NV, specs.NUM_MOTORS, specs.NUM_MOTORS, specs.NUM_MOTORS, len(specs.LEGS)
         results = [jax.ShapeDtypeStruct((size,), jnp.float32) for size in sizes]
         simulate = jax.ffi.ffi_call(self._target, results, vmap_method="broadcast_all")
         qpos, qvel, qacc, torque, mean_torque, mean_power, feet = simulate(
-            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque, history, *jax.tree.leaves(robot)
-        )
-        after = Physics(qpos=qpos, qvel=qvel, qacc_warmstart=qacc, torque=torque, targets=history[:-1])
+            physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque, history.position, history.velocity,
+            *jax.tree.leaves(robot),
+        )  # fmt: skip
+        after = Physics(qpos=qpos, qvel=qvel, qacc_warmstart=qacc, torque=torque, targets=remembered)
         return after, Effort(torque=mean_torque, power=mean_power), feet
 
 
@@ -101,7 +102,7 @@ class _Host:
         batch = arguments[0].ndim - 1
         arrays: list[Any] = [x.reshape(-1, *x.shape[batch:]).astype(np.float64) for x in arguments]
         with self._lock, np.errstate(over="ignore", invalid="ignore"):
-            done = self._control_step(*arrays[:5], Randomization(*arrays[5:]))  # pyright: ignore[reportCallIssue]
+            done = self._control_step(*arrays[:4], Targets(*arrays[4:6]), Randomization(*arrays[6:]))  # pyright: ignore[reportCallIssue]
             for array, result in zip(results, done, strict=True):
                 array[...] = result.reshape(array.shape)
 
@@ -111,7 +112,7 @@ class _Host:
         qvel: Float[np.ndarray, "n 22"],
         qacc: Float[np.ndarray, "n 22"],
         torque: Float[np.ndarray, "n 12"],
-        history: Float[np.ndarray, "n 3 2 12"],
+        history: Targets,
         robot: Randomization,
     ) -> tuple[np.ndarray, ...]:
         """(qpos, qvel, qacc, torque, mean torque, mean power, feet); NaN for robots that are no physics any more."""
@@ -124,8 +125,10 @@ class _Host:
         sum_torque, sum_power = np.zeros_like(torque), np.zeros_like(torque)
         for ages in AGES:
             q, qd = state[:, 1 + MOTOR_QPOS], state[:, 1 + NQ + MOTOR_QVEL]
-            q_target, qd_target = history[robots, in_force(ages, robot.latency)].swapaxes(0, 1)
-            torque = joint_torque(motors, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
+            now = robots, in_force(ages, robot.latency)
+            torque = joint_torque(
+                motors, torque, q, qd, history.position[now], history.velocity[now], specs.PHYSICS_STEP
+            )
             # Written so that NaN is lost, too.
             lost |= ~(np.all(np.abs(state) <= FASTEST, axis=1) & np.all(np.isfinite(qacc), axis=1))
             lost |= ~np.all(np.isfinite(torque), axis=1)

@@ -1,11 +1,12 @@
 """What a control step asks of the physics, whichever engine simulates it.
 
 A simulator takes one robot through the five physics steps of a control step, with the joint torque (PD, envelope,
-motor) recomputed at each: `physics_mjx.MjxPhysics` within XLA, `physics_c.CPhysics` on the host's processors.
+motor) recomputed at each: `mjx.MjxPhysics` within XLA, `c.CPhysics` on the host's processors.
 """
 
 from typing import Any, Literal, Protocol, runtime_checkable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -28,7 +29,7 @@ class Physics(struct.PyTreeNode):
     qvel: Float[Array, "... 22"]
     qacc_warmstart: Float[Array, "... 22"]
     torque: Float[Array, "... 12"]  # Nm, last applied
-    targets: Float[Array, "... 2 2 12"]  # the last two joint targets, newest first: (position, velocity)
+    targets: Targets  # the last two, newest first: "... 2 12" each
 
 
 class Effort(struct.PyTreeNode):
@@ -58,6 +59,7 @@ def in_force(ages: Float[Any, "3"], latency: Float[Any, "*robots"]) -> Int[Any, 
     return xp.argmax(ages >= latency[..., None] - 1e-6, axis=-1)
 
 
-def target_history(physics: Physics, targets: Targets) -> Float[Array, "3 2 12"]:
-    """The joint targets (position, velocity) issued now and at the last two control steps, newest first."""
-    return jnp.concatenate([jnp.stack([targets.position, targets.velocity])[None], physics.targets])
+def target_history(physics: Physics, targets: Targets) -> tuple[Targets, Targets]:
+    """The joint targets issued now and at the last two control steps, newest first ("3 12"); and the first two."""
+    history = jax.tree.map(lambda now, before: jnp.concatenate([now[None], before]), targets, physics.targets)
+    return history, jax.tree.map(lambda x: x[:-1], history)

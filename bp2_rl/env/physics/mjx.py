@@ -48,14 +48,16 @@ class MjxPhysics:
         """See `physics.Simulator`."""
         model = randomization.randomize_model(self.model, robot, self._trunk)
         motors = randomization.randomize_actuator(self.motors, robot)
-        history = target_history(physics, targets)
+        history, remembered = target_history(physics, targets)
 
         # Only what a step remembers is handed on: all else in `mjx.Data` is computed anew, and costs memory to carry.
         def substep(state: tuple[Array, ...], ages: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
             qpos, qvel, warmstart, torque = state
             q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
-            q_target, qd_target = history[in_force(ages, robot.latency)]
-            torque = joint_torque(motors, torque, q, qd, q_target, qd_target, specs.PHYSICS_STEP)
+            now = in_force(ages, robot.latency)
+            torque = joint_torque(
+                motors, torque, q, qd, history.position[now], history.velocity[now], specs.PHYSICS_STEP
+            )
             data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
             data = self._step(model, data)
             power, height = torque * qd, data.geom_xpos[self._feet, 2]
@@ -65,7 +67,7 @@ class MjxPhysics:
         after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
         touching = heights[-1] <= specs.FOOT_RADIUS
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
-        return Physics(*after, targets=history[:-1]), effort, touching.astype(jnp.float32)
+        return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:

@@ -1,11 +1,12 @@
 """What may be chosen about a benchmark, and what a reader must know to run it again."""
 
 import dataclasses
-import math
+from typing import Annotated
 
 import jax
 import mujoco
 
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mjx, rollout_mujoco
@@ -21,27 +22,18 @@ class Setup:
     """The flags of a benchmark; None leaves the choice to it."""
 
     backend: str = "mujoco"
-    speed: float | None = None  # m/s
-    acceleration: float | None = None  # m/s2
-    hold: float | None = None  # s
-    robots: int | None = None
-    seed: int | None = None
+    speed: Annotated[float, Within(0.01, 100.0)] | None = None  # m/s
+    acceleration: Annotated[float, Within(0.05, 1000.0)] | None = None  # m/s2
+    hold: Annotated[float, Within(LEAST_HOLD, 600.0)] | None = None  # s
+    robots: Annotated[int, Within(1, 2**20)] | None = None
+    seed: Annotated[int, Within(0, 2**32 - 1)] | None = None
     operator: HeadingHold = HEADING_HOLD
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         if self.backend not in BACKENDS:
             raise UserError(f"--backend {self.backend}: there are {' and '.join(BACKENDS)}")
-        for name, unit in (("speed", "m/s"), ("acceleration", "m/s2"), ("hold", "seconds")):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise UserError(f"--{name} must be a positive number of {unit}, got {value:g}")
-        if self.hold is not None and self.hold < LEAST_HOLD:
-            raise UserError(f"--hold must be at least {LEAST_HOLD:g} seconds, got {self.hold:g}")
-        if self.robots is not None and self.robots < 1:
-            raise UserError(f"--robots must be at least 1, got {self.robots}")
-        if self.seed is not None and not 0 <= self.seed < 2**32:
-            raise UserError(f"--seed must be a number from 0 to 4294967295, got {self.seed}")
+        check_bounds(self, "--")
 
     @property
     def chosen(self) -> tuple[str, ...]:

@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.env.bp2_env import BP2Env, PipelineState
+from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.config import EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import ActionFunction, Schedule, sampled_commands
@@ -72,8 +73,12 @@ def rollout_fleet(
 
     def control_step(state, command):
         actions = jax.vmap(policy)(state.obs["state"])
-        state = jax.vmap(lambda state: _command(state, command, operator))(state)
-        state = jax.vmap(env.step)(state, actions)
+
+        def step(state, action):
+            qpos = state.pipeline_state.physics.qpos
+            return env.step(state, action, command=operator.steer(command, qpos[1], yaw(qpos[3:7])))
+
+        state = jax.vmap(step)(state, actions)
         after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         physics = after.physics
         speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
@@ -82,8 +87,8 @@ def rollout_fleet(
     @jax.jit
     def run(keys, commands):
         start = jax.vmap(env.reset)(keys)
-        start = jax.vmap(lambda state: _command(state, commands[0], operator))(start)
-        return start.pipeline_state.randomization, jax.lax.scan(control_step, start, commands[1:])[1]
+        robots: Any = start.pipeline_state
+        return robots.randomization, jax.lax.scan(control_step, start, commands[1:])[1]
 
     drawn, (speed, offset, down) = jax.device_get(run(keys, jnp.asarray(commands, jnp.float32)))
     steps = len(commands) - 1
@@ -102,12 +107,3 @@ def rollout_fleet(
         },
         steady_from=schedule.steady_from,
     )
-
-
-def _command(state: Any, command: Array, operator: HeadingHold) -> Any:
-    """The state with this command in force, steered, and no other to come."""
-    before = state.pipeline_state
-    qpos = before.physics.qpos
-    steered = operator.steer(command, qpos[1], yaw(qpos[3:7]))
-    commanded = before.command.replace(current=steered, target=steered, time_left=jnp.inf * jnp.ones(()))
-    return state.replace(pipeline_state=before.replace(command=commanded))

@@ -234,13 +234,12 @@ def envelope_use(run: Trajectory) -> EnvelopeUse:
 def mean_powers(run: Trajectory) -> tuple[float, float]:
     """Mean positive mechanical power of all motors, and the electrical power behind it, W.
 
-    Electrical = positive mechanical + copper loss tau^2 omega_0 / tau_s, where tau_s is the stall torque that the
-    back-EMF line points to; braking returns nothing.
+    Electrical = positive mechanical + copper loss; braking returns nothing.
     """
-    hardware = run.hardware
-    stall_torque = hardware.joint_peak_torque / (1.0 - hardware.joint_corner_speed / hardware.joint_no_load_speed)
+    peak, no_load = run.hardware.joint_peak_torque, run.hardware.joint_no_load_speed
+    stall = actuator.stall_torque(peak, run.hardware.joint_corner_speed, no_load)
     mechanical = np.maximum(run.torque * run.joint_velocity, 0.0)
-    copper = run.torque**2 * (hardware.joint_no_load_speed / stall_torque)
+    copper = actuator.copper_loss(run.torque, no_load, stall)
     positive = float(np.mean(np.sum(mechanical, axis=-1)))
     return positive, positive + float(np.mean(np.sum(copper, axis=-1)))
 

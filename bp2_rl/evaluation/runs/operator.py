@@ -1,10 +1,9 @@
 """The operator's stick: a policy sees neither where it is nor where north is, so someone must steer."""
 
 import dataclasses
-import math
-from typing import Any
+from typing import Annotated, Any
 
-from bp2_rl.errors import UserError
+from bp2_rl.bounds import Within, check_bounds
 
 Array = Any  # numpy or jax array
 
@@ -17,20 +16,16 @@ class HeadingHold:
     only to commands that ask for straight running (no lateral and no yaw part).
     """
 
-    heading_gain: float = 4.0
+    heading_gain: Annotated[float, Within(-1000.0, 1000.0)] = 4.0
     """yaw rate that a radian of wrong heading is answered with, 1/s"""
-    lane_gain: float = 0.4
+    lane_gain: Annotated[float, Within(-1000.0, 1000.0)] = 0.4
     """likewise a metre beside the line, 1/(m s); heading_gain^2 / (4 v) is critical damping at a speed v"""
-    limit: float = 0.5
+    limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
     """largest yaw rate commanded, rad/s; 0: nobody steers"""
 
     def __post_init__(self) -> None:
         """Refuse what no operator can do."""
-        for name, value in dataclasses.asdict(self).items():
-            if not math.isfinite(value):
-                raise UserError(f"--operator.{name.replace('_', '-')} must be a finite number, got {value:g}")
-        if self.limit < 0:
-            raise UserError(f"--operator.limit must not be negative, got {self.limit:g}")
+        check_bounds(self, "--operator.")
 
     def steer(self, command: Array, y: Array, yaw: Array) -> Array:
         """The command (3) with the operator's yaw rate; numpy and jax alike."""

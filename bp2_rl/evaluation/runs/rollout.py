@@ -18,10 +18,11 @@ import numpy as np
 from jaxtyping import Float
 from mujoco import mjx
 
-from bp2_rl.env.config import EnvConfig, TerminationConfig
+from bp2_rl.bounds import Positive, check_bounds
+from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
-from bp2_rl.errors import UserError
+from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
@@ -65,17 +66,12 @@ class Ramp:
     """From rest to a target at constant acceleration, then hold."""
 
     target: tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
-    acceleration: float = ACCELERATION  # m/s2, along the target's direction
-    hold: float = 20.0  # s
+    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
+    hold: Positive = 20.0  # s
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
-        if not all(map(math.isfinite, self.target)):
-            raise UserError(f"a commanded velocity must be finite, got {self.target}")
-        if not (math.isfinite(self.acceleration) and self.acceleration > 0):
-            raise UserError(f"acceleration must be a positive number of m/s2, got {self.acceleration:g}")
-        if not (math.isfinite(self.hold) and self.hold > 0):
-            raise UserError(f"hold must be a positive number of seconds, got {self.hold:g}")
+        check_bounds(self, "ramp.")
 
     @property
     def steady_from(self) -> float:
@@ -144,19 +140,19 @@ def rollout_mujoco(
 
     with jax.default_device(jax.devices("cpu")[0]):
         control = _compiled_control_step(policy, config, operator)
-        state = Controller(config).init(commands[0])
-        for k, next_command in enumerate(commands[1:]):
-            command = np.asarray(state.command)
-            state, target = control(state, data.qpos, data.qvel, next_command)
+        state, command = Controller(config).init(), commands[0].astype(np.float32)
+        for k, scheduled in enumerate(commands[1:]):
+            state, target, _, next_command = control(state, command, data.qpos, data.qvel, scheduled)
             position, velocity = np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)
             for step in range(k * specs.SUBSTEPS, (k + 1) * specs.SUBSTEPS):
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
                 recording.target[step], recording.command[step] = position, command
                 recording.torque[step] = _millisecond(model, data, motors, position, velocity, numerics)
                 recording.foot_force[step] = foot_forces(model, data)
-                fell = fallen(data.qpos, data.qvel, config.termination)
+                fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
                 if fell or recording.qpos[step, 0] >= finish:
                     return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
+            command = np.asarray(next_command)
     return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
 
 
@@ -195,14 +191,14 @@ def rollout_mjx(
     model = converged_model(config)
     start = standing_start(model, config)
     commands = sampled_commands(schedule)
-    state = Controller(config).init(commands[0])
+    state = Controller(config).init()
     with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
         run = _compiled_mjx_run(policy, config, operator)
-        recorded = run(state, start.qpos, start.qvel, start.ctrl, commands[1:])
+        recorded = run(state, start.qpos, start.qvel, start.ctrl, commands)
     qpos, qvel, torque, target, command = (
         np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
     )
-    down = np.flatnonzero([fallen(*state, config.termination) for state in zip(qpos, qvel, strict=True)])
+    down = np.flatnonzero(fall(qpos, qvel, config.termination).happened)
     length = int(down[0]) if len(down) else len(qpos)
     fell = len(down) > 0
     there = np.flatnonzero(qpos[:length, 0] >= finish)
@@ -219,17 +215,16 @@ def rollout_mjx(
 def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., tuple[Array, ...]]:
     """A pure function that runs one robot through MJX; jit it, and vmap it for many.
 
-    (controller state, qpos, qvel, torque, commands "K 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
+    (controller state, qpos, qvel, torque, commands "K+1 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
     model = mjx.put_model(load_model(config.hardware, visual=False, trunk_contact=False))
     motors = motors_of(config)
     control = _control_step(policy, config, operator)
 
-    def control_period(carry, next_command):
-        state, data, torque = carry
-        command = state.command
-        state, target = control(state, data.qpos, data.qvel, next_command)
+    def control_period(carry, scheduled):
+        state, command, data, torque = carry
+        state, target, _, next_command = control(state, command, data.qpos, data.qvel, scheduled)
 
         def physics_step(carry, _):
             data, torque = carry
@@ -239,12 +234,12 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
             return (dynamics.step(model, data.replace(ctrl=torque)), torque), sample
 
         (data, torque), samples = jax.lax.scan(physics_step, (data, torque), length=specs.SUBSTEPS)
-        return (state, data, torque), samples
+        return (state, next_command, data, torque), samples
 
     def run(state, qpos, qvel, torque, commands):
         qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
         data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel)
-        return jax.lax.scan(control_period, (state, data, torque), commands)[1]
+        return jax.lax.scan(control_period, (state, commands[0], data, torque), commands[1:])[1]
 
     return run
 
@@ -277,13 +272,6 @@ def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:
     return data
 
 
-def fallen(qpos: np.ndarray, qvel: np.ndarray, termination: TerminationConfig) -> bool:
-    """Whether the trunk is too low or too tilted, or the state no longer that of a robot (NaN included)."""
-    up = 1.0 - 2.0 * (qpos[4] ** 2 + qpos[5] ** 2)
-    upright = qpos[2] >= termination.min_height and up >= termination.min_up
-    return not (upright and np.max(np.abs(qvel)) <= termination.max_speed)
-
-
 def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     """The ground's force on each foot at the state last passed to `mj_step` or `mj_forward`, world frame, N."""
     forces = np.zeros((4, 3))
@@ -297,13 +285,18 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
 
 
 def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
-    """(controller state, qpos, qvel, scheduled next command) -> (controller state, targets): one tick of 200 Hz."""
+    """One tick of 200 Hz.
+
+    (controller state, command, qpos, qvel, scheduled command) -> (controller state, targets, reference, next command).
+    """
     controller = Controller(config)
 
-    def control(state, qpos, qvel, next_command):
-        qpos, qvel, next_command = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, next_command))
-        action = policy(controller.observe(state, measure(qpos, qvel)))
-        return controller.act(state, action, operator.steer(next_command, qpos[1], heading(qpos[3:7])))
+    def control(state, command, qpos, qvel, scheduled):
+        command, qpos, qvel, scheduled = (jnp.asarray(x, jnp.float32) for x in (command, qpos, qvel, scheduled))
+        action = policy(controller.observe(state, command, measure(qpos, qvel)))
+        next_command = operator.steer(scheduled, qpos[1], heading(qpos[3:7]))
+        # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
+        return *controller.act(state, command, action), next_command
 
     return control
 

@@ -23,10 +23,10 @@ from typing import Annotated, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float
 
 from bp2_rl.assets import asset_path
+from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.gait.collocation.file import COORDINATES, MEND, SHIPPED, TRUNK, by_leg, mirror
 from bp2_rl.gait.collocation.table import Table, load_table
@@ -37,21 +37,43 @@ from bp2_rl.robot import kinematics, specs
 
 
 @dataclasses.dataclass(frozen=True)
-class CollocationGait:
-    """Configuration of the gait that a motion library holds, and the `ReferenceMotion` that it defines.
+class CollocationConfig:
+    """Which motion library is played, and how it grows out of standing."""
+
+    path: str = ""  # of the library; empty: the one that ships
+    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.4  # m/s, below which steps shrink, to nothing when standing
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field; the library is read at first use."""
+        check_bounds(self, "library.")
+
+    @property
+    def file(self) -> Path:
+        """Where the library is."""
+        return Path(self.path) if self.path else asset_path(SHIPPED)
+
+    @property
+    def sha256(self) -> str:
+        """Checksum of the library's file, by which a policy knows the motion it was trained on.
+
+        Raises:
+            UserError: the file cannot be read.
+        """
+        try:
+            return hashlib.sha256(self.file.read_bytes()).hexdigest()
+        except OSError as error:
+            raise UserError(f"motion library {self.file} cannot be read: {error.strerror}; {MEND}") from error
+
+
+@dataclasses.dataclass(frozen=True)
+class CollocationGait(CollocationConfig):
+    """The `ReferenceMotion` that a motion library holds.
 
     The motion is that of the robot for which the library was made; of `hardware`, the leg length must be that robot's,
     and standing still takes mass and springs into account.
     """
 
-    path: str = ""  # of the library; empty: the one that ships
-    start_speed: float = 0.4  # m/s, below which steps shrink, to nothing when standing
-    hardware: Annotated[specs.HardwareSpec, tyro.conf.Suppress] = specs.BP2  # EnvConfig puts its own here
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field; the library is read at first use."""
-        if not (math.isfinite(self.start_speed) and self.start_speed > 0):
-            raise UserError(f"gait.start_speed must be a finite number > 0, got {self.start_speed}")
+    hardware: specs.HardwareSpec = specs.BP2
 
     @property
     def height(self) -> float:
@@ -97,24 +119,8 @@ class CollocationGait:
         )
 
     @property
-    def sha256(self) -> str:
-        """Checksum of the library's file, by which a policy knows the motion it was trained on.
-
-        Raises:
-            UserError: the file cannot be read.
-        """
-        try:
-            return hashlib.sha256(self._file.read_bytes()).hexdigest()
-        except OSError as error:
-            raise UserError(f"motion library {self._file} cannot be read: {error.strerror}; {MEND}") from error
-
-    @property
-    def _file(self) -> Path:
-        return Path(self.path) if self.path else asset_path(SHIPPED)
-
-    @property
     def _table(self) -> Table:
-        return load_table(self._file, self.hardware.leg_length)
+        return load_table(self.file, self.hardware.leg_length)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""

@@ -123,15 +123,15 @@ def test_latency_chooses_the_newest_target_that_has_got_through():
 def test_c_gives_equal_bits_for_equal_arguments_in_any_company():
     """Exact resume stands on it: neither the other robots of a batch nor what was simulated before may matter."""
     state, env = start(True).pipeline_state, BP2Env(impl="c")
-    targets = jax.jit(jax.vmap(env.controller.act))(state.controller, ACTIONS[0], state.command.current)[1]
+    targets = jax.jit(jax.vmap(env.controller.act))(state.controller, state.command.current, ACTIONS[0])[1]
     arguments = state.physics, targets, state.randomization
-    simulate = jax.jit(jax.vmap(env._simulate))
+    simulate = jax.jit(jax.vmap(env.simulate))
     first = simulate(*arguments)
     order = np.random.default_rng(0).permutation(ROBOTS)
     for robots in (order, order[:3], np.array([5] * 7)):
         some = simulate(*jax.tree.map(lambda x, robots=robots: x[robots], arguments))
         jax.tree.map(lambda x, y, robots=robots: np.testing.assert_array_equal(x, y[robots]), some, first)
-    fresh = jax.jit(jax.vmap(BP2Env(impl="c")._simulate))(*arguments)
+    fresh = jax.jit(jax.vmap(BP2Env(impl="c").simulate))(*arguments)
     jax.tree.map(np.testing.assert_array_equal, fresh, first)
 
 
@@ -163,15 +163,14 @@ from bp2_rl.env.randomization import nominal
 
 assert jax.device_count() == 2
 env = BP2Env(impl="c")
-state = env._at_rest(), nominal(env.mj_model.nbody, 0.9), 0.1 * jnp.sin(jnp.arange(12.0))
+state = env.starts.at_rest(), nominal(env.mj_model.nbody, 0.9), 0.1 * jnp.sin(jnp.arange(12.0))
 physics, robot, change = jax.tree.map(lambda x: jnp.tile(x, (16,) + (1,) * x.ndim), state)
 change *= jnp.arange(16.0)[:, None] / 16
 
 def run(physics, robot, change):
     def step(physics, robot, change):
-        command = jnp.zeros(3)
-        targets = env.controller.act(env.controller.init(command), change, command)[1]
-        return env._simulate(physics, targets, robot)[0]
+        targets = env.controller.act(env.controller.init(), jnp.zeros(3), change)[1]
+        return env.simulate(physics, targets, robot)[0]
     return jax.lax.scan(lambda physics, _: (jax.vmap(step)(physics, robot, change), None), physics, length=50)[0]
 
 robots = PartitionSpec("robots")

@@ -47,9 +47,17 @@ def test_conditions_say_how_to_do_it_again(make_policy):
         ({"speed": 0.0}, "--speed"),
         ({"acceleration": np.inf}, "--acceleration"),
         ({"hold": np.nan}, "--hold"),
-        ({"hold": 1e-12}, "--hold must be at least 0.1 seconds"),
+        ({"hold": 1e-12}, "--hold must be from 0.1 to 600, got 1e-12"),
         ({"robots": 0}, "--robots"),
         ({"seed": -1}, "--seed"),
+        ({"speed": 1e308}, "--speed must be from 0.01 to 100"),
+        ({"acceleration": 1e-320}, "--acceleration must be from 0.05 to 1000"),
+        ({"hold": 1e6}, "--hold"),
+        ({"seed": 2**32}, "--seed must be from 0 to 4294967295, got 4294967296"),
+        (
+            {"operator": HeadingHold(limit=0.0), "robots": 10**400},
+            "--robots must be from 1 to 1048576, got a huge integer",
+        ),
     ],
 )
 def test_impossible_choices_are_refused(wrong, words):

@@ -36,8 +36,8 @@ def alone(monkeypatch):
     phase = jax.jit(BP2Env(config).reset)(jax.random.split(jax.random.PRNGKey(0), 1)[0]).pipeline_state.controller.phase
 
     class OutOfPhase(Controller):
-        def init(self, command, phase=phase):
-            return super().init(command, phase)
+        def init(self, phase=phase):
+            return super().init(phase)
 
     monkeypatch.setattr(rollout, "SETTLING_TIME", 0.0)
     monkeypatch.setattr(rollout, "Controller", OutOfPhase)

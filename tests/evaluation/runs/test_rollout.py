@@ -8,6 +8,7 @@ import pytest
 
 from bp2_rl.env.config import ControlConfig, EnvConfig, TerminationConfig
 from bp2_rl.env.controller import motors_of
+from bp2_rl.env.termination import fall
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.runs.metrics import envelope_use
 from bp2_rl.evaluation.runs.operator import HeadingHold
@@ -15,7 +16,6 @@ from bp2_rl.evaluation.runs.rollout import (
     Numerics,
     Ramp,
     converged_model,
-    fallen,
     foot_forces,
     rollout_mjx,
     rollout_mujoco,
@@ -72,36 +72,6 @@ def test_ramp_goes_straight_to_a_sideways_target():
 def test_impossible_ramps_are_refused(wrong):
     with pytest.raises(UserError):
         Ramp(**({"target": (1.0, 0.0, 0.0)} | wrong))
-
-
-# --- What counts as a fall ---------------------------------------------------------------------------------------
-
-
-def state(height=0.55, tilt=0.0, speed=0.0):
-    qpos, qvel = np.zeros(23), np.zeros(22)
-    qpos[2], qpos[3], qpos[4] = height, math.cos(tilt / 2), math.sin(tilt / 2)
-    qvel[7] = speed
-    return qpos, qvel
-
-
-@pytest.mark.parametrize(
-    ("changes", "down"),
-    [
-        ({}, False),
-        ({"height": 0.31}, False),
-        ({"height": 0.29}, True),
-        ({"tilt": math.acos(0.81)}, False),
-        ({"tilt": math.acos(0.79)}, True),
-        ({"tilt": math.pi}, True),
-        ({"speed": 199.0}, False),
-        ({"speed": -201.0}, True),
-        ({"speed": math.nan}, True),
-        ({"height": math.nan}, True),
-        ({"tilt": math.nan}, True),
-    ],
-)
-def test_falls(changes, down):
-    assert fallen(*state(**changes), TerminationConfig()) == down
 
 
 # --- C MuJoCo ----------------------------------------------------------------------------------------------------
@@ -178,7 +148,7 @@ def test_a_run_ends_at_the_fall():
     run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=5.0), TROTTING)
     assert run.fell_at == pytest.approx(len(run) * run.dt)
     assert len(run) < 4000
-    assert not any(fallen(*sample, TROTTING.termination) for sample in zip(run.qpos, run.qvel, strict=True))
+    assert not fall(run.qpos, run.qvel, TROTTING.termination).happened.any()
 
 
 def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
@@ -284,7 +254,7 @@ def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     data = standing_start(model, STANDING)
     data.qvel[0] = np.nan
     mujoco.mj_step(model, data)
-    assert fallen(data.qpos, data.qvel, TerminationConfig())
+    assert fall(data.qpos, data.qvel, TerminationConfig()).happened
 
 
 # --- MJX against C MuJoCo ----------------------------------------------------------------------------------------

@@ -461,7 +461,7 @@ def test_the_height_is_the_least_that_the_motion_has_on_average(solved):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_impossible_start_speeds_are_refused(value):
-    with pytest.raises(UserError, match=r"gait\.start_speed"):
+    with pytest.raises(UserError, match=r"library\.start_speed"):
         CollocationGait(start_speed=value)
 
 

@@ -1,0 +1,103 @@
+"""Where episodes begin: on the running reference with its velocities, or standing still."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from flax import struct
+from jaxtyping import Array, Float
+
+from bp2_rl.env import commands, randomization
+from bp2_rl.env.commands import CommandState
+from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.controller import Controller, ControllerState, Targets
+from bp2_rl.env.physics.interface import Physics
+from bp2_rl.env.randomization import Randomization
+from bp2_rl.gait.reference import Reference
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
+
+DRAWS = 5
+"""Random keys that a start takes."""
+
+
+class PipelineState(struct.PyTreeNode):
+    """Everything that begins anew with an episode."""
+
+    physics: Physics
+    controller: ControllerState
+    command: CommandState
+    randomization: Randomization
+    mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
+
+
+class Starts:
+    """The starts that a config describes, for a robot with this model."""
+
+    def __init__(self, config: EnvConfig, controller: Controller, model: mujoco.MjModel):
+        self._config, self._controller, self._model = config, controller, model
+        self._stand = np.asarray(model.key("stand").qpos, np.float32)
+
+    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Float[Array, "4"]]:
+        """A new episode at a curriculum level, and which feet stand; `keys` are `DRAWS` of them."""
+        config = self._config
+        key_command, key_stand, key_phase, key_pose, key_robot = keys
+        standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
+        top = commands.fastest(level, config.commands, config.curriculum)
+        command = commands.draw(key_command, None, top, config.commands)
+        command = command.replace(current=jnp.where(standing, 0.0, command.current))
+        phase = jax.random.uniform(key_phase)
+        reference = self._controller.reference(command.current, phase)
+        qpos, qvel = self._pose(key_pose, standing, reference, command.current)
+        targets = Targets(reference.joint_position, reference.joint_velocity)
+        robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware.friction)
+        episode = PipelineState(
+            physics=_unmoved(qpos, qvel, targets),
+            controller=self._controller.init(phase),
+            command=command,
+            randomization=robot,
+            mean_torque=jnp.zeros(specs.NUM_MOTORS),
+        )
+        return episode, reference.contact
+
+    def at_rest(self) -> Physics:
+        """A sound state to put in the place of one that is not; the episode is over anyway."""
+        stand = Targets(jnp.asarray(self._stand[MOTOR_QPOS]), jnp.zeros(specs.NUM_MOTORS))
+        return _unmoved(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
+
+    def _pose(
+        self, key: Array, standing: Array, reference: Reference, command: Float[Array, "3"]
+    ) -> tuple[Array, Array]:
+        """(qpos, qvel): on the reference with its velocities, or standing still; both with joint noise."""
+        config = self._config.reset
+        key_joint, key_velocity = jax.random.split(key)
+        joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
+        joints += jax.random.uniform(key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise)
+        height = jnp.where(standing, self._stand[2], reference.height)
+        half_pitch = 0.5 * jnp.where(standing, 0.0, reference.pitch)
+        qpos = jnp.zeros(self._model.nq)
+        qpos = qpos.at[2].set(height).at[3].set(jnp.cos(half_pitch)).at[5].set(jnp.sin(half_pitch))
+        qpos = qpos.at[MOTOR_QPOS].set(joints)
+        qpos = qpos.at[SPRING_QPOS].set(jnp.where(standing, self._stand[SPRING_QPOS], reference.spring_compression))
+        qvel = jnp.zeros(self._model.nv)
+        qvel = qvel.at[:3].set(reference.velocity).at[4].set(reference.pitch_rate).at[5].set(command[2])
+        qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
+        spread = config.velocity_noise
+        qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
+        return qpos, jnp.where(standing, 0.0, qvel)
+
+
+def _unmoved(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:
+    """A state in which these targets have been in force for as long as the simulator remembers, without torque."""
+    # One array, taken apart again: XLA would fuse separate ones with the reference, and round them otherwise.
+    now = jnp.stack([targets.position, targets.velocity])
+    position, velocity = jnp.moveaxis(jnp.stack([now, now]), 1, 0)
+    return Physics(
+        qpos=qpos,
+        qvel=qvel,
+        qacc_warmstart=jnp.zeros_like(qvel),
+        torque=jnp.zeros(specs.NUM_MOTORS),
+        targets=Targets(position, velocity),
+    )

@@ -1,0 +1,66 @@
+"""What a fall is: one law, for the environment of training and for the judge."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bp2_rl.env.config import TerminationConfig
+from bp2_rl.env.termination import fall
+
+CONFIG = TerminationConfig()
+
+
+def state(height=0.55, tilt=0.0, speed=0.0, joint=0.0):
+    qpos, qvel = np.zeros(23), np.zeros(22)
+    qpos[2], qpos[3], qpos[4] = height, math.cos(tilt / 2), math.sin(tilt / 2)
+    qpos[9], qvel[7] = joint, speed
+    return qpos, qvel
+
+
+CASES = [
+    ({}, None),
+    ({"height": 0.31}, None),
+    ({"height": 0.29}, "too_low"),
+    ({"tilt": math.acos(0.81)}, None),
+    ({"tilt": math.acos(0.79)}, "tilted"),
+    ({"tilt": math.pi}, "tilted"),
+    ({"speed": 199.0}, None),
+    ({"speed": -201.0}, "exploded"),
+    ({"speed": math.nan}, "exploded"),
+    ({"height": math.nan}, "exploded"),
+    ({"tilt": math.nan}, "exploded"),
+    ({"joint": math.inf}, "exploded"),
+]
+
+
+@pytest.mark.parametrize(("changes", "cause"), CASES)
+def test_falls(changes, cause):
+    judged = fall(*state(**changes), CONFIG)
+    assert judged.happened == (cause is not None)
+    assert cause is None or getattr(judged, cause)
+
+
+def test_a_batch_on_jax_is_judged_as_each_state_by_itself():
+    states = [state(**changes) for changes, _ in CASES]
+    qpos, qvel = (jnp.asarray(np.stack(x), jnp.float32) for x in zip(*states, strict=True))
+    expected = np.transpose([fall(*each, CONFIG) for each in states])
+    np.testing.assert_array_equal(fall(qpos, qvel, CONFIG), expected)
+    np.testing.assert_array_equal(jax.vmap(lambda q, v: fall(q, v, CONFIG))(qpos, qvel), expected)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 3.0])
+def test_the_tilt_does_not_depend_on_where_the_robot_looks(turn):
+    """Turned about the vertical after being pitched by 0.6 rad, whose cosine is 0.825."""
+    qpos, qvel = state()
+    pitch, yaw = (0.6 / 2, turn / 2)
+    qpos[3:7] = (
+        math.cos(yaw) * math.cos(pitch),
+        -math.sin(yaw) * math.sin(pitch),
+        math.cos(yaw) * math.sin(pitch),
+        math.sin(yaw) * math.cos(pitch),
+    )
+    assert not fall(qpos, qvel, TerminationConfig(min_up=0.82)).happened
+    assert fall(qpos, qvel, TerminationConfig(min_up=0.83)).tilted

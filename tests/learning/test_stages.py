@@ -1,0 +1,40 @@
+import pytest
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.errors import UserError
+from bp2_rl.learning.cluster import ClusterConfig
+from bp2_rl.learning.stages import RunConfig, TrainConfig, make_config
+
+
+@pytest.mark.parametrize("stage", ["imitation", "relaxed"])
+@pytest.mark.parametrize("preset", ["smoke", "cpu", "gpu"])
+def test_the_settings_of_every_preset_survive_json(stage, preset):
+    config = make_config(stage, preset)
+    assert from_json(TrainConfig, to_json(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"steps": 0}, "run.steps must be from 1 to"),
+        ({"seed": -1}, "run.seed must be from 0 to 4294967295, got -1"),
+        ({"seed": 2**63}, "run.seed must be from 0 to 4294967295, got 9223372036854775808"),
+        ({"logs": 10**400}, "run.logs must be from 1 to 1000000000, got a huge integer"),
+    ],
+)
+def test_impossible_runs_are_refused_by_name(changes, line):
+    with pytest.raises(UserError, match=f"^{line}"):
+        RunConfig(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"patience": 0.0}, "--cluster.patience must be positive and at most 1e.06, got 0"),
+        ({"coordinator": "host:1", "processes": 0, "process": 0}, "--cluster.processes must be from 1 to 65536, got 0"),
+        ({"coordinator": "host:1", "processes": 2, "process": 2}, "--cluster.process must be 0 to 1, got 2"),
+    ],
+)
+def test_impossible_clusters_are_refused_by_the_flag(changes, line):
+    with pytest.raises(UserError, match=f"^{line}"):
+        ClusterConfig(**changes)
