@@ -82,6 +82,10 @@ class _Unheard:
         print("nobody reads the output any more; going on in silence", file=sys.stderr)
 
 
+class FlagError(UserError):
+    """A flag that there is not, or a value of another type: whatever the settings' defaults."""
+
+
 class LoggedError(Exception):
     """A failure whose traceback is written down: in `folder` where there is one, else among the temporary files."""
 
@@ -130,7 +134,8 @@ def parse(
     except SystemExit as end:
         if end.code in (0, None):
             raise
-        raise UserError(f"{_in_one_line(complaint.getvalue())} (see {prog} --help)") from None
+        line = f"{_in_one_line(complaint.getvalue())} (see {prog} --help)"
+        raise (UserError if re.search(r"Error parsing (?!--)", complaint.getvalue()) else FlagError)(line) from None
 
 
 def _in_one_line(box: str) -> str:

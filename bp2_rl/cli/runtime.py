@@ -4,17 +4,16 @@ Import this before anything else of the package.
 """
 
 import contextlib
-import io
 import os
 from pathlib import Path
 
 import jax
 
 # MuJoCo binds the GL library that MUJOCO_GL names when it is imported, and fails if it is not there; only films need
-# one, in a process of their own. MJX prints on import that the optional package warp is missing.
+# one, in a process of their own.
 _gl_library = os.environ.pop("MUJOCO_GL", None)
-with contextlib.redirect_stdout(io.StringIO()):
-    import mujoco.mjx  # noqa: F401
+import bp2_rl.robot.mjx  # noqa: E402, F401
+
 if _gl_library is not None:
     os.environ["MUJOCO_GL"] = _gl_library
 

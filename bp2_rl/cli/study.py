@@ -11,15 +11,12 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.cli import app, runtime  # noqa: F401
+from bp2_rl.cli import app
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.files import require_name, write_text
-from bp2_rl.settings.training import Preset
-from bp2_rl.study.figure import learning_curves
-from bp2_rl.study.outcome import outcome, table
+from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.study.plan import VARIANTS, Plan, default_steps
-from bp2_rl.study.training import run, visible_gpus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,10 +28,10 @@ class Arguments:
 
     variants: tuple[str, ...] = tuple(VARIANTS)
     """which: ours, kinematic, none (the reference), standing (no starts on the reference), paper (relaxed weights)"""
-    seeds: tuple[int, ...] = (0, 1, 2)
+    seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
-    steps: tuple[int, int] | None = None
+    steps: tuple[Steps, Steps] | None = None
     """control steps of the imitation and of the relaxed stage; by default the preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
     """the study's folder"""
@@ -45,7 +42,7 @@ class Arguments:
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        check_bounds(self)
+        check_bounds(self, "--")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,6 +54,12 @@ def _study(arguments: Arguments) -> None:
     require_name(arguments.out)
     steps = arguments.steps or default_steps(arguments.preset)
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
+
+    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.study.figure import learning_curves
+    from bp2_rl.study.outcome import outcome, table
+    from bp2_rl.study.training import run, visible_gpus
+
     missing = []
     if arguments.train:
         gpus = visible_gpus()

@@ -4,25 +4,22 @@ import argparse
 import dataclasses
 import datetime
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, cast, get_args
+from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
 
-import jax
-import numpy as np
 import tyro
 
 from bp2_rl.cli import app
-from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
-from bp2_rl.learning import cluster, run
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
 from bp2_rl.workers import end_with_caller
 
+Config = TypeVar("Config")
 RUNS = Path("runs")
 
 
@@ -64,10 +61,50 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
-    return cluster.leave(app.run(lambda: _train(list(sys.argv[1:] if argv is None else argv))))
+    words = list(sys.argv[1:] if argv is None else argv)
+    status = app.run(lambda: refuse_early(words, "train.py", Arguments, _arguments))
+    if status != app.OK:
+        return status
+
+    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.learning import cluster
+
+    return cluster.leave(app.run(lambda: _train(words)))
+
+
+def refuse_early(
+    argv: list[str], prog: str, arguments: type[Config], with_defaults: Callable[[TrainConfig], Config]
+) -> None:
+    """Answer a mistake before JAX is imported, which takes seconds.
+
+    What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So only
+    what is wrong with every preset is refused here, and with a parent only what is no flag or of another type.
+
+    Args:
+        argv: the command line.
+        prog: the command as the user types it.
+        arguments: the dataclass of its flags.
+        with_defaults: those of a preset as their defaults.
+    """
+    if set(app.HELP) & set(argv):
+        return
+    named, mistakes = read_named(argv), []
+    for preset in (named.preset,) if named.preset else get_args(Preset):
+        try:
+            app.parse(arguments, argv, prog, default=with_defaults(make_config(named.stage, preset, named.weights)))
+            return
+        except UserError as mistake:
+            mistakes.append(mistake)
+    if isinstance(mistakes[0], app.FlagError) or (named.parent is None and named.stage == "imitation"):
+        raise mistakes[0]
 
 
 def _train(argv: list[str]) -> None:
+    import numpy as np
+
+    from bp2_rl.cli.runtime import prepare_jax
+    from bp2_rl.learning import cluster, run
+
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
     launch = app.parse(Launch, argv, "train.py", part=True)
@@ -101,27 +138,46 @@ def _train(argv: list[str]) -> None:
     say(f"see it run: python eval.py {out}")
 
 
-def _parse(argv: list[str]) -> Arguments:
-    """The arguments, with the defaults of the stage, preset and parent that they name."""
+class Named(NamedTuple):
+    """What hangs together with the settings' defaults, of a command line that has not been checked."""
+
+    stage: Stage
+    preset: Preset | None
+    weights: Weights | None
+    parent: Path | None
+    goes_on: bool  # with a run's own settings
+
+
+def read_named(argv: list[str]) -> Named:
+    """Read only that, whatever else is on the line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--weights", "--from", "--resume", "--replay"):
         first.add_argument(flag, nargs="?")
-    known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
-    stage: Stage = "relaxed" if known.stage == "relaxed" else "imitation"
-    weights = cast(Weights, known.weights) if known.weights in get_args(Weights) else None
-    preset, defaults = defaults_here(stage, known.preset, weights)
-    parent = Path(vars(known)["from"]) if vars(known)["from"] else None
-    complete = not set(app.HELP) & set(argv) and known.resume is None and known.replay is None
-    if complete and parent is None and known.stage == "relaxed":
-        parent = _newest_imitation_run()
-    if complete and parent is not None:
-        defaults = _continue(defaults, parent)
-    arguments = app.parse(
-        Arguments,
-        argv,
-        "train.py",
-        default=Arguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run),
+    words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
+    return Named(
+        stage="relaxed" if words["stage"] == "relaxed" else "imitation",
+        preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
+        weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
+        parent=Path(words["from"]) if words["from"] else None,
+        goes_on=words["resume"] is not None or words["replay"] is not None,
     )
+
+
+def _arguments(defaults: TrainConfig, parent: Path | None = None) -> Arguments:
+    return Arguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)
+
+
+def _parse(argv: list[str]) -> Arguments:
+    """The arguments, with the defaults of the stage, preset and parent that they name."""
+    named = read_named(argv)
+    preset, defaults = defaults_here(named.stage, named.preset, named.weights)
+    parent = named.parent
+    if not (set(app.HELP) & set(argv) or named.goes_on):
+        if parent is None and named.stage == "relaxed":
+            parent = _newest_imitation_run()
+        if parent is not None:
+            defaults = _continue(defaults, parent)
+    arguments = app.parse(Arguments, argv, "train.py", default=_arguments(defaults, parent))
     for flag in ("--resume", "--replay"):
         allowed = (flag, "--cluster.", "--deterministic")
         others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
@@ -132,6 +188,8 @@ def _parse(argv: list[str]) -> Arguments:
 
 def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     """The stage's settings on the parent's robot, commands and networks."""
+    from bp2_rl.learning import run
+
     old = run.load_run_config(parent)
     return dataclasses.replace(
         defaults,
@@ -142,6 +200,8 @@ def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
 
 def defaults_here(stage: Stage, named: str | None, weights: Weights | None = None) -> tuple[Preset, TrainConfig]:
     """The preset named, or else this machine's own; and its settings, with physics that run here."""
+    import jax
+
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     defaults = make_config(stage, preset, weights)
@@ -151,6 +211,8 @@ def defaults_here(stage: Stage, named: str | None, weights: Weights | None = Non
 
 
 def _newest_imitation_run() -> Path:
+    from bp2_rl.learning import run
+
     runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for folder in (path.parent for path in runs):
         try:

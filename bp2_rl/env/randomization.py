@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import mujoco
 from flax import struct
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from bp2_rl.bounds import Range
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.mjx import mjx
 from bp2_rl.settings.env import RandomizationConfig
 
 

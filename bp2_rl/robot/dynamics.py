@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
-from mujoco import mjx
 
+from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.specs import LEGS
 
 TRUNK, LEG = 6, 4  # coordinates of the trunk and of a leg: abad, hip, knee, spring

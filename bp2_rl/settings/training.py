@@ -19,6 +19,9 @@ Stage = Literal["imitation", "relaxed"]
 Preset = Literal["smoke", "cpu", "gpu"]
 
 Weights = Literal["ours", "paper"]
+Steps = Annotated[int, Within(1, 10**15)]
+LARGEST_SEED = 2**32 - 1
+"""JAX takes the 32 lower bits of a seed."""
 
 PAPER: dict[Stage, RewardConfig] = {
     "imitation": RewardConfig(),
@@ -40,8 +43,8 @@ own, a robot that is 2 m/s too slow has nothing to gain by running faster. docs/
 class RunConfig:
     """How long, from which seed, and what is kept."""
 
-    steps: Annotated[int, Within(1, 10**15)] = 100_000_000  # control steps, all robots together
-    seed: Annotated[int, Within(0, 2**32 - 1)] = 0
+    steps: Steps = 100_000_000  # control steps, all robots together
+    seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
     checkpoints: Annotated[int, Within(1, 10**6)] = 10  # saves during the run, evenly spread, the last one at its end
     logs: Annotated[int, Within(1, 10**9)] = 200  # lines of metrics.jsonl during the run
 

@@ -1,11 +1,10 @@
 """What a study consists of: variants of the recipe, and the trainings of each."""
 
 import dataclasses
-import itertools
 from pathlib import Path
 
 from bp2_rl.errors import UserError
-from bp2_rl.settings.training import Preset, RunConfig, Stage, make_config
+from bp2_rl.settings.training import Preset, Stage, make_config
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 
@@ -60,8 +59,6 @@ class Plan:
         for name, values in (("variant", self.variants), ("seed", self.seeds)):
             if not values or len(set(values)) < len(values):
                 raise UserError(f"a study needs at least one {name}, and each once")
-        for seed, steps in itertools.product(self.seeds, self.steps):
-            RunConfig(seed=seed, steps=steps)  # says which may be
 
     @property
     def chains(self) -> list[list[Training]]:

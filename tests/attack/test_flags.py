@@ -55,7 +55,7 @@ WORK = (
     "bp2_rl.learning.run.replay",
     "bp2_rl.evaluation.report.folder.open_folder",
     "bp2_rl.study.training.run",
-    "bp2_rl.cli.bench._open",
+    "bp2_rl.cli.bench.measuring._open",
     "bp2_rl.cli.trajopt.output.spinner",
     "bp2_rl.cli.trajopt.output.progress",
     "bp2_rl.trajopt.codesign.study.study_codesign",

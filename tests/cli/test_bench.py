@@ -12,6 +12,7 @@ from bp2_rl.bench.measure import OUT_OF_MEMORY, Case
 from bp2_rl.bench.report import Bench
 from bp2_rl.cli import bench as command
 from bp2_rl.cli import train
+from bp2_rl.cli.bench import measuring
 from bp2_rl.config import load_config
 from bp2_rl.errors import UserError
 
@@ -24,12 +25,12 @@ SMALL = [
 
 @pytest.fixture(autouse=True)
 def aim(monkeypatch):
-    monkeypatch.setattr(command, "make_env", lambda arguments, robots: Aim())
+    monkeypatch.setattr(measuring, "make_env", lambda arguments, robots: Aim())
 
 
 @pytest.mark.parametrize("preset", ["smoke", "cpu"])
 def test_it_measures_what_train_runs(preset):
-    bench, training = command._parse(["--preset", preset]), train._parse(["--preset", preset])
+    bench, training = command.parse(["--preset", preset]), train._parse(["--preset", preset])
     assert (bench.impl, bench.env, bench.ppo) == (training.impl, training.env, training.ppo)
 
 
@@ -38,11 +39,11 @@ def whole(tmp_path_factory):
     """One run with nearly everything: (folder, what it printed)."""
     folder = tmp_path_factory.mktemp("bench")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "make_env", lambda arguments, robots: Aim())
-        patch.setattr(command, "FIRST_STEP", STARTS)
+        patch.setattr(measuring, "make_env", lambda arguments, robots: Aim())
+        patch.setattr(measuring, "FIRST_STEP", STARTS)
         argv = [*SMALL, "--peer", "brax", "--startup", "--profile", str(folder / "trace"), "--out", str(folder / "out")]
         console = Console(record=True, width=80)
-        patch.setattr(command, "Console", lambda: console)
+        patch.setattr(measuring, "Console", lambda: console)
         assert command.main(argv) == 0
     return folder, console.export_text()
 
@@ -129,14 +130,14 @@ def test_scaling_leaves_a_picture(tmp_path):
 
 def test_scaling_goes_over_robots_and_then_over_devices(monkeypatch):
     monkeypatch.setattr(jax, "device_count", lambda: 6)
-    arguments = command._parse(["--preset", "gpu", "--scaling", "--max-robots", "40000"])
-    assert list(command.choose_sizes(arguments)) == [
+    arguments = command.parse(["--preset", "gpu", "--scaling", "--max-robots", "40000"])
+    assert list(measuring.choose_sizes(arguments)) == [
         *((2**k, 1) for k in range(9, 16)),  # from a sixteenth of the preset's 8192 to the last power below 40000
         (8192, 2), (16384, 2), (8192, 4), (32768, 4),
     ]  # fmt: skip
     assert arguments.main_robots == 8192
-    plain = command._parse(["--preset", "gpu", "--robots", "64", "128"])
-    assert list(command.choose_sizes(plain)) == [(64, 6), (128, 6)]
+    plain = command.parse(["--preset", "gpu", "--robots", "64", "128"])
+    assert list(measuring.choose_sizes(plain)) == [(64, 6), (128, 6)]
     assert plain.main_robots == 64
 
 
@@ -148,15 +149,15 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
         error = OUT_OF_MEMORY if size[0] / size[1] > 32 else "an odd number" if size[0] % 2 else None
         return Case(*size, error=error)
 
-    monkeypatch.setattr(command, "_measure", measure)
+    monkeypatch.setattr(measuring, "_measure", measure)
     sizes = [(15, 1), (16, 1), (64, 1), (128, 1), (64, 2), (48, 1)]
-    cases = list(command.measure_all(command._parse(SMALL), sizes, Console()))
+    cases = list(measuring.measure_all(command.parse(SMALL), sizes, Console()))
     assert tried == [(15, 1), (16, 1), (64, 1), (64, 2), (48, 1)]
     assert cases[3].error == "not tried: 64 robots were out of memory"
 
 
 def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(command, "FIRST_STEP", "raise RuntimeError('no driver')")
+    monkeypatch.setattr(measuring, "FIRST_STEP", "raise RuntimeError('no driver')")
     assert command.main([*SMALL, "--startup", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == "error: --startup: the cold start failed: RuntimeError: no driver\n"
 
@@ -201,4 +202,4 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path, capsys):
 
 def test_nothing_measured_is_a_failure(tmp_path):
     with pytest.raises(UserError, match="nothing could be measured"):
-        command.bench([*SMALL, "--robots", "15", "--out", str(tmp_path)])
+        measuring.bench([*SMALL, "--robots", "15", "--out", str(tmp_path)])

@@ -45,6 +45,22 @@ def test_help_imports_nothing_slow():
     assert all(name in shown.stdout for name in COMMANDS)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
+        "study --judges 0", "eval --speed fast", "export --nope", "trajopt solve --speed 0",
+    ],
+)  # fmt: skip
+def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):
+    program = (
+        f"import sys; from bp2_rl.cli.__main__ import main; status = main({words.split()}); "
+        "print(sorted({'jax', 'brax', 'mujoco', 'casadi', 'matplotlib'} & set(sys.modules))); sys.exit(status)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (2, "[]\n"), ended.stderr
+
+
 def test_the_package_runs_as_a_module():
     ended = subprocess.run([sys.executable, "-m", "bp2_rl", "fly"], capture_output=True, text=True, check=False)
     assert ended.returncode == 2

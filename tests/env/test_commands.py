@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env import commands
+from bp2_rl.env.controller import motion_of
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig
@@ -172,7 +173,6 @@ NAN, INF = float("nan"), float("inf")
         ("reset.standing_fraction", -0.1),
         ("reward.imitation", NAN),
         ("reward.tracking_width", 0.0),
-        ("termination.min_height", 0.7),
         ("termination.min_up", 5.0),
         ("termination.max_speed", INF),
     ],
@@ -182,6 +182,12 @@ def test_impossible_settings_are_refused_by_name(named, value):
     with pytest.raises(UserError, match=rf"^{named}\b.*") as error:
         EnvConfig(**{group: dataclasses.replace(getattr(EnvConfig(), group), **{field: value})})
     assert "\n" not in str(error.value)
+
+
+def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():
+    config = EnvConfig(termination=dataclasses.replace(EnvConfig().termination, min_height=0.7))
+    with pytest.raises(UserError, match=r"^termination.min_height \(0.7\) must be below the reference's height"):
+        motion_of(config)
 
 
 def test_what_has_a_meaning_when_infinite_may_be():

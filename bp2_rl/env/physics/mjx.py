@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import mujoco
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
@@ -16,6 +15,7 @@ from bp2_rl.env.randomization import Randomization
 from bp2_rl.errors import UserError
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
 
 SOLVER_LIMITS = 1 << 9 | 1 << 10

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from mujoco import mjx
 
 from bp2_rl.bounds import Positive, check_bounds
 from bp2_rl.env.controller import Controller, motors_of
@@ -26,6 +25,7 @@ from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.trajectory import Trajectory, heading
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig

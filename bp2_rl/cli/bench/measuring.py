@@ -1,6 +1,5 @@
-"""`bp2 bench`: how fast BP2 trains on the present devices."""
+"""What `bp2 bench` does once it knows what it is asked for."""
 
-import argparse
 import dataclasses
 import datetime
 import json
@@ -13,98 +12,30 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
 
 import jax
-import tyro
 from rich.console import Console
 
 from bp2_rl.bench.measure import OUT_OF_MEMORY, Case, PartName, measure_case
 from bp2_rl.bench.report import NUMBERS, PICTURE, Bench, Startup, describe_size, print_table, say, scaling_figure
-from bp2_rl.cli import app
+from bp2_rl.cli.bench import STEP, Arguments, parse
 from bp2_rl.cli.runtime import prepare_jax
-from bp2_rl.cli.train import defaults_here
 from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.env import EnvConfig, Impl
-from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, TrainConfig
 
 Size = tuple[int, int]
 """(robots, devices)."""
 
-OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
-STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd", "training")
-FIRST_STEP = "from bp2_rl.cli.bench import first_step; first_step()"
+FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
 """The program whose start `--startup` times."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Arguments:
-    """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
-
-    The presets set the sizes, as for train.py.
-    """
-
-    preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees an accelerator, else cpu"""
-    impl: Impl = "jax"
-    """the physics' implementation, as for train.py"""
-    robots: tuple[int, ...] = ()
-    """numbers of robots, all devices together; default the preset's"""
-    devices: tuple[int, ...] = ()
-    """numbers of devices; default all there are"""
-    parts: tuple[OwnPart, ...] = ()
-    """what to measure; default what a train step consists of, with --scaling the train step alone"""
-    scaling: bool = False
-    """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
-    max_robots: int | None = None
-    """with --scaling: the most robots to try; default 8 times the preset's"""
-    peer: Literal["brax"] | None = None
-    """brax: also run stock Brax's acting loop on the same environment and networks, one device"""
-    startup: bool = False
-    """also time fresh processes up to their first train step, with an empty compilation cache and with a full one"""
-    profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """leave jax.profiler's trace of two train steps here"""
-    seconds: float = 2.0
-    """of timed calls, for each part"""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """the report's folder; default reports/bench-DATE-TIME"""
-    env: EnvConfig = EnvConfig()
-    ppo: PPOConfig = PPOConfig()
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        for name in ("robots", "devices"):
-            if min(getattr(self, name), default=1) < 1:
-                raise UserError(f"--{name} must be at least 1, got {min(getattr(self, name))}")
-        if self.max_robots is not None and self.max_robots < 1:
-            raise UserError(f"--max-robots must be at least 1, got {self.max_robots}")
-        if not 0 < self.seconds < 3600:
-            raise UserError(f"--seconds must be positive and less than an hour, got {self.seconds}")
-
-    @property
-    def main_robots(self) -> int:
-        """The number of robots of what is measured once only."""
-        return self.robots[0] if self.robots and not self.scaling else self.ppo.num_envs
-
-    @property
-    def config(self) -> TrainConfig:
-        """The training that is measured."""
-        return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, measure, and return the exit status."""
-    return app.run(lambda: bench(list(sys.argv[1:] if argv is None else argv)))
 
 
 def bench(argv: list[str]) -> None:
     """Measure as the command line says; the report on disk grows with every size measured."""
     prepare_jax()
-    arguments = _parse(argv)
+    arguments = parse(argv)
     sizes = list(choose_sizes(arguments))
     folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     console, report = Console(), describe(arguments)
@@ -224,7 +155,7 @@ def first_step() -> None:
     """Take the first train step of what the command line describes; print when what was done, seconds since 1970."""
     moments = {"imported": time.time()}
     prepare_jax()
-    arguments = _parse(sys.argv[1:])
+    arguments = parse(sys.argv[1:])
     robots = arguments.main_robots
     env = make_env(arguments, -(-robots // jax.device_count()))
     learner = PPO(env, dataclasses.replace(arguments.ppo, num_envs=robots))
@@ -236,17 +167,6 @@ def first_step() -> None:
 
 
 # --- Details -------------------------------------------------------------------------------------------------
-
-
-def _parse(argv: list[str]) -> Arguments:
-    """The arguments, with the defaults of the preset that they name."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    first.add_argument("--preset", nargs="?")
-    known, _ = first.parse_known_args([word for word in argv if word not in app.HELP])
-    preset, defaults = defaults_here("imitation", known.preset)
-    default = Arguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
-    arguments = app.parse(Arguments, argv, "bp2 bench", default=default)
-    return dataclasses.replace(arguments, preset=preset)
 
 
 def _last_line(text: str) -> str:

@@ -1,0 +1,93 @@
+"""`bp2 bench`: how fast BP2 trains on the present devices."""
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.train import defaults_here, read_named, refuse_early
+from bp2_rl.settings.env import EnvConfig, Impl
+from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.training import Preset, TrainConfig
+
+Size = Annotated[int, Within(1, 2**24)]
+OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
+STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd", "training")
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
+
+    The presets set the sizes, as for train.py.
+    """
+
+    preset: Preset | Literal["auto"] = "auto"
+    """auto: gpu where JAX sees an accelerator, else cpu"""
+    impl: Impl = "jax"
+    """the physics' implementation, as for train.py"""
+    robots: tuple[Size, ...] = ()
+    """numbers of robots, all devices together; default the preset's"""
+    devices: tuple[Size, ...] = ()
+    """numbers of devices; default all there are"""
+    parts: tuple[OwnPart, ...] = ()
+    """what to measure; default what a train step consists of, with --scaling the train step alone"""
+    scaling: bool = False
+    """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
+    max_robots: Size | None = None
+    """with --scaling: the most robots to try; default 8 times the preset's"""
+    peer: Literal["brax"] | None = None
+    """brax: also run stock Brax's acting loop on the same environment and networks, one device"""
+    startup: bool = False
+    """also time fresh processes up to their first train step, with an empty compilation cache and with a full one"""
+    profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """leave jax.profiler's trace of two train steps here"""
+    seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
+    """of timed calls, for each part"""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """the report's folder; default reports/bench-DATE-TIME"""
+    env: EnvConfig = EnvConfig()
+    ppo: PPOConfig = PPOConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+
+    @property
+    def main_robots(self) -> int:
+        """The number of robots of what is measured once only."""
+        return self.robots[0] if self.robots and not self.scaling else self.ppo.num_envs
+
+    @property
+    def config(self) -> TrainConfig:
+        """The training that is measured."""
+        return TrainConfig("imitation", self.env, self.ppo, impl=self.impl)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, measure, and return the exit status."""
+    return app.run(lambda: _bench(list(sys.argv[1:] if argv is None else argv)))
+
+
+def _bench(argv: list[str]) -> None:
+    refuse_early(argv, "bp2 bench", Arguments, _with)
+    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.cli.bench.measuring import bench
+
+    bench(argv)
+
+
+def parse(argv: list[str]) -> Arguments:
+    """The arguments, with the defaults of the preset that they name."""
+    preset, defaults = defaults_here("imitation", read_named(argv).preset)
+    arguments = app.parse(Arguments, argv, "bp2 bench", default=_with(defaults))
+    return dataclasses.replace(arguments, preset=preset)
+
+
+def _with(defaults: TrainConfig) -> Arguments:
+    return Arguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
