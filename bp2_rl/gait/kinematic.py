@@ -48,7 +48,8 @@ class KinematicConfig:
     follow_through: Annotated[int, Within(2, 100)] = 7
     """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
     landing: Share = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
-    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.2  # m/s, the scale on which stepping grows out of standing
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.2
+    """m/s, the scale on which stepping grows out of standing"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -133,7 +134,7 @@ class KinematicGait(KinematicConfig):
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
         s2 = square_speed(command)
-        return s2 / (s2 + self.start_speed**2)
+        return s2 / (s2 + self.stepping_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The part of a spring's compression that does not change with time, m: all of it when standing."""

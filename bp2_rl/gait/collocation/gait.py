@@ -41,7 +41,8 @@ class CollocationConfig:
     """Which motion library is played, and how it grows out of standing."""
 
     path: str = ""  # of the library; empty: the one that ships
-    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.4  # m/s, below which steps shrink, to nothing when standing
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
+    """m/s, below which steps shrink, to nothing when standing"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field; the library is read at first use."""
@@ -127,8 +128,8 @@ class CollocationGait(CollocationConfig):
         return jnp.minimum(command[..., 0], self._table.speeds[-1].astype(command.dtype))
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """0 when standing, 1 from `start_speed` on, with a continuous derivative."""
-        y = jnp.minimum(square_speed(command) / self.start_speed**2, 1.0)
+        """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
+        y = jnp.minimum(square_speed(command) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_Stride":
