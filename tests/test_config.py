@@ -12,10 +12,20 @@ from damage import strange_json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, seal, to_json, unseal
-from bp2_rl.env.config import EnvConfig
+from bp2_rl.config import (
+    ConfigError,
+    claim_folder,
+    config_hash,
+    from_json,
+    load_config,
+    save_config,
+    seal,
+    to_json,
+    unseal,
+)
 from bp2_rl.errors import UserError
-from bp2_rl.learning.stages import TrainConfig, make_config
+from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.training import TrainConfig, make_config
 from bp2_rl.trajopt.problem import Problem
 
 
@@ -173,7 +183,7 @@ def test_equal_configs_have_equal_hashes_and_others_do_not():
 
 def test_the_hash_is_the_same_in_another_process():
     program = (
-        "from bp2_rl import config; from bp2_rl.env.config import EnvConfig; print(config.config_hash(EnvConfig()))"
+        "from bp2_rl import config; from bp2_rl.settings.env import EnvConfig; print(config.config_hash(EnvConfig()))"
     )
     other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert other.stdout.split()[-1] == config_hash(EnvConfig())
@@ -227,3 +237,18 @@ def test_what_was_sealed_comes_back_and_nothing_else_does():
     for changed in ({**sealed, "a": 1.25}, {**sealed, "d": 0}, {**sealed, "sum": None}):
         with pytest.raises(ConfigError, match="damaged or edited"):
             unseal(changed, "sum")
+
+
+def test_a_folder_is_claimed_once_and_says_what_is_another(tmp_path):
+    folder = tmp_path / "deep" / "folder"
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    written = (folder / "card.json").stat().st_mtime_ns
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    assert (folder / "card.json").stat().st_mtime_ns == written
+    with pytest.raises(UserError, match=r"holds a walk with another sizes \(see .*card.json\): choose another folder"):
+        claim_folder(folder, "card.json", Inner(sizes=(1,)), "a walk")
+
+
+def test_a_folder_that_cannot_be_is_not_claimed():
+    with pytest.raises(UserError, match="cannot write to /dev/null/here"):
+        claim_folder(Path("/dev/null/here"), "card.json", Inner(), "a walk")

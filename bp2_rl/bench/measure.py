@@ -25,8 +25,9 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
-from bp2_rl.learning.ppo import PPO, PPOConfig, TrainState
+from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.robot import specs
+from bp2_rl.settings.ppo import PPOConfig
 
 PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
 PARTS: tuple[PartName, ...] = get_args(PartName)

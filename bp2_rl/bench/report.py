@@ -11,8 +11,8 @@ from rich.table import Table
 
 from bp2_rl.bench.measure import Case, Measurement, PartName
 from bp2_rl.learning.monitor import count
-from bp2_rl.learning.stages import TrainConfig
 from bp2_rl.plotting import INK, LEG_COLORS, WIDTH, styled
+from bp2_rl.settings.training import TrainConfig
 
 NUMBERS, PICTURE = "bench.json", "scaling.png"
 NOT_MEASURED = "-"

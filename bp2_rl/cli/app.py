@@ -157,7 +157,7 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
      lambda found: f"{found[2]} {found[1]}: there are {found[3].replace(chr(39), '').rstrip(',')}"),
-    (r"Error parsing \S+: (\S+ must .*)", lambda found: found[1]),
+    (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
 )  # fmt: skip
 """What tyro says in terms of Python, and how a user would say it."""

@@ -20,25 +20,17 @@ import tyro
 from rich.console import Console
 
 from bp2_rl.bench.measure import OUT_OF_MEMORY, Case, PartName, measure_case
-from bp2_rl.bench.report import (
-    NUMBERS,
-    PICTURE,
-    Bench,
-    Startup,
-    describe_size,
-    print_table,
-    say,
-    scaling_figure,
-)
+from bp2_rl.bench.report import NUMBERS, PICTURE, Bench, Startup, describe_size, print_table, say, scaling_figure
 from bp2_rl.cli import app
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.cli.train import defaults_here
 from bp2_rl.config import from_json, package_versions, save_config
-from bp2_rl.env.bp2_env import BP2Env, Impl
-from bp2_rl.env.config import EnvConfig
+from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
-from bp2_rl.learning.ppo import PPO, PPOConfig
-from bp2_rl.learning.stages import Preset, TrainConfig
+from bp2_rl.learning.ppo import PPO
+from bp2_rl.settings.env import EnvConfig, Impl
+from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.training import Preset, TrainConfig
 
 Size = tuple[int, int]
 """(robots, devices)."""

@@ -15,7 +15,7 @@ from bp2_rl.cli import app, runtime  # noqa: F401
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.files import require_name, write_text
-from bp2_rl.learning.stages import Preset
+from bp2_rl.settings.training import Preset
 from bp2_rl.study.figure import learning_curves
 from bp2_rl.study.outcome import outcome, table
 from bp2_rl.study.plan import VARIANTS, Plan, default_steps

@@ -14,14 +14,13 @@ import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.cli.runtime import prepare_jax
-from bp2_rl.env.bp2_env import Impl
-from bp2_rl.env.config import EnvConfig
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
 from bp2_rl.learning import cluster, run
-from bp2_rl.learning.cluster import ClusterConfig
-from bp2_rl.learning.ppo import PPOConfig
-from bp2_rl.learning.stages import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
+from bp2_rl.settings.cluster import ClusterConfig
+from bp2_rl.settings.env import EnvConfig, Impl
+from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
 from bp2_rl.workers import end_with_caller
 
 RUNS = Path("runs")

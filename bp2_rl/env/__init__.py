@@ -3,7 +3,7 @@
 from brax import envs
 
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.config import EnvConfig
+from bp2_rl.settings.env import EnvConfig
 
 __all__ = ["BP2Env", "EnvConfig"]
 

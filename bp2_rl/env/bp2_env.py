@@ -9,17 +9,17 @@ from brax import envs
 from jaxtyping import Array, Float
 
 from bp2_rl.env import commands, observations, randomization, rewards, termination
-from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.physics.c import CPhysics
-from bp2_rl.env.physics.interface import Effort, Impl, Simulator
+from bp2_rl.env.physics.interface import Effort, Simulator
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
+from bp2_rl.settings.env import EnvConfig, Impl
 
 
 class BP2Env(envs.Env):

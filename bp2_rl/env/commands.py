@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env.config import CommandConfig, CurriculumConfig
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import CommandConfig, CurriculumConfig
 
 
 class CommandState(struct.PyTreeNode):

@@ -11,11 +11,15 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.observations import STAND, Measurement, actor_observation
+from bp2_rl.errors import UserError
+from bp2_rl.gait.collocation.gait import CollocationGait
+from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.reference import Reference, ReferenceMotion
+from bp2_rl.gait.standing import Standing
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.settings.env import EnvConfig
 
 
 class ControllerState(struct.PyTreeNode):
@@ -37,7 +41,7 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
-        self.reference: ReferenceMotion = config.motion
+        self.reference: ReferenceMotion = motion_of(config)
 
     def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
         """The state at the start of an episode."""
@@ -71,6 +75,27 @@ class Controller:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
         return ControllerState(phase=phase, last_action=action), targets, reference
+
+
+def motion_of(config: EnvConfig) -> ReferenceMotion:
+    """The reference motion that the config names, on its robot.
+
+    Raises:
+        UserError: the motion library cannot be read, is of another robot, or trots lower than where a robot has fallen.
+    """
+    match config.reference:
+        case "kinematic":
+            motion = KinematicGait(**vars(config.gait), hardware=config.hardware)
+        case "collocation":
+            motion = CollocationGait(**vars(config.library), hardware=config.hardware)
+        case "none":
+            motion = Standing(config.hardware)
+    if config.termination.min_height >= motion.height:
+        raise UserError(
+            f"termination.min_height ({config.termination.min_height:g}) must be below the reference's height of "
+            f"{motion.height:.3f} m"
+        )
+    return motion
 
 
 def motors_of(config: EnvConfig) -> Actuator:

@@ -10,10 +10,10 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.env.config import RandomizationConfig
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
+from bp2_rl.settings.env import RandomizationConfig
 
 STAND = np.asarray(specs.STAND_JOINTS, np.float32)
 UP = np.array([0.0, 0.0, 1.0], np.float32)

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float
 from mujoco import mjx
 
 from bp2_rl.bounds import Range
-from bp2_rl.env.config import RandomizationConfig
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.settings.env import RandomizationConfig
 
 
 class Randomization(struct.PyTreeNode):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env.config import RewardConfig
+from bp2_rl.settings.env import RewardConfig
 
 Scalar = Float[Array, ""]
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float
 
-from bp2_rl.env.config import TerminationConfig
+from bp2_rl.settings.env import TerminationConfig
 
 
 class Fall(NamedTuple):

@@ -13,52 +13,24 @@ grows smoothly out of standing still. How the defaults were found is in docs/not
 
 import dataclasses
 import math
-from typing import Annotated
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.bounds import Share, Within, check_bounds
-from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.gait.stepping import NOMINAL, STANDING, TROT, ground, square_speed
 from bp2_rl.robot import kinematics, specs
+from bp2_rl.settings.gait import KinematicConfig
 
 FLEXION = np.array([0.0, 0.5, -1.0])  # of abad, hip, knee: draws the foot straight towards the hip
 AXIAL_SHARE = 0.78  # of a foot's force is along its spring; found on rails, where the ground then bears the weight
-Size = Annotated[float, Within(0.01, 10.0)]
+
 
 # A foot is a sphere and its sole the point that is lowest when the lower leg is upright; as it leans by STAND_HIP or
 # so, the sole stays a little above the ground.
 SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
-
-
-@dataclasses.dataclass(frozen=True)
-class KinematicConfig:
-    """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the robot's."""
-
-    height: Size = specs.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
-    slow_stance: Size = 0.22  # s, stance time at low speed
-    sweep: Size = 0.70  # m, path of a foot during stance at high speed
-    swing_time: Size = 0.28  # s
-    flexion: Annotated[float, Within(0.0, 1.5)] = 0.8
-    """rad, of the knee in mid-swing beyond its mean at lift-off and touchdown"""
-    follow_through: Annotated[int, Within(2, 100)] = 7
-    """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
-    landing: Share = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
-    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.2
-    """m/s, the scale on which stepping grows out of standing"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self, "gait.")
-        longest = kinematics.reach()[1]
-        if math.hypot(self.sweep / 2, self.height) > longest:
-            raise UserError(
-                f"gait.height ({self.height}) and gait.sweep ({self.sweep}) exceed the legs' reach of {longest:.3f} m"
-            )
 
 
 @dataclasses.dataclass(frozen=True)

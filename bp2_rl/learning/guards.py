@@ -10,7 +10,8 @@ from brax.training.acme import running_statistics
 
 from bp2_rl.learning.checkpoint import leaves_by_path
 from bp2_rl.learning.fleet import FAULTS
-from bp2_rl.learning.ppo import PPO, PPOConfig, TrainState
+from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.settings.ppo import PPOConfig
 
 COLLAPSED_STD = 0.05
 """Of the initial standard deviation: actions this sure no longer tell the learner what else it could do."""

@@ -11,8 +11,9 @@ import numpy as np
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning import guards
 from bp2_rl.learning.monitor import Monitor
-from bp2_rl.learning.ppo import STUCK, PPOConfig
+from bp2_rl.learning.ppo import STUCK
 from bp2_rl.robot import specs
+from bp2_rl.settings.ppo import PPOConfig
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,8 +31,8 @@ from bp2_rl.learning.monitor import Monitor, Mute
 from bp2_rl.learning.policy import PolicyCard, make_policy, save_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
-from bp2_rl.learning.stages import TrainConfig
 from bp2_rl.robot import specs
+from bp2_rl.settings.training import TrainConfig
 
 CONFIG = "config.json"
 POLICY, POLICIES = "policy", "policies"

@@ -14,13 +14,12 @@ import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
-from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
 from bp2_rl.files import (
     ArraySpec,
@@ -34,6 +33,8 @@ from bp2_rl.files import (
     write_npz,
     write_text,
 )
+from bp2_rl.settings.env import EnvConfig, upgrade
+from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
 WEIGHTS = "weights.npz"
@@ -46,8 +47,6 @@ LARGEST_OBSERVATION = 1e3
 """What no number of an observation exceeds (SI units): below it no action may overflow."""
 # The entry of Brax's observation dictionary that the policy sees.
 POLICY_OBSERVATION = "state"
-
-Activation = Literal["swish", "elu", "tanh", "relu"]
 
 
 class PolicyError(UserError):

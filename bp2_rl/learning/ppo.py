@@ -9,11 +9,9 @@ the compiler. Every random number belongs to a robot or to the whole, never to a
 within blocks of robots, so the result does not depend on how many devices hold the robots.
 """
 
-import dataclasses
-import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -28,69 +26,13 @@ from flax import linen, struct
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
-from bp2_rl.bounds import Share, Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
-from bp2_rl.learning.policy import Activation
+from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
-Scale = Annotated[float, Within(0.0, 1e6, open_below=True)]
-Weight = Annotated[float, Within(0.0, 1e6)]
-Layers = tuple[Annotated[int, Within(1, 2**16)], ...]
 ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
-MAX_BLOCKS = 64
-"""Robots are shuffled within this many blocks; the number of devices must divide it."""
 STUCK = "stuck"
 """Metric: 1 where a train step was not finite and left the state as it was."""
-
-
-@dataclasses.dataclass(frozen=True)
-class PPOConfig:
-    """Hyperparameters. One train step collects num_envs x unroll_length control steps and takes
-    num_epochs x num_minibatches gradient steps on them."""
-
-    num_envs: Annotated[int, Within(1, 2**24)] = 8192
-    unroll_length: Annotated[int, Within(1, 2**16)] = 24
-    num_minibatches: Annotated[int, Within(1, 2**24)] = 16
-    num_epochs: Annotated[int, Within(1, 2**16)] = 4
-    episode_length: Annotated[int, Within(1, 2**30)] = 1600  # control steps
-    learning_rate: Scale = 3e-4
-    desired_kl: Scale | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
-    max_learning_rate: Scale = 1e-3
-    discounting: Share = 0.985
-    gae_lambda: Share = 0.95
-    clipping: Scale = 0.2
-    entropy_cost: Weight = 5e-3
-    value_coefficient: Weight = 1.0
-    max_grad_norm: Scale = 1.0
-    reward_scaling: Scale = 1.0
-    policy_layers: Layers = (512, 256, 128)
-    value_layers: Layers = (512, 256, 128)
-    activation: Activation = "swish"
-    initial_std: Scale = 0.3
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that says how to mend them."""
-        check_bounds(self, "ppo.")
-        for name in ("policy_layers", "value_layers"):
-            if not getattr(self, name):
-                raise UserError(f"ppo.{name} must name one layer or more")
-        if self.desired_kl is not None and self.max_learning_rate < self.learning_rate:
-            lowest = f"at least ppo.learning_rate ({self.learning_rate:g})"
-            raise UserError(f"ppo.max_learning_rate ({self.max_learning_rate:g}) must be {lowest}")
-        if self.num_envs % self.num_minibatches:
-            raise UserError(
-                f"ppo.num_envs ({self.num_envs}) must be a multiple of ppo.num_minibatches ({self.num_minibatches})"
-            )
-
-    @property
-    def steps_per_train_step(self) -> int:
-        """Control steps, all robots together."""
-        return self.num_envs * self.unroll_length
-
-    @property
-    def shuffle_blocks(self) -> int:
-        """Blocks of robots that are shuffled by themselves."""
-        return math.gcd(self.num_envs // self.num_minibatches, MAX_BLOCKS)
 
 
 class TrainState(struct.PyTreeNode):

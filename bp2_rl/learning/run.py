@@ -10,7 +10,6 @@ import numpy as np
 
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.config import upgrade
 from bp2_rl.errors import UserError
 from bp2_rl.files import LOCK, lock_folder, require_name
 from bp2_rl.learning import cluster, guards, loop
@@ -28,7 +27,8 @@ from bp2_rl.learning.checkpoint import (
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.loop import CONFIG, train_steps
 from bp2_rl.learning.ppo import PPO, TrainState
-from bp2_rl.learning.stages import Parent, TrainConfig
+from bp2_rl.settings.env import upgrade
+from bp2_rl.settings.training import Parent, TrainConfig
 
 NETWORK = ("policy_layers", "value_layers", "activation")
 """Fields of `PPOConfig` that a run shares with its parent."""

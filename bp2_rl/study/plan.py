@@ -5,7 +5,7 @@ import itertools
 from pathlib import Path
 
 from bp2_rl.errors import UserError
-from bp2_rl.learning.stages import Preset, RunConfig, Stage, make_config
+from bp2_rl.settings.training import Preset, RunConfig, Stage, make_config
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 

@@ -22,7 +22,7 @@ from bp2_rl.config import claim_folder, config_hash
 from bp2_rl.files import find_folder, lock_folder, make_folder
 from bp2_rl.learning.loop import POLICIES, control_steps
 from bp2_rl.learning.run import load_run_config
-from bp2_rl.learning.stages import Preset, make_config
+from bp2_rl.settings.training import Preset, make_config
 from bp2_rl.study.judging import Judgement, judge
 from bp2_rl.study.plan import STAGES, Plan, Training
 from bp2_rl.workers import PARENT, spawned

@@ -15,7 +15,7 @@ from bp2_rl.bench.measure import OUT_OF_MEMORY, PARTS, Compilations, Part, make_
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.observations import STAND
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.learning.stages import make_config
+from bp2_rl.settings.training import make_config
 
 STEP, RESET = 0.006, 0.02  # s, of the whole fleet
 LENGTH = TINY.unroll_length

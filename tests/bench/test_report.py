@@ -10,7 +10,7 @@ from rich.console import Console
 from bp2_rl.bench.measure import Case, Measurement, PartName
 from bp2_rl.bench.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 from bp2_rl.config import from_json, to_json
-from bp2_rl.learning.stages import make_config
+from bp2_rl.settings.training import make_config
 
 BASE = make_config("imitation", "gpu").ppo.num_envs
 

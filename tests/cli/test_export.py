@@ -9,10 +9,10 @@ import pytest
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
-from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.benchmarks.options import speed_to_command
 from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 SIZE = sum(entry.size for entry in LAYOUT)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bp2_rl.env import commands
-from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit

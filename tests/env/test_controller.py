@@ -4,13 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.env.config import ControlConfig, EnvConfig
-from bp2_rl.env.controller import Controller
+from bp2_rl.env.controller import Controller, motion_of
 from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.standing import Standing
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 COMMAND = jnp.array([6.0, 0.0, 0.0])
 
@@ -26,9 +26,9 @@ def targets(config: EnvConfig, action: float = 0.0):
 )
 def test_the_reference_is_the_one_that_was_named(name, motion):
     config = EnvConfig(reference=name)
-    assert isinstance(config.motion, motion)
+    assert isinstance(motion_of(config), motion)
     state, target, reference = targets(config)
-    expected = config.motion(COMMAND, state.phase)
+    expected = motion_of(config)(COMMAND, state.phase)
     assert np.allclose(target.position, expected.joint_position)
     assert np.allclose(reference.height, expected.height)
     assert np.allclose(target.velocity, expected.joint_velocity)
@@ -37,7 +37,7 @@ def test_the_reference_is_the_one_that_was_named(name, motion):
 def test_the_reference_has_the_hardware_of_the_robot():
     config = EnvConfig(hardware=HardwareSpec(mass_scale=1.1))
     for reference in ("kinematic", "collocation", "none"):
-        assert dataclasses.replace(config, reference=reference).motion.hardware == config.hardware
+        assert motion_of(dataclasses.replace(config, reference=reference)).hardware == config.hardware
 
 
 def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on():

@@ -14,13 +14,13 @@ from mujoco import mjx
 import bp2_rl.env
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.config import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
-from bp2_rl.env.controller import motors_of
+from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.rewards import REWARD_TERMS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -88,7 +88,7 @@ def test_running_starts_are_on_the_reference_with_its_velocities(env):
     )
     state = jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)
     command, controller = state.pipeline_state.command.current, state.pipeline_state.controller
-    reference = jax.vmap(config.motion)(command, controller.phase)
+    reference = jax.vmap(motion_of(config))(command, controller.phase)
     # Compiled once with the reset and once by itself: float32 of some 10 rad/s, and of angles that follow from feet
     # at 15 m/s with a leg nearly stretched.
     np.testing.assert_allclose(physics(state).qpos[:, MOTOR_QPOS], reference.joint_position, atol=5e-6)

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
-from bp2_rl.env.config import RewardConfig
-from bp2_rl.learning.stages import PAPER
+from bp2_rl.settings.env import RewardConfig
+from bp2_rl.settings.training import PAPER
 
 ZERO = jnp.zeros(12)
 # float32 exponentials are good to a few units in the last place.

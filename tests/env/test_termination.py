@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.env.config import TerminationConfig
 from bp2_rl.env.termination import fall
+from bp2_rl.settings.env import TerminationConfig
 
 CONFIG = TerminationConfig()
 

@@ -10,7 +10,8 @@ from brax import envs
 from jax.flatten_util import ravel_pytree
 
 from bp2_rl.env.metrics import SPEED_BINS
-from bp2_rl.learning.ppo import PPO, PPOConfig
+from bp2_rl.learning.ppo import PPO
+from bp2_rl.settings.ppo import PPOConfig
 
 TINY = PPOConfig(
     num_envs=16,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bp2_rl.env.config import ControlConfig, EnvConfig
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.report import terminal
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import BP2, GRAVITY
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 DT = 1e-3
 MASS = 36.0

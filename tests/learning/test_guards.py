@@ -19,7 +19,7 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.learning.stages import TrainConfig
+from bp2_rl.settings.training import TrainConfig
 
 STEPS = 12
 RUN = [*SMALL, "--run.steps", str(STEPS * 64), "--run.checkpoints", "6", "--run.logs", "6"]

@@ -20,10 +20,10 @@ from flax import linen
 from killer import killed_at_every_operation
 
 from bp2_rl.config import to_json
-from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.observations import Entry
 from bp2_rl.errors import UserError
 from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy, save_policy
+from bp2_rl.settings.env import EnvConfig
 
 LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
 SIZE = sum(size for _, size in LAYOUT)

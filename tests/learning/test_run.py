@@ -19,7 +19,7 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.learning.stages import Parent, Stage, TrainConfig, make_config
+from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""

@@ -2,8 +2,8 @@ import pytest
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
-from bp2_rl.learning.cluster import ClusterConfig
-from bp2_rl.learning.stages import RunConfig, TrainConfig, make_config
+from bp2_rl.settings.cluster import ClusterConfig
+from bp2_rl.settings.training import RunConfig, TrainConfig, make_config
 
 
 @pytest.mark.parametrize("stage", ["imitation", "relaxed"])

@@ -11,11 +11,11 @@ import pytest
 
 from bp2_rl.assets import asset_path
 from bp2_rl.config import from_json, to_json
-from bp2_rl.env.config import EnvConfig, upgrade
 from bp2_rl.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.run import load_run_config
-from bp2_rl.learning.stages import TrainConfig, make_config
+from bp2_rl.settings.env import EnvConfig, upgrade
+from bp2_rl.settings.training import TrainConfig, make_config
 
 BEFORE = Path(__file__).parent / "before"
 

@@ -20,7 +20,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.files import lock_folder
 from bp2_rl.learning.loop import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
-from bp2_rl.learning.stages import RunConfig, make_config
+from bp2_rl.settings.training import RunConfig, make_config
 from bp2_rl.study import judging, outcome, training
 from bp2_rl.study.judging import Judgement
 from bp2_rl.study.plan import VARIANTS, Plan, Training, default_steps

@@ -12,8 +12,9 @@ import pytest
 from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import BP2, HardwareSpec
 from bp2_rl.trajopt.collocation import fastest, refine, solve, solve_best
+from bp2_rl.trajopt.cycle import whole_cycle
 from bp2_rl.trajopt.guess import cold_guess
-from bp2_rl.trajopt.problem import STRIDES, Problem, Weights
+from bp2_rl.trajopt.problem import STRIDES, Problem, Weights, motor_coordinates
 from bp2_rl.trajopt.program import Program
 from bp2_rl.trajopt.solution import Motion, NotSolved, load_solution, resample, sample, save_solution
 
@@ -67,6 +68,20 @@ def test_torques_do_not_jump_between_segments(trot):
     tau = trot.motion.tau
     assert tau[1, 0] == pytest.approx(tau[0, -1], abs=1e-5)
     assert tau[0, 0] == pytest.approx(tau[1, -1][TROT.next_motors], abs=1e-5)
+
+
+@pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
+def test_the_cost_is_the_mean_of_r_as_the_scheme_integrates(scheme):
+    """Eq. R without its smoothness, each segment by itself, with the weights that the cycle is measured with."""
+    problem = Problem(scheme=scheme, intervals=6, weights=Weights(smoothness=0.0))
+    solution = solve(problem)
+    cycle, motors = whole_cycle(solution), motor_coordinates(TROT.legs)
+    motion, hardware = cycle.motion, problem.hardware
+    load, torque = motion.force / problem.weights.force, motion.tau / hardware.joint_peak_torque
+    power = motion.v[..., motors] / hardware.joint_no_load_speed * torque
+    R = np.sum(power**2, axis=-1) + np.sum(torque**2, axis=-1) + np.sum(load**2, axis=-1)
+    means = np.sum(cycle.weights * R, axis=1) / motion.durations
+    assert solution.cost == pytest.approx(np.mean(means), rel=1e-12)
 
 
 def test_a_finer_mesh_hardly_changes_the_cost(trot):

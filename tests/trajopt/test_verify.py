@@ -11,15 +11,7 @@ from bp2_rl.trajopt.collocation import solve
 from bp2_rl.trajopt.planar import PlanarModel
 from bp2_rl.trajopt.problem import Problem, contact_rows
 from bp2_rl.trajopt.solution import Motion, Solution
-from bp2_rl.trajopt.verify import (
-    UNITS,
-    Tolerances,
-    failures,
-    mesh_change,
-    resimulate,
-    summarise,
-    verify,
-)
+from bp2_rl.trajopt.verify import UNITS, Tolerances, failures, mesh_change, resimulate, summarise, verify
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.file import SHIPPED, MotionLibrary, broken, load_library, save_library
+from bp2_rl.gait.collocation.file import MotionLibrary, broken, load_library, save_library
+from bp2_rl.settings.gait import SHIPPED
 from bp2_rl.trajopt.family import FamilyConfig, arrays_of, family_of, provenance_of
 from bp2_rl.trajopt.solution import Solution, load_solution
 from bp2_rl.trajopt.sweep import best_of

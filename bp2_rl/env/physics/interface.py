@@ -4,7 +4,7 @@ A simulator takes one robot through the five physics steps of a control step, wi
 motor) recomputed at each: `mjx.MjxPhysics` within XLA, `c.CPhysics` on the host's processors.
 """
 
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,6 @@ from jaxtyping import Array, Float, Int
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
-
-Impl = Literal["jax", "warp", "c"]
 
 AGES = np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(3))
 """How long ago the targets of `target_history` were issued when each physics step begins, s."""

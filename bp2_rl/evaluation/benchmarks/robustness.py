@@ -11,7 +11,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.env.config import CommandConfig, RandomizationConfig
 from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_ramp
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -21,6 +20,7 @@ from bp2_rl.evaluation.runs.rollout import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import CommandConfig, RandomizationConfig
 
 ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED

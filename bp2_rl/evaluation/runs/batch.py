@@ -15,13 +15,13 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.config import EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import ActionFunction, Schedule, sampled_commands
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 
 Array = Any  # numpy or jax array
 

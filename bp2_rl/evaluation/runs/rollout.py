@@ -19,7 +19,6 @@ from jaxtyping import Float
 from mujoco import mjx
 
 from bp2_rl.bounds import Positive, check_bounds
-from bp2_rl.env.config import EnvConfig
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.env.termination import fall
@@ -29,6 +28,7 @@ from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import EnvConfig
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic

@@ -14,10 +14,9 @@ from jaxtyping import Float
 
 from bp2_rl.errors import UserError
 from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
+from bp2_rl.settings.gait import MEND
 
 FORMAT = 1
-SHIPPED = "reference_motions/bp2_trot.npz"  # below assets/
-MEND = "make it anew with `bp2 trajopt library build`"
 
 TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
 PERIODIC = 1e-4  # m or rad, by which segments may fail to join

@@ -15,55 +15,21 @@ it. Torques are those of straight running.
 
 import dataclasses
 import functools
-import hashlib
 import math
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from bp2_rl.assets import asset_path
-from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.file import COORDINATES, MEND, SHIPPED, TRUNK, by_leg, mirror
+from bp2_rl.gait.collocation.file import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.gait.collocation.table import Table, load_table
 from bp2_rl.gait.reference import Reference
 from bp2_rl.gait.stepping import STANDING, TROT, ground, square_speed, turn
 from bp2_rl.polynomials import cubic_and_slope, hermite_and_rate
 from bp2_rl.robot import kinematics, specs
-
-
-@dataclasses.dataclass(frozen=True)
-class CollocationConfig:
-    """Which motion library is played, and how it grows out of standing."""
-
-    path: str = ""  # of the library; empty: the one that ships
-    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
-    """m/s, below which steps shrink, to nothing when standing"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field; the library is read at first use."""
-        check_bounds(self, "library.")
-
-    @property
-    def file(self) -> Path:
-        """Where the library is."""
-        return Path(self.path) if self.path else asset_path(SHIPPED)
-
-    @property
-    def sha256(self) -> str:
-        """Checksum of the library's file, by which a policy knows the motion it was trained on.
-
-        Raises:
-            UserError: the file cannot be read.
-        """
-        try:
-            return hashlib.sha256(self.file.read_bytes()).hexdigest()
-        except OSError as error:
-            raise UserError(f"motion library {self.file} cannot be read: {error.strerror}; {MEND}") from error
+from bp2_rl.settings.gait import CollocationConfig
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,8 +13,9 @@ import pytest
 from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.physics.interface import AGES, Impl, in_force
+from bp2_rl.env.physics.interface import AGES, in_force
 from bp2_rl.errors import UserError
+from bp2_rl.settings.env import Impl
 
 ROBOTS, STEPS = 64, 100
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)

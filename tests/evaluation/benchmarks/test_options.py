@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from bp2_rl.env.config import CommandConfig, EnvConfig
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_operator, describe_ramp, speed_to_command
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.settings.env import CommandConfig, EnvConfig
 
 
 @pytest.mark.parametrize(

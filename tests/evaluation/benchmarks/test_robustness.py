@@ -9,7 +9,6 @@ from PIL import Image
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.env.commands import fastest_turn
-from bp2_rl.env.config import CommandConfig, RandomizationConfig
 from bp2_rl.evaluation.benchmarks import robustness as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.robustness import (
@@ -27,6 +26,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
 )
 from bp2_rl.evaluation.report import folder
 from bp2_rl.evaluation.runs.batch import BatchRun
+from bp2_rl.settings.env import CommandConfig, RandomizationConfig
 
 DT = 5e-3
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.config import EnvConfig, RandomizationConfig
 from bp2_rl.env.controller import Controller
 from bp2_rl.evaluation.runs import rollout
 from bp2_rl.evaluation.runs.batch import rollout_batch
 from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 
 TROTTING = EnvConfig()  # the action is added to the kinematic gait
 SCHEDULE = Ramp((1.0, 0.0, 0.0), hold=0.2)

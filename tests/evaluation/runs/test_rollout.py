@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.env.config import ControlConfig, EnvConfig, TerminationConfig
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.termination import fall
 from bp2_rl.errors import UserError
@@ -25,6 +24,7 @@ from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec
+from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()  # the action is added to the kinematic gait

@@ -4,9 +4,16 @@ import dataclasses
 from typing import Annotated, Literal
 
 from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.env.bp2_env import Impl
-from bp2_rl.env.config import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig, RewardConfig
-from bp2_rl.learning.ppo import PPOConfig
+from bp2_rl.settings.env import (
+    CommandConfig,
+    CurriculumConfig,
+    EnvConfig,
+    Impl,
+    RandomizationConfig,
+    ResetConfig,
+    RewardConfig,
+)
+from bp2_rl.settings.ppo import PPOConfig
 
 Stage = Literal["imitation", "relaxed"]
 Preset = Literal["smoke", "cpu", "gpu"]

@@ -8,11 +8,8 @@ import tyro
 from bp2_rl.bounds import Range, Share, Within, check_bounds
 from bp2_rl.config import ConfigError
 from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.gait import CollocationConfig, CollocationGait
-from bp2_rl.gait.kinematic import KinematicConfig, KinematicGait
-from bp2_rl.gait.reference import ReferenceMotion
-from bp2_rl.gait.standing import Standing
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.gait import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
@@ -20,6 +17,8 @@ Extent = Annotated[float, Within(0.001, 1000.0)]
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
+Impl = Literal["jax", "warp", "c"]
+"""Implementations of the physics."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,22 +148,6 @@ class EnvConfig:
             raise UserError(f"curriculum.start_speed ({speed:g}) must be at most commands.max_forward ({fastest:g})")
         if self.commands.hold_time[1] == 0.0:
             raise UserError("commands.hold_time must end above 0")
-        lowest, height = self.termination.min_height, self.motion.height
-        if lowest >= height:
-            raise UserError(
-                f"termination.min_height ({lowest:g}) must be below the reference's height of {height:.3f} m"
-            )
-
-    @property
-    def motion(self) -> ReferenceMotion:
-        """The reference motion that `reference` names, on this robot."""
-        match self.reference:
-            case "kinematic":
-                return KinematicGait(**vars(self.gait), hardware=self.hardware)
-            case "collocation":
-                return CollocationGait(**vars(self.library), hardware=self.hardware)
-            case "none":
-                return Standing(self.hardware)
 
 
 def upgrade(data: Any) -> Any:
