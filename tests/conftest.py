@@ -42,6 +42,9 @@ import numpy as np  # noqa: E402
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
 jaxtyping.Array = jax.Array | np.ndarray
 
+# `jax_numpy_rank_promotion = "raise"` is not for us: MJX's step (mjx/_src/smooth.py, constraint.py, passive.py) and
+# Brax's normaliser (running_statistics.py) promote ranks themselves, within every program that a test compiles.
+
 # JAX rebuilds its pytrees with whatever it maps over them: batches, shapes, shardings. So these are not checked when
 # made; the functions that make and take their parts are. `flax.struct.PyTreeNode` makes its subclasses by it, too.
 _struct_dataclass = flax.struct.dataclass

@@ -233,7 +233,7 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
     """Those of `PARTS` that are named and that the learner has, one by one; `training` consumes `state`."""
     env, networks = learner.fleet.env, (state.params, state.normalizer)
     keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
-    keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner._sharded)
+    keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner.robots)
     if "physics" in names and isinstance(env, BP2Env):
         yield _physics(learner, env, state)
     if "environment" in names:
@@ -302,7 +302,7 @@ def _reset(learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array) -
 
 
 def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array) -> tuple[envs.State, Any]:
-    fleet, *rest = learner._unroll(params, normalizer, fleet, keys)
+    fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
     return fleet, rest
 
 
@@ -315,7 +315,7 @@ def _repeat(learner: PPO, observations: Any) -> Any:
 
 def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array) -> Part:
     def act(carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any) -> tuple[tuple[()], Any]:
-        infer = jax.vmap(learner._infer((normalizer, params.policy)))
+        infer = jax.vmap(learner.infer((normalizer, params.policy)))
 
         def control_step(time: jax.Array, observation: Any) -> tuple[jax.Array, Any]:
             return time + 1, infer(observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys))
@@ -330,11 +330,11 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
-        params, optimizer, metrics = learner._improve(params, normalizer, optimizer, data, key)
+        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key)
         return (params, optimizer), metrics
 
     fixed = (state.normalizer, data, state.key)
-    program = jax.jit(improve, out_shardings=learner._replicated)
+    program = jax.jit(improve, out_shardings=learner.everywhere)
     return Part("sgd", program, (state.params, state.optimizer), fixed)
 
 
@@ -353,7 +353,7 @@ def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> T
             extras={"policy_extras": extras, "state_extras": {"truncation": zeros}},  # pyright: ignore[reportArgumentType]
         )
 
-    return jax.jit(build, out_shardings=learner._sharded)(observations, actions, extras)
+    return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
 
 def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> Part:
@@ -363,7 +363,7 @@ def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> Part:
     def act(carry: tuple[Any, jax.Array], params: Any, normalizer: Any) -> tuple[tuple[Any, jax.Array], Any]:
         fleet, key = carry
         key, now = jax.random.split(key)
-        policy = learner._infer((normalizer, params.policy))
+        policy = learner.infer((normalizer, params.policy))
         fleet, data = acting.generate_unroll(env, fleet, policy, now, config.unroll_length, ("truncation",))
         return (fleet, key), data
 

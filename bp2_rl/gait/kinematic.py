@@ -106,7 +106,7 @@ class KinematicGait(KinematicConfig):
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
         s2 = square_speed(command)
-        return s2 / (s2 + self.start_speed**2)
+        return s2 / (s2 + self.stepping_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The part of a spring's compression that does not change with time, m: all of it when standing."""

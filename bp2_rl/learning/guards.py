@@ -76,7 +76,7 @@ def explain(learner: PPO, state: TrainState) -> str:
         return f"before the train step: {found}"
     config = learner.config
     _, keys, key_sgd = learner.draw_keys(state)
-    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
     if found := _not_finite(data):
         return f"in the batch (of robots and times): {found}"
 

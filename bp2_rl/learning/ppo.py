@@ -49,6 +49,19 @@ class TrainState(struct.PyTreeNode):
 class PPO:
     """The learner for one environment.
 
+    A train step lets every robot act for T steps (`unroll`), and then descends the loss on minibatches of what came of
+    it (`improve`). With rewards r, values V, episodes that ended (e = 1; 0 else) and log probabilities l and l_old of
+    the actions under the policy and under the one that acted, Brax computes, backwards in time,
+
+        delta_t = r_t + gamma (1 - e_t) V_t+1 - V_t
+        v_t - V_t = delta_t + gamma lambda (1 - e_t) (v_t+1 - V_t+1)          the critic's targets (GAE)
+        A_t = r_t + gamma (1 - e_t) v_t+1 - V_t                               normalised over a minibatch
+        rho_t = exp(l_t - l_old_t)
+        loss = -mean min(rho A, clip(rho, 1 - epsilon, 1 + epsilon) A) + c_v/2 mean (v - V)^2 - c_e mean entropy
+
+    v - V, delta and A are 0 at a step at which the time limit cut an episode short. gamma is `discounting`, lambda
+    `gae_lambda`, epsilon `clipping`, c_v `value_coefficient` and c_e `entropy_cost`.
+
     Args:
         env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
             `privileged_state`.
@@ -69,21 +82,20 @@ class PPO:
                 f"{self.mesh.size} devices: use 1, 2, 4 ... up to {MAX_BLOCKS}, and make ppo.num_envs / "
                 "ppo.num_minibatches a multiple of that"
             )
-        self._sharded = NamedSharding(self.mesh, PartitionSpec("robots"))
-        self._replicated = NamedSharding(self.mesh, PartitionSpec())
+        self.robots = NamedSharding(self.mesh, PartitionSpec("robots"))  # of arrays that have a row a robot
+        self.everywhere = NamedSharding(self.mesh, PartitionSpec())  # of all others
         self.network = make_networks(env, config)
-        self._infer = networks.make_inference_fn(self.network)
+        # (normaliser, policy) -> (observation, key) -> (action, extras): it explores.
+        self.infer = networks.make_inference_fn(self.network)
         self._optimizer = optax.chain(
             optax.clip_by_global_norm(config.max_grad_norm),
             optax.inject_hyperparams(optax.adam)(learning_rate=config.learning_rate),
         )
-        self.train_step = jax.jit(
-            self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self._replicated)
-        )
+        self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
 
     def init(self, seed: int) -> TrainState:
         """The state before the first train step, spread over the mesh."""
-        key = jax.device_put(jax.random.PRNGKey(seed), self._replicated)
+        key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
         return jax.jit(self._init, out_shardings=self.shardings())(key)
 
     def shape(self) -> TrainState:
@@ -97,8 +109,8 @@ class PPO:
 
     def shardings(self) -> TrainState:
         """Where each part of the state lives: robots are spread, all else is on every device."""
-        whole: Any = self._replicated  # one sharding stands for all the leaves below it
-        robots: Any = self._sharded
+        whole: Any = self.everywhere  # one sharding stands for all the leaves below it
+        robots: Any = self.robots
         return TrainState(params=whole, normalizer=whole, optimizer=whole, fleet=robots, key=whole, step=whole)
 
     # --- One train step, top down --------------------------------------------------------------------------------
@@ -127,8 +139,8 @@ class PPO:
 
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, keys, key_sgd = self.draw_keys(state)
-        fleet, data, metrics = self._unroll(state.params, state.normalizer, state.fleet, keys)
-        params, optimizer, sgd_metrics = self._improve(state.params, state.normalizer, state.optimizer, data, key_sgd)
+        fleet, data, metrics = self.unroll(state.params, state.normalizer, state.fleet, keys)
+        params, optimizer, sgd_metrics = self.improve(state.params, state.normalizer, state.optimizer, data, key_sgd)
         # After the gradient steps, so that these see the observations as the behaviour policy did.
         normalizer = running_statistics.update(state.normalizer, data.observation)
         after = TrainState(params, normalizer, optimizer, fleet, key, state.step + 1)
@@ -143,7 +155,7 @@ class PPO:
         key, key_unroll, key_sgd = jax.random.split(state.key, 3)
         return key, jax.random.split(key_unroll, self.config.num_envs), key_sgd
 
-    def _unroll(
+    def unroll(
         self,
         params: losses.PPONetworkParams,
         normalizer: running_statistics.RunningStatisticsState,
@@ -170,7 +182,7 @@ class PPO:
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
         """The same for the robots of one device; each robot draws from its own key."""
-        act = jax.vmap(self._infer((normalizer, params.policy)))
+        act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(partial(jax.random.split, num=3))(keys)
         bank = self.fleet.bank(fleet, split[:, 0])
 
@@ -201,7 +213,7 @@ class PPO:
         data = data._replace(next_observation=jax.tree.map(lambda x: x[:, None], fleet.obs))
         return fleet, data, jax.tree.map(lambda x: x / length, sums)
 
-    def _improve(
+    def improve(
         self,
         params: losses.PPONetworkParams,
         normalizer: running_statistics.RunningStatisticsState,
@@ -269,9 +281,9 @@ class PPO:
     def deal(self, data: Transition, key: Array) -> tuple[Transition, Array]:
         """The minibatches of an epoch, and a key for each."""
         key_shuffle, key_loss = jax.random.split(key)
-        return self._minibatches(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
+        return self.minibatches(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
 
-    def _minibatches(self, data: Any, key: Array) -> Any:
+    def minibatches(self, data: Any, key: Array) -> Any:
         """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
         config = self.config
         blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks

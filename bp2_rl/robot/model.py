@@ -75,6 +75,23 @@ def load_model(
     return model
 
 
+def let_converge(
+    model: mujoco.MjModel, *, iterations: int = 100, line_search: int = 50, tolerance: float | None = None
+) -> None:
+    """Let C MuJoCo's solver run until it has converged, and a state gone bad stay visible instead of being reset.
+
+    Args:
+        model: to be changed.
+        iterations: of the solver in a step, at most; with the usual tolerance mostly two do.
+        line_search: likewise in each of them.
+        tolerance: scaled residual at which it is done; None for that of the model.
+    """
+    model.opt.iterations, model.opt.ls_iterations = iterations, line_search
+    if tolerance is not None:
+        model.opt.tolerance = tolerance
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
 def load_spec(hardware: HardwareSpec = BP2, *, xml: Path | None = None) -> mujoco.MjSpec:
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
     path = _scene(xml)

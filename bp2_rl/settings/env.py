@@ -154,7 +154,8 @@ def upgrade(data: Any) -> Any:
     """The JSON of a policy's card or of a run's settings, made by any version, as `from_json` of this one reads it.
 
     Once both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
-    nothing is lost without them; a file in which one differs was never written by us.
+    nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
+    begins to step had the name of the curriculum's first speed.
 
     Raises:
         ConfigError: a gait is of another robot than the environment.
@@ -165,8 +166,10 @@ def upgrade(data: Any) -> Any:
     changed = dict(env)
     for name in ("gait", "library"):
         gait = env.get(name)
-        if isinstance(gait, dict) and "hardware" in gait:
-            if gait["hardware"] != env.get("hardware"):
-                raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
-            changed[name] = {key: value for key, value in gait.items() if key != "hardware"}
+        if not isinstance(gait, dict):
+            continue
+        if gait.get("hardware", env.get("hardware")) != env.get("hardware"):
+            raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
+        names = {"start_speed": "stepping_speed"}
+        changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
     return data | {"env": changed}

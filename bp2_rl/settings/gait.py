@@ -29,7 +29,8 @@ class KinematicConfig:
     follow_through: Annotated[int, Within(2, 100)] = 7
     """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
     landing: Share = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
-    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.2  # m/s, the scale on which stepping grows out of standing
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.2
+    """m/s, the scale on which stepping grows out of standing"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -46,7 +47,8 @@ class CollocationConfig:
     """Which motion library is played, and how it grows out of standing."""
 
     path: str = ""  # of the library; empty: the one that ships
-    start_speed: Annotated[float, Within(0.001, 100.0)] = 0.4  # m/s, below which steps shrink, to nothing when standing
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
+    """m/s, below which steps shrink, to nothing when standing"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field; the library is read at first use."""

@@ -138,7 +138,7 @@ def test_gradient_steps_are_timed_on_data_like_the_learners():
     *_, sgd = make_parts(learner, state, ["sgd"])
     ours = sgd.fixed[1]
     keys = jax.random.split(jax.random.PRNGKey(0), TINY.num_envs)
-    _, theirs, _ = jax.eval_shape(learner._unroll, state.params, state.normalizer, state.fleet, keys)
+    _, theirs, _ = jax.eval_shape(learner.unroll, state.params, state.normalizer, state.fleet, keys)
     assert jax.tree.structure(ours) == jax.tree.structure(theirs)
     assert jax.tree.map(lambda x: (x.shape, x.dtype), ours) == jax.tree.map(lambda x: (x.shape, x.dtype), theirs)
     (params, _), metrics = sgd.program(sgd.carry, *sgd.fixed)

@@ -142,7 +142,7 @@ def main(out: str) -> None:
     learner = PPO(Aim(), TINY)
     state, _ = train(learner, 20)
     keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)
-    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
     unequal = data._replace(reward=data.reward + 10.0 * jnp.arange(TINY.num_envs)[:, None])
     gradient = jax.jit(jax.grad(lambda params, data: learner.loss(params, state.normalizer, data, keys[0])[0]))
 

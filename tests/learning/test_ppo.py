@@ -57,7 +57,7 @@ def test_loss_and_gradient_are_braxs_on_the_same_batch():
     learner = PPO(Aim(ends_after=3), config)
     state = learner.init(1)
     keys = jax.random.split(jax.random.PRNGKey(2), config.num_envs)
-    _, data, _ = jax.jit(learner._unroll)(state.params, state.normalizer, state.fleet, keys)
+    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
     # Networks that have moved since the batch was collected: ratios differ from 1 and some are clipped.
     params = jax.tree.map(lambda x: x + 0.1 * jnp.cos(jnp.arange(x.size)).reshape(x.shape), state.params)
     brax_loss = functools.partial(
@@ -81,7 +81,7 @@ def test_one_train_step_is_its_parts_done_by_hand():
     state = learner.init(4)
     key, key_unroll, key_sgd = jax.random.split(state.key, 3)
     keys = jax.random.split(key_unroll, config.num_envs)
-    _, data, _ = learner._unroll(state.params, state.normalizer, state.fleet, keys)
+    _, data, _ = learner.unroll(state.params, state.normalizer, state.fleet, keys)
     gradient = jax.grad(lambda p: learner.loss(p, state.normalizer, data, key_sgd)[0])(state.params)
     norm = np.sqrt(sum(np.sum(np.square(g)) for g in jax.tree.leaves(gradient)))
     scale = min(1.0, config.max_grad_norm / norm)
@@ -114,7 +114,7 @@ def test_minibatches_hold_every_robot_once_with_equal_shares_of_each_block():
     config = dataclasses.replace(TINY, num_envs=64, num_minibatches=4)
     learner = PPO(Aim(), config)
     robots = jnp.arange(64)[:, None]
-    batches = np.asarray(jax.jit(learner._minibatches)(robots, jax.random.PRNGKey(0)))[..., 0]
+    batches = np.asarray(jax.jit(learner.minibatches)(robots, jax.random.PRNGKey(0)))[..., 0]
     assert batches.shape == (4, 16)
     assert sorted(batches.ravel()) == list(range(64))
     assert not np.array_equal(batches.ravel(), np.arange(64))

@@ -42,6 +42,14 @@ def test_settings_of_before_are_those_of_today():
     assert load_run_config(BEFORE) == make_config("imitation", "smoke")
 
 
+def test_the_speeds_at_which_gaits_begin_to_step_keep_their_values(old_policy):
+    card = json.loads((old_policy / "card.json").read_text())
+    card["env"]["library"]["start_speed"] = 0.37
+    (old_policy / "card.json").write_text(json.dumps(card))
+    env = load_policy(old_policy).card.env
+    assert (env.library.stepping_speed, env.gait.stepping_speed) == (0.37, 0.2)
+
+
 def test_settings_of_today_stay_as_they_are():
     today = to_json(TrainConfig())
     assert upgrade(copy.deepcopy(today)) == today

@@ -30,7 +30,7 @@ from bp2_rl.env.randomization import Randomization, randomize_actuator, randomiz
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, load_model
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
 
 FASTEST = 1e4
@@ -86,8 +86,7 @@ class _Host:
 
     def __init__(self, hardware: HardwareSpec, motors: Actuator):
         self._model, self._motors = load_model(hardware, visual=False, trunk_contact=False, foot_sensors=True), motors
-        self._model.opt.iterations, self._model.opt.ls_iterations = 100, 50  # the tolerance ends it, mostly after two
-        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        let_converge(self._model)
         self._models = _Models(self._model)
         self._rest = np.concatenate([[0.0], self._model.key("stand").qpos, np.zeros(NV)])
         self._lock = threading.Lock()  # several devices share the processors: one batch after the other

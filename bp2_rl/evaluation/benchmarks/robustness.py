@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_ramp
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.batch import FleetRun, rollout_fleet
+from bp2_rl.evaluation.runs.batch import BatchRun, rollout_batch
 from bp2_rl.evaluation.runs.metrics import RIPPLE
 from bp2_rl.evaluation.runs.rollout import Ramp
 from bp2_rl.learning.policy import Policy
@@ -71,7 +71,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
     robots, seed = setup.robots or ROBOTS, setup.seed or 0
     drawn = RandomizationConfig()
-    run = rollout_fleet(
+    run = rollout_batch(
         policy,
         ramp,
         policy.card.env,
@@ -148,7 +148,7 @@ def _range(bounds: tuple[float, float]) -> str:
 # --- What is measured ----------------------------------------------------------------------------------------
 
 
-def measure_fleet(run: FleetRun) -> RobustnessMetrics:
+def measure_fleet(run: BatchRun) -> RobustnessMetrics:
     """All that a fleet is judged by."""
     upright = np.isinf(run.fell_at)
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
@@ -268,7 +268,7 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
 
 
 @styled
-def fleet_figure(run: FleetRun) -> Figure:
+def fleet_figure(run: BatchRun) -> Figure:
     """Quantile bands of the speed over time."""
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Axes = figure.subplots()

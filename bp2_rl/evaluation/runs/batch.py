@@ -19,7 +19,7 @@ from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import ActionFunction, Schedule, sampled_commands
-from bp2_rl.evaluation.runs.trajectory import heading as yaw
+from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 
@@ -27,7 +27,7 @@ Array = Any  # numpy or jax array
 
 
 @dataclasses.dataclass(frozen=True)
-class FleetRun:
+class BatchRun:
     """What N robots did, sampled at each of T control steps; samples after a robot's fall mean nothing."""
 
     time: Float[np.ndarray, " T"]  # s
@@ -39,7 +39,7 @@ class FleetRun:
     steady_from: float  # s, from when the command is held
 
 
-def rollout_fleet(
+def rollout_batch(
     policy: ActionFunction,
     schedule: Schedule,
     config: EnvConfig,
@@ -49,7 +49,7 @@ def rollout_fleet(
     randomization: RandomizationConfig | None = None,
     operator: HeadingHold = HEADING_HOLD,
     impl: Literal["c", "jax"] = "c",
-) -> FleetRun:
+) -> BatchRun:
     """Run many robots from a standing start, each with its own draw of `randomization`.
 
     Args:
@@ -76,7 +76,7 @@ def rollout_fleet(
 
         def step(state, action):
             qpos = state.pipeline_state.physics.qpos
-            return env.step(state, action, command=operator.steer(command, qpos[1], yaw(qpos[3:7])))
+            return env.step(state, action, command=operator.steer(command, qpos[1], yaw_of(qpos[3:7])))
 
         state = jax.vmap(step)(state, actions)
         after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
@@ -93,7 +93,7 @@ def rollout_fleet(
     drawn, (speed, offset, down) = jax.device_get(run(keys, jnp.asarray(commands, jnp.float32)))
     steps = len(commands) - 1
     time = specs.CONTROL_STEP * np.arange(1, steps + 1)
-    return FleetRun(
+    return BatchRun(
         time=time,
         command=commands[1:, 0],
         speed=np.asarray(speed, np.float64),

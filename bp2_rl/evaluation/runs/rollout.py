@@ -22,11 +22,11 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.trajectory import Trajectory, heading
+from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
 from bp2_rl.robot import dynamics, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.mjx import mjx
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, load_model
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
@@ -105,8 +105,9 @@ class Numerics:
     def apply(self, model: mujoco.MjModel) -> None:
         """Set the model's options; the physics alone changes, not the robot."""
         model.opt.timestep = DT / self.steps
-        model.opt.iterations, model.opt.ls_iterations = self.iterations, self.line_search_iterations
-        model.opt.tolerance = self.tolerance
+        let_converge(
+            model, iterations=self.iterations, line_search=self.line_search_iterations, tolerance=self.tolerance
+        )
 
 
 JUDGE = Numerics()
@@ -168,11 +169,25 @@ def _millisecond(
     updates = numerics.steps if numerics.motors_each_step else 1
     torques = []
     for _ in range(updates):
-        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-        data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, q_target, qd_target, DT / updates)
-        torques.append(data.ctrl.copy())
-        mujoco.mj_step(model, data, nstep=numerics.steps // updates)
+        torques.append(_step(model, data, motors, q_target, qd_target, DT / updates, numerics.steps // updates))
     return torques[0]
+
+
+def _step(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    motors: Actuator,
+    q_target: Float[np.ndarray, "12"],
+    qd_target: Float[np.ndarray, "12"],
+    seconds: float,
+    steps: int = 1,
+) -> Float[np.ndarray, "12"]:
+    """The motors' torque, Nm, computed once and held for so many seconds and physics steps."""
+    q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+    data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, q_target, qd_target, seconds)
+    torque = data.ctrl.copy()
+    mujoco.mj_step(model, data, nstep=steps)
+    return torque
 
 
 def rollout_mjx(
@@ -251,7 +266,6 @@ def converged_model(config: EnvConfig) -> mujoco.MjModel:
     """BP2 for C MuJoCo with the solver run to convergence; a state gone bad stays visible instead of being reset."""
     model = load_model(config.hardware, visual=False)
     JUDGE.apply(model)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
 
 
@@ -262,9 +276,7 @@ def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:
     motors = motors_of(config)
     stand, still = data.qpos[MOTOR_QPOS], np.zeros(specs.NUM_MOTORS)
     for _ in range(round(SETTLING_TIME / DT)):
-        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-        data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, stand, still, DT)
-        mujoco.mj_step(model, data)
+        _step(model, data, motors, stand, still, DT)
         data.qvel *= 1.0 - SETTLING_DAMPING * DT
     data.qpos[:2] = 0.0
     data.qvel[:] = 0.0
@@ -294,7 +306,7 @@ def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHo
     def control(state, command, qpos, qvel, scheduled):
         command, qpos, qvel, scheduled = (jnp.asarray(x, jnp.float32) for x in (command, qpos, qvel, scheduled))
         action = policy(controller.observe(state, command, measure(qpos, qvel)))
-        next_command = operator.steer(scheduled, qpos[1], heading(qpos[3:7]))
+        next_command = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
         # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
         return *controller.act(state, command, action), next_command
 

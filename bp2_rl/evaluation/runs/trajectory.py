@@ -85,7 +85,7 @@ class Trajectory:
     @property
     def heading(self) -> Float[np.ndarray, " N"]:
         """Yaw, rad, without jumps: where the trunk's x axis points on the ground."""
-        return np.unwrap(heading(self.qpos[:, 3:7]))
+        return np.unwrap(yaw_of(self.qpos[:, 3:7]))
 
     @property
     def ground_velocity(self) -> Float[np.ndarray, "N 2"]:
@@ -141,7 +141,7 @@ class _Facts:
     backend: str
 
 
-def heading(quaternion: Any) -> Any:
+def yaw_of(quaternion: Any) -> Any:
     """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
     xp = quaternion.__array_namespace__()
     w, x, y, z = (quaternion[..., i] for i in range(4))

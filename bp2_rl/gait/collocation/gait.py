@@ -94,8 +94,8 @@ class CollocationGait(CollocationConfig):
         return jnp.minimum(command[..., 0], self._table.speeds[-1].astype(command.dtype))
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """0 when standing, 1 from `start_speed` on, with a continuous derivative."""
-        y = jnp.minimum(square_speed(command) / self.start_speed**2, 1.0)
+        """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
+        y = jnp.minimum(square_speed(command) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_Stride":

@@ -25,19 +25,19 @@ from bp2_rl.evaluation.benchmarks.robustness import (
     wilson_interval,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.evaluation.runs.batch import FleetRun
+from bp2_rl.evaluation.runs.batch import BatchRun
 from bp2_rl.settings.env import CommandConfig, RandomizationConfig
 
 DT = 5e-3
 
 
-def make_fleet(speeds, fell_at=None, duration=4.0) -> FleetRun:
+def make_fleet(speeds, fell_at=None, duration=4.0) -> BatchRun:
     """Robots that rise to their speeds within a second and hold them, each 0.1 m farther off the line than the last."""
     speeds = np.asarray(speeds, float)
     count = len(speeds)
     time = DT * np.arange(1, round(duration / DT) + 1)
     rise = np.minimum(time, 1.0)
-    return FleetRun(
+    return BatchRun(
         time=time,
         command=10.0 * rise,
         speed=rise[:, None] * speeds,
@@ -128,7 +128,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
         asked.update(rest, schedule=schedule)
         return make_fleet([9.0, 9.5])
 
-    monkeypatch.setattr(module, "rollout_fleet", rollout)
+    monkeypatch.setattr(module, "rollout_batch", rollout)
     policy, setup = make_policy(results={"topspeed": {"commanded_speed": 16.0}}), Setup(backend=backend)
     evaluation = robustness(policy, ramp_to_robustness(policy, setup), setup)
     ramp = asked["schedule"]

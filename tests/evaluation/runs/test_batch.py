@@ -10,7 +10,7 @@ import pytest
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
 from bp2_rl.evaluation.runs import rollout
-from bp2_rl.evaluation.runs.batch import rollout_fleet
+from bp2_rl.evaluation.runs.batch import rollout_batch
 from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
@@ -45,7 +45,7 @@ def alone(monkeypatch):
 
 
 def test_a_robot_as_designed_runs_as_it_does_alone(alone):
-    fleet = rollout_fleet(no_action, SCHEDULE, TROTTING, robots=1, randomization=NOMINAL)
+    fleet = rollout_batch(no_action, SCHEDULE, TROTTING, robots=1, randomization=NOMINAL)
     after = slice(5, None, 5)  # a fleet's samples are those at the end of each control step
     steps = len(alone.time[after])
     np.testing.assert_allclose(fleet.time[:steps], alone.time[after])
@@ -63,7 +63,7 @@ def test_a_robot_as_designed_runs_as_it_does_alone(alone):
 @pytest.fixture(scope="module")
 def falling():
     """Twelve robots as they are drawn, under a policy that throws them over."""
-    return rollout_fleet(kick, Ramp((3.0, 0.0, 0.0), hold=0.25), TROTTING, robots=12, seed=3)
+    return rollout_batch(kick, Ramp((3.0, 0.0, 0.0), hold=0.25), TROTTING, robots=12, seed=3)
 
 
 def test_fallen_robots_are_known_by_the_time_of_their_fall(falling):

@@ -20,7 +20,7 @@ from bp2_rl.evaluation.runs.rollout import (
     rollout_mujoco,
     standing_start,
 )
-from bp2_rl.evaluation.runs.trajectory import heading
+from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec
@@ -91,7 +91,7 @@ def test_standing_start_is_at_rest_at_the_origin():
     assert np.max(np.abs(data.qvel)) < 5e-3
     assert data.qpos[2] == pytest.approx(0.55, abs=0.015)
     np.testing.assert_array_equal(rest[:2], 0.0)
-    assert heading(data.qpos[3:7]) == pytest.approx(0.0, abs=1e-3)
+    assert yaw_of(data.qpos[3:7]) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_feet_of_a_standing_robot_carry_its_weight():

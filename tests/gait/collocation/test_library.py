@@ -227,7 +227,7 @@ def test_a_stance_foot_moves_with_the_ground(made):
     foot, velocity = centres(now), (centres(after) - centres(before)) / 2e-6
     vx, vy, yaw_rate = now.velocity[..., :1], WITHIN[:, 1:2], WITHIN[:, 2:]
     ground = np.stack([-vx + yaw_rate * foot[..., 1], -vy - yaw_rate * foot[..., 0]], axis=-1)
-    stepping = np.hypot(*WITHIN[:, :2].T) > made.start_speed  # slower, every foot counts as standing
+    stepping = np.hypot(*WITHIN[:, :2].T) > made.stepping_speed  # slower, every foot counts as standing
     stands = np.stack([r.contact[:, stepping] for r in (now, before, after)]).all(axis=0)
     assert stands.sum() > 1000
     np.testing.assert_allclose(velocity[:, stepping][stands][:, :2], ground[:, stepping][stands], atol=1e-3)
@@ -236,7 +236,7 @@ def test_a_stance_foot_moves_with_the_ground(made):
 def test_feet_that_stand_are_on_the_ground_and_no_others_below_it(made):
     """At any command within reach; 2e-6 m is what float32 and cubics leave of the kinematic gait's own level ground."""
     reference = sample(made, COMMANDS, PHASES)
-    stepping = np.abs(COMMANDS).max(axis=1) > made.start_speed
+    stepping = np.abs(COMMANDS).max(axis=1) > made.stepping_speed
     height, stands = clearance(reference), reference.contact == 1
     assert height.min() > -1e-6
     np.testing.assert_allclose(height[:, stepping][stands[:, stepping]], 0.0, atol=4e-6)
@@ -403,7 +403,7 @@ def test_steps_grow_smoothly_out_of_standing(made):
         assert (np.diff(lift[:-1]) > 0).all()
     slope = jax.jit(jax.vmap(jax.jacfwd(lambda c, p: made(c, p).joint_position)))
     phase = jnp.linspace(0.0, 1.0, 40)
-    for here, there in ((0.0, 1e-4), (made.start_speed - 1e-4, made.start_speed + 1e-4)):
+    for here, there in ((0.0, 1e-4), (made.stepping_speed - 1e-4, made.stepping_speed + 1e-4)):
         at, near = (np.asarray(slope(jnp.tile(jnp.array([v, 0.0, 0.0]), (40, 1)), phase)) for v in (here, there))
         assert np.abs(at).max() < 4.0
         assert np.abs(near - at).max() < 0.02
@@ -446,9 +446,9 @@ def test_the_config_is_its_fields_alone(made):
     """Equal, hashed and written without the table, which is read once."""
     sample(made, [1.0, 0.0, 0.0], 0.0)
     assert config.from_json(CollocationGait, config.to_json(made)) == made
-    assert set(config.to_json(made)) == {"path", "start_speed", "hardware"}
+    assert set(config.to_json(made)) == {"path", "stepping_speed", "hardware"}
     assert hash(dataclasses.replace(made)) == hash(made)
-    assert made._table is dataclasses.replace(made, start_speed=0.3)._table
+    assert made._table is dataclasses.replace(made, stepping_speed=0.3)._table
 
 
 def test_the_height_is_the_least_that_the_motion_has_on_average(solved):
@@ -460,9 +460,9 @@ def test_the_height_is_the_least_that_the_motion_has_on_average(solved):
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_impossible_start_speeds_are_refused(value):
-    with pytest.raises(UserError, match=r"library\.start_speed"):
-        CollocationGait(start_speed=value)
+def test_impossible_stepping_speeds_are_refused(value):
+    with pytest.raises(UserError, match=r"library\.stepping_speed"):
+        CollocationGait(stepping_speed=value)
 
 
 def test_legs_of_another_length_are_refused(made):
