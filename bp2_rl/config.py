@@ -18,7 +18,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import bp2_rl
 from bp2_rl.errors import UserError
-from bp2_rl.files import BadFileError, make_folder, read_json, write_text
+from bp2_rl.files import BadFileError, read_json, write_text
+from bp2_rl.folders import make_folder
 
 Config = TypeVar("Config")
 

@@ -1,19 +1,15 @@
-"""Files that are whole or not there, folders that belong to one, and strangers' files that are looked at before use.
+"""Files that are whole or not there, and strangers' files that are looked at before use.
 
 Everything that the package keeps is written by these functions, and everything that it reads back goes through
 `read_json` and `read_npz`: whatever such a file holds, it ends in the value wanted or in one line that says what is
-wrong with it.
+wrong with it. Folders are in `folders.py`.
 """
 
 import contextlib
-import errno
-import fcntl
 import io
 import json
 import math
 import os
-import re
-import shutil
 import struct
 import tokenize
 import zipfile
@@ -79,78 +75,6 @@ def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
 
 
-@contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill, which takes the place of `path` when the block ends, whole or not at all.
-
-    Killed at any moment, either the old folder or the new one is there under its name, or the old one is complete
-    under `.NAME.old`, where `find_folder` finds it and from where `restore_folder` brings it back.
-
-    Raises:
-        OSError: as `write_bytes`.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    restore_folder(path)
-    fresh, old = _aside(path, "new"), _aside(path, "old")
-    for leftover in (fresh, old):
-        if leftover.exists():
-            shutil.rmtree(leftover)
-    fresh.mkdir()
-    try:
-        yield fresh
-        for file in fresh.iterdir():
-            sync(file)
-        sync(fresh)
-        if path.exists():
-            path.rename(old)
-        fresh.rename(path)
-        sync(path.parent)
-    except BaseException:
-        restore_folder(path)
-        shutil.rmtree(fresh, ignore_errors=True)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def remove_folder(path: Path) -> None:
-    """Remove a folder so that, killed half-way, nothing of it is left under its name."""
-    doomed = _aside(Path(path), "gone")
-    Path(path).rename(doomed)
-    shutil.rmtree(doomed)
-
-
-def find_folder(path: Path) -> Path:
-    """Where the folder is that `new_folder` calls `path`: there, or set aside by a process that was killed."""
-    path = Path(path)
-    return path if path.exists() or not _aside(path, "old").is_dir() else _aside(path, "old")
-
-
-def folder_names(parent: Path) -> set[str]:
-    """Names of the folders in a folder, of those with an own name and those that `find_folder` finds aside."""
-    names = {entry.name for entry in Path(parent).iterdir() if entry.is_dir()}
-    asides = {name: match for name in names if (match := _ASIDE.fullmatch(name))}
-    return names - asides.keys() | {match[1] for match in asides.values() if match[2] == "old"}
-
-
-def restore_folder(path: Path) -> None:
-    """Undo what a process left that was killed between the two renames of `new_folder`."""
-    old = _aside(Path(path), "old")
-    if old.is_dir() and not Path(path).exists():
-        old.rename(path)
-
-
-def tidy(parent: Path) -> None:
-    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have left in a folder."""
-    for entry in list(Path(parent).iterdir()):
-        match = _ASIDE.fullmatch(entry.name)
-        if match and entry.is_dir():
-            if match[2] == "old":
-                restore_folder(entry.with_name(match[1]))
-            if entry.exists():
-                shutil.rmtree(entry)
-
-
 def flush(file: IO[Any] | io.IOBase) -> None:
     """Until what has been written to an open file is on disk."""
     file.flush()
@@ -166,11 +90,18 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _aside(path: Path, kind: str) -> Path:
-    return path.with_name(f".{path.name}.{kind}")
-
-
-_ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
+def require_name(path: Path) -> None:
+    """Raise `UserError` unless a file or a folder can be called so, whether there is one or not."""
+    try:
+        str(path).encode()
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
+        name = ascii(str(path))
+        name = name if len(name) <= 60 else f"{name[:57]}..."
+        what = error.strerror if isinstance(error, OSError) else "it holds a NUL or bytes that are not UTF-8"
+        raise UserError(f"no file or folder can be called {name}: {what}") from error
 
 
 # --- Reading -------------------------------------------------------------------------------------------------
@@ -336,69 +267,3 @@ def _describe(spec: ArraySpec, sizes: Mapping[str, int]) -> str:
     name = spec.dtype.__name__ if isinstance(spec.dtype, type) else str(spec.dtype)
     shape = [sizes.get(size, size) if isinstance(size, str) else "any" if size is None else size for size in spec.shape]
     return f"{name}[{', '.join(map(str, shape))}]"
-
-
-# --- Folders that are somebody's -----------------------------------------------------------------------------
-
-LOCK = ".lock"
-"""The file in a folder that `lock_folder` locks; it stays there."""
-
-
-def require_name(path: Path) -> None:
-    """Raise `UserError` unless a file or a folder can be called so, whether there is one or not."""
-    try:
-        str(path).encode()
-        os.stat(path)
-    except (FileNotFoundError, NotADirectoryError, PermissionError):
-        pass
-    except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
-        name = ascii(str(path))
-        name = name if len(name) <= 60 else f"{name[:57]}..."
-        what = error.strerror if isinstance(error, OSError) else "it holds a NUL or bytes that are not UTF-8"
-        raise UserError(f"no file or folder can be called {name}: {what}") from error
-
-
-@contextlib.contextmanager
-def lock_folder(folder: Path, busy: str) -> Iterator[int]:
-    """Keep other processes from working in an existing folder meanwhile; gives the lock's file descriptor.
-
-    A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the lock as well, so that it is not
-    free while one of them still works. It ends with the last of them, however that ends.
-
-    Args:
-        folder: of the work.
-        busy: the line for whoever comes second.
-
-    Where the file system knows no locks, as on some clusters, there is none.
-
-    Raises:
-        UserError: another process holds it, or the folder cannot be written.
-    """
-    try:
-        file = (Path(folder) / LOCK).open("w")
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(busy) from None
-        except OSError as error:
-            if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
-                raise
-        yield file.fileno()
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for results, before anything is computed for it.
-
-    Raises:
-        UserError: it cannot be made, or cannot be written.
-    """
-    require_name(folder)
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise UserError(f"cannot write to {folder}: choose another folder")
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error

@@ -4,7 +4,7 @@
     RUN/checkpoints/<step>/metadata.json    format, step, versions, config, types and shapes, a checksum of every file
     RUN/failed/<step>/                      the same, of the state that a train step could not leave
 
-A save is made by `files.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
+A save is made by `folders.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
 every reader finds the one before it; other leftovers are passed over, and removed by the next save.
 
 With several processes every one calls `host_copy`, `save_checkpoint` and `Saver.save` (they gather what lies on the
@@ -26,20 +26,8 @@ from jax.experimental import multihost_utils
 
 from bp2_rl.config import ConfigError, from_json, package_versions, seal, to_json, unseal
 from bp2_rl.errors import UserError
-from bp2_rl.files import (
-    ArraySpec,
-    BadFileError,
-    find_folder,
-    folder_names,
-    new_folder,
-    read_bytes,
-    read_json,
-    read_npz,
-    remove_folder,
-    tidy,
-    write_npz,
-    write_text,
-)
+from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, write_npz, write_text
+from bp2_rl.folders import find_folder, folder_names, new_folder, remove_folder, tidy
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2

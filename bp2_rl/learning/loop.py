@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from bp2_rl.config import config_hash, package_versions, to_json
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.files import find_folder
+from bp2_rl.folders import find_folder
 from bp2_rl.learning import cluster
 from bp2_rl.learning.checkpoint import (
     FAILED,

@@ -21,18 +21,8 @@ from jaxtyping import Float
 
 from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
 from bp2_rl.errors import UserError
-from bp2_rl.files import (
-    ArraySpec,
-    BadFileError,
-    find_folder,
-    new_folder,
-    read_bytes,
-    read_json,
-    read_npz,
-    require_name,
-    write_npz,
-    write_text,
-)
+from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, require_name, write_npz, write_text
+from bp2_rl.folders import find_folder, new_folder
 from bp2_rl.settings.env import EnvConfig, upgrade
 from bp2_rl.settings.ppo import Activation
 

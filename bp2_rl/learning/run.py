@@ -11,7 +11,8 @@ import numpy as np
 from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
-from bp2_rl.files import LOCK, lock_folder, require_name
+from bp2_rl.files import require_name
+from bp2_rl.folders import LOCK, lock_folder
 from bp2_rl.learning import cluster, guards, loop
 from bp2_rl.learning.checkpoint import (
     CHECKPOINTS,

@@ -10,7 +10,7 @@ from bp2_rl.config import load_config, save_config
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
-from bp2_rl.files import folder_names
+from bp2_rl.folders import folder_names
 from bp2_rl.learning.loop import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs

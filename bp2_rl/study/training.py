@@ -19,7 +19,7 @@ from pathlib import Path
 import jax
 
 from bp2_rl.config import claim_folder, config_hash
-from bp2_rl.files import find_folder, lock_folder, make_folder
+from bp2_rl.folders import find_folder, lock_folder, make_folder
 from bp2_rl.learning.loop import POLICIES, control_steps
 from bp2_rl.learning.run import load_run_config
 from bp2_rl.settings.training import Preset, make_config

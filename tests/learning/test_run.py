@@ -14,7 +14,7 @@ from bp2_rl.config import config_hash
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
-from bp2_rl.files import lock_folder
+from bp2_rl.folders import lock_folder
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize

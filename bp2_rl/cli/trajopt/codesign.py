@@ -8,7 +8,7 @@ from bp2_rl.bounds import check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.codesign.settings import CodesignSettings
 
 

@@ -13,7 +13,7 @@ from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Folder
 from bp2_rl.cli.trajopt.solutions import load_solutions
 from bp2_rl.errors import UserError
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import Speed
 
 

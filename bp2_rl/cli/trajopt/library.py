@@ -13,7 +13,7 @@ from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.cli.trajopt.solutions import save_family
 from bp2_rl.errors import UserError
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.family import FamilyConfig, build_family, steps_of
 
 

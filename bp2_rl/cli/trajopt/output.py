@@ -11,7 +11,7 @@ from rich.status import Status
 from rich.table import Table
 
 from bp2_rl.errors import UserError
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.solution import Solution
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder
 from bp2_rl.errors import UserError
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import Problem, Starts
 from bp2_rl.trajopt.solution import save_solution, speed_name
 

@@ -11,7 +11,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.errors import UserError
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
 
 

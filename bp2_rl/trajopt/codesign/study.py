@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bp2_rl.config import save_config
-from bp2_rl.files import make_folder
+from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.codesign.chain import solve_chains
 from bp2_rl.trajopt.codesign.scan import FLAT, Scan, scan_chains, scan_design
 from bp2_rl.trajopt.codesign.search import Row, cheapest, find_designs, optimise_design, refined
