@@ -221,6 +221,7 @@ def test_an_integer_that_no_number_can_hold_is_refused_by_its_key():
         from_json(TrainConfig, {"env": {"commands": {"max_forward": 10**400}}})
 
 
+@pytest.mark.attack
 def test_whatever_a_config_file_holds_it_is_read_or_refused(tmp_path: Path):
     path = tmp_path / "config.json"
     for text in strange_json(to_json(make_config("imitation", "smoke")), 1000):

@@ -57,6 +57,7 @@ def test_arrays_come_back_as_they_were_and_only_those_wanted(archive):
         ({"a": ArraySpec(np.floating, ("n", 3)), "other": ArraySpec(np.floating, ("n",))}, r"expected floating\[5\]"),
     ],
 )
+@pytest.mark.attack
 def test_other_arrays_than_wanted_are_refused_by_name(archive, wanted, complaint):
     with pytest.raises(BadFileError, match=complaint):
         read_npz(archive[0], wanted)

@@ -271,6 +271,7 @@ def test_an_error_of_the_training_is_not_hidden_by_one_of_its_last_save(tmp_path
 
 
 # --- Readers and kills ------------------------------------------------------------------------------------------
+@pytest.mark.attack
 def test_readers_only_ever_see_whole_checkpoints(tmp_path: Path):
     """A reader that polls during many saves restores a state that one save wrote, never a mixture."""
     state = {"x": jnp.zeros(1000), "y": jnp.zeros(1000)}
@@ -477,6 +478,7 @@ def test_arrays_that_are_not_as_the_metadata_say_are_refused_by_name(run: Path):
     assert "lacks the array params/policy/bias" in refusal(run)
 
 
+@pytest.mark.attack
 def test_whatever_the_metadata_hold_the_checkpoint_is_restored_or_refused(run: Path):
     edit_metadata(run)
     path, template = run / "checkpoints/200/metadata.json", make_state()

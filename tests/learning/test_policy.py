@@ -211,6 +211,7 @@ def test_a_policy_set_aside_by_a_killed_export_comes_back(
     assert load_policy(policy_dir).card.seed == 7
 
 
+@pytest.mark.attack
 def test_an_export_killed_at_any_operation_leaves_the_policy_before_or_the_new_one(policy_dir: Path, tmp_path: Path):
     (tmp_path / "run").mkdir()
     shutil.copytree(policy_dir, tmp_path / "run" / "policy")
@@ -368,6 +369,7 @@ def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
     assert "card.json (exported by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
 
 
+@pytest.mark.attack
 def test_a_card_made_before_there_were_checksums_is_loaded(policy_dir: Path):
     edit_card(policy_dir)
     assert load_policy(policy_dir).card.seed == 7
@@ -385,6 +387,7 @@ def test_a_flipped_bit_of_the_card_is_seen(policy_dir: Path):
     assert loaded < 50
 
 
+@pytest.mark.attack
 def test_whatever_a_card_holds_it_is_loaded_or_refused(policy_dir: Path):
     edit_card(policy_dir, env=to_json(EnvConfig(reference="kinematic")))
     path = policy_dir / "card.json"

@@ -240,6 +240,7 @@ def test_a_solution_survives_the_disk(trot, tmp_path):
         assert np.array_equal(getattr(again.motion, field.name), getattr(trot.motion, field.name))
 
 
+@pytest.mark.attack
 def test_broken_solutions_are_refused(trot, tmp_path):
     path = tmp_path / "speed"
     with pytest.raises(UserError, match=r"cannot be read .*: solve it again"):

@@ -96,6 +96,7 @@ def test_heading_has_no_jump_where_the_angle_wraps(make_run):
     np.testing.assert_allclose(make_run(duration=0.1, qpos=qpos).heading, yaw, rtol=1e-12)
 
 
+@pytest.mark.attack
 def test_whatever_a_trajectorys_file_says_of_itself_it_is_loaded_or_refused(make_run, tmp_path):
     path = tmp_path / "run.npz"
     make_run(duration=0.1).save(path)

@@ -534,6 +534,7 @@ def _moved(name, index, by):
         (_moved("q", (0, 1, 0, 1), 1e-3), "at 9.5 m/s whose ends do not meet at lift-off"),
     ],
 )
+@pytest.mark.attack
 def test_a_wrong_library_is_refused_by_its_fault(solved, folder, change, fault):
     path = folder / "wrong.npz"
     with np.load(solved.path) as file:
