@@ -263,6 +263,6 @@ def test_a_seed_that_jax_does_not_take_is_refused(seed, tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     assert command.main(["--preset", "smoke", "--run.seed", str(seed)]) == 2
     error = capsys.readouterr().err
-    assert f"run.seed must be 0 to 4294967295, got {seed}" in error
+    assert f"run.seed must be from 0 to 4294967295, got {seed}" in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
