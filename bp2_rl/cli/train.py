@@ -78,7 +78,8 @@ def refuse_early(
     """Answer a mistake before JAX is imported, which takes seconds.
 
     What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So only
-    what is wrong with every preset is refused here, and with a parent only what is no flag or of another type.
+    what is wrong with every preset is refused here, and with a parent only what is no flag or of another type. In a
+    cluster nothing is: there the others must hear of a mistake, too.
 
     Args:
         argv: the command line.
@@ -86,7 +87,7 @@ def refuse_early(
         arguments: the dataclass of its flags.
         with_defaults: those of a preset as their defaults.
     """
-    if set(app.HELP) & set(argv):
+    if set(app.HELP) & set(argv) or any(word.startswith("--cluster.coordinator") for word in argv):
         return
     named, mistakes = read_named(argv), []
     for preset in (named.preset,) if named.preset else get_args(Preset):

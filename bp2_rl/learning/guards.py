@@ -16,7 +16,10 @@ from bp2_rl.settings.ppo import PPOConfig
 COLLAPSED_STD = 0.05
 """Of the initial standard deviation: actions this sure no longer tell the learner what else it could do."""
 EXPLODED_KL = 10.0
-"""Times the desired divergence. From twice on the learning rate is lowered; at ten times that does not help."""
+"""Times the desired divergence, at the least learning rate. From twice on the rate is lowered, which takes a few train
+steps: a training's first ones may be far off, and that mends itself."""
+LEAST_RATE = 1e-5
+"""To which Brax's `adaptive_kl_learning_rate` lowers the learning rate at most."""
 BLOWN_VALUE = 10.0
 """Times the square of the largest return the rewards allow. A critic that says 0 stands at 1/2 at most."""
 FALLING = 0.05
@@ -31,6 +34,7 @@ LOSSES = ("policy_loss", "v_loss", "entropy_loss", "kl_mean")
 def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
     """Signs of a training that goes wrong, in words by their names, from the means of a logging interval."""
     std, kl = metrics["loss/policy_dist_mean_std"], metrics["loss/kl_mean"]
+    rate = metrics["loss/learning_rate"]
     horizon = min(1.0 / max(1.0 - config.discounting, 1e-9), config.episode_length)
     largest = metrics["reward_square"] * (config.reward_scaling * horizon) ** 2
     value_loss = metrics["loss/v_loss"] / (config.value_coefficient or 1.0)
@@ -42,8 +46,9 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
             f"the policy hardly explores any more: standard deviation {std:.2g}; raise ppo.entropy_cost",
         ),
         "kl": (
-            config.desired_kl is not None and kl > EXPLODED_KL * config.desired_kl,
-            f"the policy jumps: mean KL {kl:.2g}, desired {config.desired_kl}; lower ppo.learning_rate",
+            config.desired_kl is not None and kl > EXPLODED_KL * config.desired_kl and rate < 2.0 * LEAST_RATE,
+            f"the policy jumps at the least learning rate: mean KL {kl:.2g}, desired {config.desired_kl}; "
+            "take fewer ppo.num_epochs",
         ),
         "value": (
             value_loss > BLOWN_VALUE * largest,

@@ -56,7 +56,7 @@ def fails(capsys, argv, *words):
         (["--velocity", "3"], ["--velocity"]),
         (["--preset", "huge"], ["preset"]),
         (["--stage", "flying"], ["stage"]),
-        (["--env.commands.max-forward", "-3"], ["max_forward", "negative"]),
+        (["--env.commands.max-forward", "-3"], ["max_forward", "from 0.001 to 1000"]),
         (["--ppo.num-envs", "0"], ["num_envs"]),
         (["--ppo.num-envs", "100", "--ppo.num-minibatches", "16"], ["num_envs", "num_minibatches"]),
         (["--env.hardware.spring-stiffness", "-1"], ["spring_stiffness"]),

@@ -323,7 +323,7 @@ def test_an_unexpected_failure_leaves_its_traceback_in_the_run(faults, tmp_path,
 # --- Warnings ----------------------------------------------------------------------------------------------------
 FINE = {
     "loss/policy_dist_mean_std": 0.2, "loss/kl_mean": 0.011, "loss/v_loss": 0.01, "reward_square": 1e-4, "falls": 1e-3,
-    "fall/exploded": 0.0, **dict.fromkeys(FAULTS, 0.0),
+    "fall/exploded": 0.0, "loss/learning_rate": 3e-4, **dict.fromkeys(FAULTS, 0.0),
 }  # fmt: skip
 
 
@@ -331,7 +331,7 @@ FINE = {
     ("change", "name", "words"),
     [
         ({"loss/policy_dist_mean_std": 0.0149}, "entropy", "standard deviation 0.015; raise ppo.entropy_cost"),
-        ({"loss/kl_mean": 0.101}, "kl", "mean KL 0.1, desired 0.01"),
+        ({"loss/kl_mean": 0.101, "loss/learning_rate": 1.1e-5}, "kl", "mean KL 0.1, desired 0.01"),
         # Rewards of 0.01 over 1 / (1 - 0.985) control steps make returns of 0.67; ten times its square is 4.4.
         ({"loss/v_loss": 4.5}, "value", "value loss 4.5, returns of 0.67 at most"),
         ({"falls": 0.051}, "falls", "fall at once"),
@@ -345,6 +345,10 @@ def test_signs_of_a_training_that_goes_wrong_are_put_into_words(change, name, wo
     found = guards.warnings(FINE | change, config)
     assert list(found) == [name]
     assert words in found[name]
+
+
+def test_a_first_jump_that_a_lower_learning_rate_mends_is_no_sign():
+    assert guards.warnings(FINE | {"loss/kl_mean": 0.2, "loss/learning_rate": 4e-5}, TrainConfig().ppo) == {}
 
 
 def test_the_limits_of_a_warning_are_those_of_the_config():

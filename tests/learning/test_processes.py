@@ -148,7 +148,7 @@ import sys
 import jax
 jax.distributed.initialize("localhost:" + sys.argv[1], 2, int(sys.argv[2]))
 from bp2_rl.env.bp2_env import BP2Env
-simulator = BP2Env()._simulate
+simulator = BP2Env().simulate
 arrays = [x for x in jax.tree.leaves((simulator.model, simulator._template)) if isinstance(x, jax.Array)]
 assert len(arrays) > 100 and all(x.is_fully_addressable for x in arrays)
 """
