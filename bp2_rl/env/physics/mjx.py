@@ -1,7 +1,7 @@
 """The five physics steps of a control step in MJX."""
 
 import importlib.util
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,15 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
 
 SOLVER_LIMITS = 1 << 9 | 1 << 10
 """MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only the extra `warp` brings."""
+
+
+class Remembered(NamedTuple):
+    """What one millisecond hands to the next: all else in `mjx.Data` is computed anew, and costs memory to carry."""
+
+    qpos: Float[Array, "23"]
+    qvel: Float[Array, "22"]
+    qacc_warmstart: Float[Array, "22"]
+    torque: Float[Array, "12"]  # Nm
 
 
 class MjxPhysics:
@@ -50,24 +59,30 @@ class MjxPhysics:
         motors = randomization.randomize_actuator(self.motors, robot)
         history, remembered = target_history(physics, targets)
 
-        # Only what a step remembers is handed on: all else in `mjx.Data` is computed anew, and costs memory to carry.
-        def substep(state: tuple[Array, ...], ages: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-            qpos, qvel, warmstart, torque = state
-            q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
+        def substep(state: Remembered, ages: Array) -> tuple[Remembered, tuple[Array, ...]]:
             now = in_force(ages, robot.latency)
-            torque = joint_torque(
-                motors, torque, q, qd, history.position[now], history.velocity[now], specs.PHYSICS_STEP
+            after, height = self.millisecond(
+                model, motors, state, Targets(history.position[now], history.velocity[now])
             )
-            data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
-            data = self._step(model, data)
-            power, height = torque * qd, data.geom_xpos[self._feet, 2]
-            return (data.qpos, data.qvel, data.qacc_warmstart, torque), (torque, power, height)
+            torque, qd = after.torque, state.qvel[MOTOR_QVEL]
+            return after, (torque, torque * qd, height)
 
-        before = physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque
+        before = Remembered(physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque)
         after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
         touching = heights[-1] <= specs.FOOT_RADIUS
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
+
+    def millisecond(
+        self, model: mjx.Model, motors: Actuator, state: Remembered, targets: Targets
+    ) -> tuple[Remembered, Float[Array, "4"]]:
+        """One physics step under the motors that follow `targets`: (after, heights of the feet's centres, m)."""
+        qpos, qvel, warmstart, torque = state
+        q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
+        torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, specs.PHYSICS_STEP)
+        data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
+        data = self._step(model, data)
+        return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:

@@ -20,12 +20,12 @@ from jaxtyping import Float
 from bp2_rl.bounds import Positive, check_bounds
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
+from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
-from bp2_rl.robot import dynamics, specs
+from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
@@ -233,28 +233,25 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
     (controller state, qpos, qvel, torque, commands "K+1 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
-    model = mjx.put_model(load_model(config.hardware, visual=False, trunk_contact=False))
     motors = motors_of(config)
+    physics = MjxPhysics(load_model(config.hardware, visual=False, trunk_contact=False), motors, "jax")
     control = _control_step(policy, config, operator)
 
     def control_period(carry, scheduled):
-        state, command, data, torque = carry
-        state, target, _, next_command = control(state, command, data.qpos, data.qvel, scheduled)
+        state, command, robot = carry
+        state, targets, _, next_command = control(state, command, robot.qpos, robot.qvel, scheduled)
 
-        def physics_step(carry, _):
-            data, torque = carry
-            q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-            torque = joint_torque(motors, torque, q, qd, target.position, target.velocity, DT)
-            sample = data.qpos, data.qvel, torque, target.position, command
-            return (dynamics.step(model, data.replace(ctrl=torque)), torque), sample
+        def physics_step(robot, _):
+            after, _ = physics.millisecond(physics.model, motors, robot, targets)
+            return after, (robot.qpos, robot.qvel, after.torque, targets.position, command)
 
-        (data, torque), samples = jax.lax.scan(physics_step, (data, torque), length=specs.SUBSTEPS)
-        return (state, next_command, data, torque), samples
+        robot, samples = jax.lax.scan(physics_step, robot, length=specs.SUBSTEPS)
+        return (state, next_command, robot), samples
 
     def run(state, qpos, qvel, torque, commands):
         qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
-        data = mjx.make_data(model).replace(qpos=qpos, qvel=qvel)
-        return jax.lax.scan(control_period, (state, commands[0], data, torque), commands[1:])[1]
+        robot = Remembered(qpos, qvel, jnp.zeros_like(qvel), torque)
+        return jax.lax.scan(control_period, (state, commands[0], robot), commands[1:])[1]
 
     return run
 
