@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import stat
 import struct
 import tokenize
 import zipfile
@@ -22,8 +23,9 @@ import numpy as np
 
 from bp2_rl.errors import UserError
 
+LARGEST_FILE = 4 << 30
 LARGEST_TEXT = 64 << 20
-"""Bytes of the largest JSON file that is read: all of ours are far smaller."""
+"""Bytes of the largest file, and of the largest JSON file, that is read: ours are far smaller."""
 LARGEST_ARRAYS = 1 << 30
 """Bytes that the arrays of one .npz file may have unless the reader says otherwise."""
 DEEPEST = 50
@@ -45,7 +47,7 @@ def new_file(path: Path) -> Iterator[IO[bytes]]:
         OSError: the disk is full, or the folder not ours; what was there before still is.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.tmp")
+    temporary = _temporary(path, os.getpid())  # another process may write the same file
     try:
         with temporary.open("wb") as file:
             yield file
@@ -75,6 +77,10 @@ def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
 
 
+def _temporary(path: Path, process: int) -> Path:
+    return path.with_name(f".{path.name}.{process}.tmp")
+
+
 def flush(file: IO[Any] | io.IOBase) -> None:
     """Until what has been written to an open file is on disk."""
     file.flush()
@@ -91,12 +97,12 @@ def sync(path: Path) -> None:
 
 
 def require_name(path: Path) -> None:
-    """Raise `UserError` unless a file or a folder can be called so, whether there is one or not."""
+    """Raise `UserError` unless a file or a folder can be written under this name, whether there is one or not."""
     try:
         str(path).encode()
-        os.stat(path)
-    except (FileNotFoundError, NotADirectoryError, PermissionError):
-        pass
+        for name in (Path(path), _temporary(Path(path), 10**7)) if Path(path).name else (path,):
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+                os.stat(name)
     except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
         name = ascii(str(path))
         name = name if len(name) <= 60 else f"{name[:57]}..."
@@ -107,16 +113,21 @@ def require_name(path: Path) -> None:
 # --- Reading -------------------------------------------------------------------------------------------------
 
 
-def read_bytes(path: Path, largest: int | None = None) -> bytes:
+def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """A file's content.
 
     Raises:
-        BadFileError: it is not there, cannot be read, or is larger than `largest` bytes.
+        BadFileError: it is not there, cannot be read, is no regular file, or is larger than `largest` bytes.
     """
     path = Path(path)
     try:
-        if largest is not None and path.stat().st_size > largest:
-            raise BadFileError(f"{path} has {path.stat().st_size:,} bytes, {largest:,} at most are read")
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise BadFileError(f"{path} is a folder, not a file")
+        if not stat.S_ISREG(about.st_mode):
+            raise BadFileError(f"{path} is a device or a pipe, not a file")
+        if about.st_size > largest:
+            raise BadFileError(f"{path} has {about.st_size:,} bytes, {largest:,} at most are read")
         return path.read_bytes()
     except OSError as error:
         raise BadFileError(f"{path} cannot be read: {error.strerror or error}") from error
@@ -243,11 +254,9 @@ _DAMAGE = (
 
 
 def _read_header(member: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
-    version = np.lib.format.read_magic(member)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
-    if read is None:
+    if (version := np.lib.format.read_magic(member)) != (1, 0):  # later ones may have headers of gigabytes
         raise ValueError(f"array format {version}")
-    return read(member)
+    return np.lib.format.read_array_header_1_0(member)
 
 
 def _fits(dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]) -> bool:

@@ -3,8 +3,11 @@
 import contextlib
 import io
 import random
+import subprocess
+import sys
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,3 +122,44 @@ def test_json_that_could_not_be_shown_or_walked_is_refused(text):
 
 def test_json_that_is_nested_as_deeply_as_we_read_is_read():
     files.parse_json("[" * 50 + "]" * 50, "here")
+
+
+def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
+    path = tmp_path / "file"
+    with files.new_file(path) as ours:
+        ours.write(b"ours")
+        child = f"from bp2_rl.files import write_bytes; from pathlib import Path; write_bytes(Path({str(path)!r}), b'theirs')"
+        subprocess.run([sys.executable, "-c", child], check=True)
+        assert path.read_bytes() == b"theirs"
+    assert path.read_bytes() == b"ours"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_header_of_gigabytes_is_not_read(tmp_path):
+    path = tmp_path / "header.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        member.write(np.lib.format.magic(2, 0) + (1 << 28).to_bytes(4, "little"))
+        for _ in range(32):
+            member.write(b" " * (8 << 20))
+    tracemalloc.start()
+    with pytest.raises(BadFileError, match="array format"):
+        read_npz(path, {"a": ArraySpec(np.floating, (5, 3))})
+    assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    tracemalloc.stop()
+
+
+def test_a_device_is_no_file():
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        read_json(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("length", [230, 250, 252, 255, 256])
+def test_a_name_that_is_too_long_to_be_written_safely_is_refused(tmp_path, length):
+    path = tmp_path / ("x" * length)
+    try:
+        files.require_name(path)
+    except UserError as error:
+        assert length > 240
+        assert "no file or folder can be called" in str(error)
+    else:
+        write_text(path, "")

@@ -5,8 +5,10 @@ import contextlib
 import io
 import os
 import re
+import signal
 import sys
 import tempfile
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -25,7 +27,7 @@ OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 def run(command: Callable[[], None]) -> int:
     """Run a command and turn how it ends into an exit status; no traceback reaches the terminal."""
     try:
-        with _whoever_listens():
+        with _terminable(), _whoever_listens():
             command()
     except UserError as error:
         print(f"error: {_one_line(str(error))}", file=sys.stderr)
@@ -41,6 +43,23 @@ def run(command: Callable[[], None]) -> int:
         print(f"failed: {logged}", file=sys.stderr)
         return FAILED
     return OK
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end a command as Ctrl-C does, tidily; what has a better answer to it takes the handler over."""
+
+    def stop(number: int, _: object) -> None:
+        raise RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
+
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextlib.contextmanager
@@ -169,8 +188,8 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
 
 
 def _in_words(metavar: str) -> str:
-    """A type as tyro shows it, `{None}|FLOAT`: a number or None."""
-    return " or ".join(_KINDS.get(kind, kind.strip("{}")) for kind in reversed(metavar.split("|")))
+    """A type as tyro shows it: `{None}|FLOAT`, a flag that need not be given, takes a number."""
+    return " or ".join(_KINDS.get(kind, kind.strip("{}")) for kind in metavar.split("|") if kind != "{None}")
 
 
 def _one_line(text: str) -> str:

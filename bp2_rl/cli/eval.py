@@ -12,7 +12,9 @@ import tyro
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.options import Backend, Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.files import require_name
 
 DEFAULT_POLICY = "policies/default"
 BenchmarkName = Literal["topspeed", "sprint", "robustness", "convergence", "sensitivity", "all"]
@@ -33,7 +35,7 @@ class EvalConfig:
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. convergence: topspeed under finer physics. sensitivity: topspeed and sprint on robots other
     than the one assumed. all: one after the other."""
-    backend: Literal["mujoco", "mjx"] = "mujoco"
+    backend: Backend = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
     """Speed to command; by default the one at which the card's result was measured (robustness: 10.74)."""
@@ -59,6 +61,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(config: EvalConfig) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
+    setup = Setup(
+        backend=config.backend,
+        speed=config.speed,
+        acceleration=config.acceleration,
+        hold=config.hold,
+        robots=config.robots,
+        seed=config.seed,
+        operator=config.operator,
+    )
+    path = choose_policy(config)
+    for name in filter(None, (path, config.out)):
+        require_name(name)
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
@@ -68,7 +82,6 @@ def evaluate(config: EvalConfig) -> None:
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT
-    from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
     from bp2_rl.evaluation.report import folder, page, terminal
     from bp2_rl.learning.policy import load_policy
@@ -78,17 +91,8 @@ def evaluate(config: EvalConfig) -> None:
     prepare_jax()
     chosen = choose(
         config.benchmark,
-        Setup(
-            backend=config.backend,
-            speed=config.speed,
-            acceleration=config.acceleration,
-            hold=config.hold,
-            robots=config.robots,
-            seed=config.seed,
-            operator=config.operator,
-        ),
+        setup,
     )
-    path = choose_policy(config)
     policy = load_policy(path, expected_layout=LAYOUT)
     schedules = {name: BENCHMARKS[name].schedule(policy, setup) for name, setup in chosen.items()}
     now = datetime.datetime.now()

@@ -1,10 +1,8 @@
 """`bp2 study`: compare recipes over seeds, each saved policy judged in C MuJoCo."""
 
-import contextlib
 import dataclasses
 import os
-import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -64,8 +62,7 @@ def _study(arguments: Arguments) -> None:
     if arguments.train:
         gpus = visible_gpus()
         print(f"{sum(map(len, plan.chains))} trainings on {len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}")
-        with _terminated():
-            missing = run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
+        missing = run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
     found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
     outcomes = [one for one in found if one is not None]
     if outcomes:
@@ -80,13 +77,3 @@ def _study(arguments: Arguments) -> None:
     if missing:
         names = ", ".join(training.name for training in missing)
         raise RunStopped(f"not trained: {names}; call again to go on", status=1)
-
-
-@contextlib.contextmanager
-def _terminated() -> Iterator[None]:
-    """SIGTERM within ends the study as Ctrl-C does: the trainings save, and a call goes on from there."""
-    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -16,7 +16,7 @@ from bp2_rl.files import require_name
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, make_config
+from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, load_run_config, make_config
 from bp2_rl.workers import end_with_caller
 
 Config = TypeVar("Config")
@@ -62,7 +62,7 @@ class Arguments:
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    status = app.run(lambda: refuse_early(words, "train.py", Arguments, _arguments))
+    status = app.run(lambda: _refuse_early(words))
     if status != app.OK:
         return status
 
@@ -72,14 +72,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     return cluster.leave(app.run(lambda: _train(words)))
 
 
+def _refuse_early(argv: list[str]) -> None:
+    arguments = refuse_early(argv, "train.py", Arguments, _arguments)
+    if arguments is not None:
+        _require_runs(argv, arguments)
+
+
 def refuse_early(
     argv: list[str], prog: str, arguments: type[Config], with_defaults: Callable[[TrainConfig], Config]
-) -> None:
+) -> Config | None:
     """Answer a mistake before JAX is imported, which takes seconds.
 
     What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So only
     what is wrong with every preset is refused here, and with a parent only what is no flag or of another type. In a
     cluster nothing is: there the others must hear of a mistake, too.
+
+    Gives the arguments, where they can be told already; their defaults may yet be others.
 
     Args:
         argv: the command line.
@@ -88,16 +96,17 @@ def refuse_early(
         with_defaults: those of a preset as their defaults.
     """
     if set(app.HELP) & set(argv) or any(word.startswith("--cluster.coordinator") for word in argv):
-        return
+        return None
     named, mistakes = read_named(argv), []
     for preset in (named.preset,) if named.preset else get_args(Preset):
         try:
-            app.parse(arguments, argv, prog, default=with_defaults(make_config(named.stage, preset, named.weights)))
-            return
+            defaults = with_defaults(make_config(named.stage, preset, named.weights))
+            return app.parse(arguments, argv, prog, default=defaults)
         except UserError as mistake:
             mistakes.append(mistake)
     if isinstance(mistakes[0], app.FlagError) or (named.parent is None and named.stage == "imitation"):
         raise mistakes[0]
+    return None
 
 
 def _train(argv: list[str]) -> None:
@@ -149,6 +158,18 @@ class Named(NamedTuple):
     goes_on: bool  # with a run's own settings
 
 
+def _require_runs(argv: list[str], arguments: Arguments) -> None:
+    """Look at the runs that are named: they must be there, and a run that goes on has its own settings."""
+    for flag in ("--resume", "--replay"):
+        allowed = (flag, "--cluster.", "--deterministic")
+        others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
+        if vars(arguments)[flag[2:]] is not None and others:
+            raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")
+    for folder in (arguments.resume, arguments.replay, arguments.parent):
+        if folder is not None:
+            load_run_config(folder)
+
+
 def read_named(argv: list[str]) -> Named:
     """Read only that, whatever else is on the line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
@@ -179,11 +200,7 @@ def _parse(argv: list[str]) -> Arguments:
         if parent is not None:
             defaults = _continue(defaults, parent)
     arguments = app.parse(Arguments, argv, "train.py", default=_arguments(defaults, parent))
-    for flag in ("--resume", "--replay"):
-        allowed = (flag, "--cluster.", "--deterministic")
-        others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
-        if vars(arguments)[flag[2:]] is not None and others:
-            raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")
+    _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
 
@@ -191,7 +208,7 @@ def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
     """The stage's settings on the parent's robot, commands and networks."""
     from bp2_rl.learning import run
 
-    old = run.load_run_config(parent)
+    old = load_run_config(parent)
     return dataclasses.replace(
         defaults,
         env=dataclasses.replace(old.env, reward=defaults.env.reward),
@@ -217,7 +234,7 @@ def _newest_imitation_run() -> Path:
     runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for folder in (path.parent for path in runs):
         try:
-            if run.load_run_config(folder).stage == "imitation" and run.is_finished(folder):
+            if load_run_config(folder).stage == "imitation" and run.is_finished(folder):
                 return folder
         except UserError:
             continue  # a damaged run is no reason not to use an older one

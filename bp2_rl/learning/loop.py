@@ -28,13 +28,12 @@ from bp2_rl.learning.checkpoint import (
 )
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor, Mute
-from bp2_rl.learning.policy import PolicyCard, make_policy, save_policy
+from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy, save_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.robot import specs
-from bp2_rl.settings.training import TrainConfig
+from bp2_rl.settings.training import CONFIG, TrainConfig
 
-CONFIG = "config.json"
 POLICY, POLICIES = "policy", "policies"
 """The newest policy of a run; and the folder of those of all its saves, each by its number of control steps."""
 
@@ -159,7 +158,7 @@ def _repeat(
                     raise FileNotFoundError(errno.ENOENT, "no such run any more", str(run_dir))
             saver.save(done, state, to_json(log.open()))
             monitor.record(f"saving step {done}")
-            _export(state, config, run_dir)
+            _export(state, config, run_dir, monitor)
     return state, done
 
 
@@ -190,18 +189,21 @@ def _export_late(
     """Export the policies of checkpoints; `state` is the newest one."""
     for step in steps:
         if step == int(state.step):
-            _export(state, config, run_dir)
+            _export(state, config, run_dir, monitor)
             continue
         try:
             _, older = restore_checkpoint(run_dir, learner.shape(), step)
         except CheckpointError as error:
             monitor.note(f"warning: no policy of step {step}: {error}")
             continue
-        _export(older, config, run_dir, newest=False)
+        _export(older, config, run_dir, monitor, newest=False)
 
 
-def _export(state: TrainState, config: TrainConfig, run_dir: Path, *, newest: bool = True) -> None:
-    """Write the policy of a state among those of the run's saves, and as the run's own where it is the newest."""
+def _export(state: TrainState, config: TrainConfig, run_dir: Path, monitor: Monitor, *, newest: bool = True) -> None:
+    """Write the policy of a state among those of the run's saves, and as the run's own where it is the newest.
+
+    One that nobody could run, as its weights overflow say, is warned of and left out: training may mend it.
+    """
     params, normalizer = jax.device_get((state.params.policy, state.normalizer))
     steps = int(state.step) * config.ppo.steps_per_train_step
     steps += config.parent.control_steps if config.parent else 0
@@ -227,7 +229,12 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path, *, newest: bo
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
     if cluster.is_first():
-        policy = make_policy(params, normalizer, card)
-        if newest:
-            save_policy(run_dir / POLICY, policy)
-        save_policy(run_dir / POLICIES / str(int(state.step) * config.ppo.steps_per_train_step), policy)
+        try:
+            policy = make_policy(params, normalizer, card)
+            if newest:
+                save_policy(run_dir / POLICY, policy)
+            save_policy(run_dir / POLICIES / str(int(state.step) * config.ppo.steps_per_train_step), policy)
+        except PolicyError as error:
+            if isinstance(error.__cause__, OSError):
+                raise
+            monitor.note(f"warning: no policy of step {int(state.step)}: {error}")

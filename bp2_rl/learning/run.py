@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from bp2_rl.config import ConfigError, config_hash, from_json, load_config, save_config, to_json
+from bp2_rl.config import ConfigError, config_hash, from_json, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
@@ -26,10 +26,10 @@ from bp2_rl.learning.checkpoint import (
     save_checkpoint,
 )
 from bp2_rl.learning.log import Unlogged
-from bp2_rl.learning.loop import CONFIG, train_steps
+from bp2_rl.learning.loop import train_steps
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.env import upgrade
-from bp2_rl.settings.training import Parent, TrainConfig
+from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation")
 """Fields of `PPOConfig` that a run shares with its parent."""
@@ -108,16 +108,6 @@ def replay(run_dir: Path) -> str:
     learner = make_learner(config)
     _, state = restore_checkpoint(run_dir, learner.shape(), step, folder=FAILED)
     return f"train step {step + 1}: {guards.explain(learner, state)}"
-
-
-def load_run_config(run_dir: Path) -> TrainConfig:
-    """The config of a run; raises `UserError` where there is none."""
-    require_name(run_dir)
-    if not Path(run_dir).exists():
-        raise UserError(f"no training run at {run_dir}: there is no such folder")
-    if not (Path(run_dir) / CONFIG).is_file():
-        raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
-    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
 
 
 def is_finished(run_dir: Path) -> bool:

@@ -9,6 +9,7 @@ from typing import Annotated
 from bp2_rl.assets import asset_path
 from bp2_rl.bounds import Share, Within, check_bounds
 from bp2_rl.errors import UserError
+from bp2_rl.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import kinematics, specs
 
 SHIPPED = "reference_motions/bp2_trot.npz"  # below assets/
@@ -67,6 +68,6 @@ class CollocationConfig:
             UserError: the file cannot be read.
         """
         try:
-            return hashlib.sha256(self.file.read_bytes()).hexdigest()
-        except OSError as error:
-            raise UserError(f"motion library {self.file} cannot be read: {error.strerror}; {MEND}") from error
+            return hashlib.sha256(read_bytes(self.file, LARGEST_ARRAYS)).hexdigest()
+        except BadFileError as error:
+            raise UserError(f"motion library {error}; {MEND}") from error

@@ -1,9 +1,13 @@
 """What `imitation` and `relaxed`, `smoke`, `cpu` and `gpu` mean: configs, never code paths."""
 
 import dataclasses
+from pathlib import Path
 from typing import Annotated, Literal
 
 from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.config import load_config
+from bp2_rl.errors import UserError
+from bp2_rl.files import require_name
 from bp2_rl.settings.env import (
     CommandConfig,
     CurriculumConfig,
@@ -12,6 +16,7 @@ from bp2_rl.settings.env import (
     RandomizationConfig,
     ResetConfig,
     RewardConfig,
+    upgrade,
 )
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -20,6 +25,8 @@ Preset = Literal["smoke", "cpu", "gpu"]
 
 Weights = Literal["ours", "paper"]
 Steps = Annotated[int, Within(1, 10**15)]
+CONFIG = "config.json"
+"""In a run's folder: its settings."""
 LARGEST_SEED = 2**32 - 1
 """JAX takes the 32 lower bits of a seed."""
 
@@ -72,6 +79,16 @@ class TrainConfig:
     run: RunConfig = RunConfig()
     impl: Impl = "jax"
     parent: Parent | None = None
+
+
+def load_run_config(run_dir: Path) -> TrainConfig:
+    """The config of a run; raises `UserError` where there is none."""
+    require_name(run_dir)
+    if not Path(run_dir).exists():
+        raise UserError(f"no training run at {run_dir}: there is no such folder")
+    if not (Path(run_dir) / CONFIG).is_file():
+        raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
+    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
 
 
 def make_config(stage: Stage, preset: Preset, weights: Weights | None = None) -> TrainConfig:

@@ -19,10 +19,11 @@ from pathlib import Path
 import jax
 
 from bp2_rl.config import claim_folder, config_hash
+from bp2_rl.errors import UserError
 from bp2_rl.folders import find_folder, lock_folder, make_folder
+from bp2_rl.learning.checkpoint import latest_step
 from bp2_rl.learning.loop import POLICIES, control_steps
-from bp2_rl.learning.run import load_run_config
-from bp2_rl.settings.training import Preset, make_config
+from bp2_rl.settings.training import CONFIG, Preset, load_run_config, make_config
 from bp2_rl.study.judging import Judgement, judge
 from bp2_rl.study.plan import STAGES, Plan, Training
 from bp2_rl.workers import PARENT, spawned
@@ -139,10 +140,15 @@ class _Trainer:
             return False
         run_dir = self._folder / training.name
         arguments = self._plan.command(training, self._folder)
-        if any(run_dir.glob("checkpoints/[0-9]*")):
+        if latest_step(run_dir) is not None:
             arguments = ["--resume", str(run_dir)]
         elif run_dir.exists() and not (run_dir / POLICIES).exists():
-            shutil.rmtree(run_dir)  # killed before its first checkpoint: nothing to go on from
+            try:
+                with lock_folder(run_dir, f"{training.name}: another process trains it"):
+                    shutil.rmtree(run_dir)  # killed before its first checkpoint: nothing to go on from
+            except UserError as busy:
+                self._say(str(busy))
+                return False
         environment = os.environ | {PARENT: str(os.getpid())}
         if gpu is not None:
             environment["CUDA_VISIBLE_DEVICES"] = gpu
@@ -155,6 +161,8 @@ class _Trainer:
             )
         self._processes.add(process)
         try:
+            if self._stopped.is_set():  # since it was looked at above
+                process.terminate()
             return process.wait() == 0
         finally:
             self._processes.discard(process)
@@ -177,7 +185,7 @@ def _claim(plan: Plan, folder: Path) -> None:
 
 def _is_finished(run_dir: Path) -> bool:
     """Whether a run's last policy is there."""
-    if not (run_dir / "config.json").is_file():
+    if not (run_dir / CONFIG).is_file():
         return False
     return find_folder(run_dir / POLICIES / str(control_steps(load_run_config(run_dir)))).is_dir()
 

@@ -109,7 +109,7 @@ class Flags:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["--speed", "fast"], "--speed takes a number or None, got fast"),
+        (["--speed", "fast"], "--speed takes a number, got fast"),
         (["--robots", "1.5"], "--robots takes a whole number, got 1.5"),
         (["--limit", "x"], "--limit takes a number, got x"),
         (["--limit"], "--limit needs a value"),

@@ -10,7 +10,7 @@ import pytest
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import export as command
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.evaluation.benchmarks.options import speed_to_command
+from bp2_rl.evaluation.benchmarks.conditions import speed_to_command
 from bp2_rl.learning.policy import Policy, PolicyCard, load_policy, save_policy
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 

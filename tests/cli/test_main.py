@@ -49,7 +49,9 @@ def test_help_imports_nothing_slow():
     "words",
     [
         "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
-        "study --judges 0", "eval --speed fast", "export --nope", "trajopt solve --speed 0",
+        "study --judges 0", "eval --speed fast", "eval --speed 1e308",
+        "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
+        "trajopt solve --speed 0",
     ],
 )  # fmt: skip
 def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):

@@ -7,7 +7,7 @@ import pytest
 
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import eval as command
-from bp2_rl.evaluation.benchmarks.options import on_card
+from bp2_rl.evaluation.benchmarks.conditions import on_card
 from bp2_rl.learning.policy import load_policy
 
 

@@ -219,6 +219,7 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, 
     assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
     assert not killed_early.exists()
     (killed_early / "checkpoints" / "2").mkdir(parents=True)
+    (killed_early / "checkpoints" / "2" / "metadata.json").touch()
     trainer(code)._train(RUN, "3")
     assert f"'--resume', '{killed_early}'" in output.read_text()
 

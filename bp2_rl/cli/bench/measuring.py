@@ -23,6 +23,7 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
+from bp2_rl.files import require_name
 from bp2_rl.learning.ppo import PPO
 
 Size = tuple[int, int]
@@ -51,10 +52,10 @@ def bench(argv: list[str]) -> None:
         report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)
     print_table(report, console)
-    if arguments.scaling:
-        scaling_figure(report).savefig(folder / PICTURE)
     if not any(case.measurements for case in report.cases):
         raise UserError(f"nothing could be measured: {report.cases[0].error}")
+    if arguments.scaling:
+        scaling_figure(report).savefig(folder / PICTURE)
     console.print(f"report: {folder / NUMBERS}", soft_wrap=True)
 
 
@@ -181,6 +182,7 @@ def _doublings(fewest: int, most: int) -> Iterator[int]:
 
 def _open(folder: Path, report: Bench) -> None:
     """Begin the report; raises UserError where the folder holds anything but one, or cannot be written."""
+    require_name(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()) and not (folder / NUMBERS).is_file():

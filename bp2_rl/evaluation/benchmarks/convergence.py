@@ -6,7 +6,8 @@ import mujoco
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.options import HELD, Setup, conditions, describe_command, describe_ramp
+from bp2_rl.evaluation.benchmarks.conditions import HELD, conditions, describe_command, describe_ramp
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.metrics import RIPPLE, measure
 from bp2_rl.evaluation.runs.rollout import JUDGE, Numerics, Ramp, rollout_mujoco

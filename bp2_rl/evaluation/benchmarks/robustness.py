@@ -11,7 +11,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_ramp
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.batch import BatchRun, rollout_batch
@@ -24,7 +25,7 @@ from bp2_rl.settings.env import CommandConfig, RandomizationConfig
 
 ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
-HOLD = 15.0  # s
+ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
 TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
 
@@ -108,7 +109,9 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: the same for every policy, so that they can be compared."""
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or HOLD))
+    return ramp_to_topspeed(
+        policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or ROBUSTNESS_HOLD)
+    )
 
 
 _IMPLS: dict[str, Literal["c", "jax"]] = {"mujoco": "c", "mjx": "jax"}

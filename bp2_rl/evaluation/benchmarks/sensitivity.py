@@ -9,7 +9,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_command, describe_ramp, describe_simulator
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_ramp, describe_simulator
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -19,7 +20,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.robot.specs import HardwareSpec
 
-HOLD = 5.0  # s
+SENSITIVITY_HOLD = 5.0  # s
 AS_ASSUMED = "as assumed"
 SLOW = 1.2  # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
@@ -111,7 +112,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
     """The schedule of the runs at top speed; that of the sprints is looked at, too, before any robot runs."""
     race(policy, setup)
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
+    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or SENSITIVITY_HOLD))
 
 
 # --- What is measured ----------------------------------------------------------------------------------------

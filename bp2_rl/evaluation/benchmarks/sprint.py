@@ -8,15 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.benchmarks.options import (
+from bp2_rl.evaluation.benchmarks.conditions import (
     BACKENDS,
-    Setup,
     conditions,
     describe_command,
     describe_simulator,
     on_card,
     speed_to_command,
 )
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.run_tables import motor_rows, run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.runs.metrics import RIPPLE, RunMetrics, measure

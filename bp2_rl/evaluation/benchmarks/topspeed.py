@@ -1,21 +1,21 @@
 """How fast a policy runs, and what it takes: from a stand to the commanded speed, and hold it."""
 
-from bp2_rl.evaluation.benchmarks.options import (
+from bp2_rl.evaluation.benchmarks.conditions import (
     BACKENDS,
-    Setup,
     conditions,
     describe_command,
     describe_ramp,
     describe_simulator,
     speed_to_command,
 )
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import ACCELERATION, Ramp
 from bp2_rl.learning.policy import Policy
 
-HOLD = 20.0  # s
+TOPSPEED_HOLD = 20.0  # s
 TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"
 
 
@@ -46,7 +46,7 @@ def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
     return Ramp(
         (setup.speed or speed_to_command(policy), 0.0, 0.0),
         acceleration=setup.acceleration or ACCELERATION,
-        hold=setup.hold or HOLD,
+        hold=setup.hold or TOPSPEED_HOLD,
     )
 
 

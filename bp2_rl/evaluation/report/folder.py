@@ -18,7 +18,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
 from bp2_rl.evaluation.report.film import NoVideo, make_video
 from bp2_rl.evaluation.report.page import PAGE, VIDEO, overview, page
-from bp2_rl.files import write_bytes, write_text
+from bp2_rl.files import require_name, write_bytes, write_text
 
 METRICS, TRAJECTORY = "metrics.json", "trajectory.npz"
 
@@ -35,6 +35,7 @@ class Report:
 
 def open_folder(folder: Path, benchmark: str) -> None:
     """Make a report's folder; raises UserError where that cannot be, or where it holds anything but such a report."""
+    require_name(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()) and not (folder / METRICS).is_file():

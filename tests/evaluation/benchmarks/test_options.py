@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.benchmarks.options import Setup, conditions, describe_operator, describe_ramp, speed_to_command
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_operator, describe_ramp, speed_to_command
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import Ramp
 from bp2_rl.settings.env import CommandConfig, EnvConfig
@@ -43,7 +44,6 @@ def test_conditions_say_how_to_do_it_again(make_policy):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"backend": "bullet"}, "--backend bullet"),
         ({"speed": 0.0}, "--speed"),
         ({"acceleration": np.inf}, "--acceleration"),
         ({"hold": np.nan}, "--hold"),

@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.cli.eval import BenchmarkName
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.benchmarks import options as setups
+from bp2_rl.evaluation.benchmarks import conditions as setups
 from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose

@@ -8,7 +8,7 @@ from PIL import Image
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.benchmarks import options as setups
+from bp2_rl.evaluation.benchmarks import conditions as setups
 from bp2_rl.evaluation.benchmarks import sprint as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
