@@ -1,7 +1,8 @@
 """What several of the commands show and leave."""
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,23 @@ from rich.status import Status
 from rich.table import Table
 
 from bp2_rl.errors import UserError
-from bp2_rl.folders import make_folder
+from bp2_rl.folders import lock_folder, make_folder
 from bp2_rl.trajopt.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@contextlib.contextmanager
+def own_folder(folder: Path) -> Iterator[None]:
+    """A folder for results, made if need be, in which no other command works meanwhile.
+
+    Raises:
+        UserError: another one does, or the folder cannot be made or written.
+    """
+    make_folder(folder)
+    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
+        yield
 
 
 def describe(solutions: Sequence[Solution]) -> None:
