@@ -33,9 +33,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _codesign(arguments: Arguments) -> None:
     """Print the study and leave it with its picture; what was solved before is not solved again."""
     with output.own_folder(arguments.out):
+        from bp2_rl.plotting import save_figure
         from bp2_rl.trajopt.codesign.figure import codesign_figure
         from bp2_rl.trajopt.codesign.study import study_codesign
 
         study = study_codesign(arguments.settings, arguments.out, arguments.workers)
-        output.save_figure(codesign_figure(study), arguments.out / "codesign.png")
+        save_figure(codesign_figure(study), arguments.out / "codesign.png")
     print(f"study and picture: {arguments.out}")

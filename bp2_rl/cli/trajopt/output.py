@@ -4,7 +4,6 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -14,9 +13,6 @@ from rich.table import Table
 from bp2_rl.errors import UserError
 from bp2_rl.folders import lock_folder, make_folder
 from bp2_rl.trajopt.solution import Solution
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @contextlib.contextmanager
@@ -83,9 +79,3 @@ def progress() -> Progress:
 def spinner(text: str) -> Status:
     """Something that turns on standard error while there is nothing to count."""
     return Console(stderr=True).status(text)
-
-
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a picture; its folder is made if need be."""
-    make_folder(path.parent)
-    figure.savefig(path)

@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _solve(arguments: Arguments) -> None:
     """Leave a solution, named after its speed, in the output folder."""
+    from bp2_rl.plotting import save_figure
     from bp2_rl.trajopt.collocation import refine, solve_best
     from bp2_rl.trajopt.figures.trajectory import trajectory_figure
     from bp2_rl.trajopt.verify import verify
@@ -50,7 +51,7 @@ def _solve(arguments: Arguments) -> None:
         found = dataclasses.replace(found, checks=verify(found))
         path = arguments.out / speed_name(found.problem.speed)
         save_solution(path, found)
-        output.save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
+        save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
     output.describe([found])
     output.judge([found])
     print(f"solution and picture: {path}.*")
