@@ -5,6 +5,7 @@ Legs keep one colour throughout (Okabe-Ito, told apart by the colour-blind); a s
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
@@ -12,6 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from bp2_rl.files import new_file
 
 LEG_COLORS = {"FR": "#0072B2", "FL": "#E69F00", "RR": "#009E73", "RL": "#CC79A7"}
 INK, QUIET, FAINT = "#1F2328", "#6E7781", "#E4E7EB"
@@ -55,6 +58,12 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             return draw(*args, **kwargs)
 
     return draw_styled
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a picture as PNG, whole or not at all; raises as `files.new_file`."""
+    with new_file(path) as file:
+        figure.savefig(file, format="png")
 
 
 def moving_mean(values: Float[np.ndarray, "N ..."], samples: int) -> Float[np.ndarray, "N ..."]:

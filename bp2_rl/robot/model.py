@@ -22,11 +22,9 @@ MOTOR_QPOS = np.setdiff1d(np.arange(7, NQ), SPRING_QPOS)
 SPRING_QVEL = SPRING_QPOS - 1
 MOTOR_QVEL = MOTOR_QPOS - 1
 
-FLOOR_GEOM = "floor"
 TRUNK_GEOMS = ("trunk_right", "trunk_left")
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
-IMU_SITE = "imu"
 
 
 class ModelError(UserError):

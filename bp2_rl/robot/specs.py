@@ -162,11 +162,6 @@ class HardwareSpec:
         return self.rotor_inertia * self.gear_ratio**2
 
     @property
-    def spring_rest_length(self) -> float:
-        """Length of the unloaded spring, m: what shank and toe leave of the lower leg."""
-        return self.leg_length - SHANK_LENGTH - TOE_LENGTH
-
-    @property
     def joint_peak_torque(self) -> float:
         """Peak torque at the joint behind this gear, Nm."""
         return self.peak_torque * self.gear_ratio / GEAR_RATIO

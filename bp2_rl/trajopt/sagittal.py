@@ -33,7 +33,7 @@ from bp2_rl.trajopt.problem import PER_LEG, STOP_ROUNDING, TRUNK, motor_coordina
 try:
     import casadi as ca
 except ImportError as missing:
-    raise UserError('trajectory optimisation needs CasADi: pip install "bp2_rl[trajopt]"') from missing
+    raise UserError('trajectory optimisation needs CasADi: pip install -c constraints.txt -e ".[trajopt]"') from missing
 
 
 DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # fields of HardwareSpec that the model takes as arguments

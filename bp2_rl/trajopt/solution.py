@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import hashlib
 import importlib.metadata
 from collections.abc import Mapping
 from decimal import Decimal
@@ -13,7 +14,7 @@ from jaxtyping import Float
 
 from bp2_rl import config
 from bp2_rl.errors import UserError
-from bp2_rl.files import ArraySpec, read_json, read_npz, write_npz
+from bp2_rl.files import ArraySpec, read_bytes, read_json, read_npz, write_npz
 from bp2_rl.polynomials import hermite, line, parabola
 from bp2_rl.trajopt.problem import Problem
 
@@ -162,14 +163,23 @@ class _Card(Facts):
     format: int
     problem: Problem
     versions: dict[str, str]
+    arrays_sha256: str = ""  # of the .npz file; empty on cards of versions that kept none
 
 
 def save_solution(path: Path, solution: Solution) -> None:
-    """Write `path`.npz with the arrays and `path`.json with problem, figures and versions; each whole or not at all."""
+    """Write `path`.npz with the arrays and `path`.json, its card, with problem, figures and versions.
+
+    An old card goes first and the new one comes last, so that there is none of other arrays wherever this is killed.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_npz(_beside(path, ".npz"), solution.motion.arrays, compressed=True)
-    card = _Card(**vars(solution.facts), format=FORMAT, problem=solution.problem, versions=versions())
-    config.save_config(_beside(path, ".json"), card)
+    arrays, card = _beside(path, ".npz"), _beside(path, ".json")
+    card.unlink(missing_ok=True)
+    write_npz(arrays, solution.motion.arrays, compressed=True)
+    digest = hashlib.sha256(read_bytes(arrays)).hexdigest()
+    facts = vars(solution.facts)
+    config.save_config(
+        card, _Card(**facts, format=FORMAT, problem=solution.problem, versions=versions(), arrays_sha256=digest)
+    )
 
 
 def load_solution(path: Path, problem: Problem | None = None) -> Solution:
@@ -187,7 +197,10 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
         if isinstance(written, dict) and written.get("format") != FORMAT:
             raise UserError(f"it has format {written.get('format')!r}, this version reads {FORMAT}")
         card = config.from_json(_Card, written)
-        motion = Motion(**read_npz(_beside(path, ".npz"), array_specs(card.problem)))
+        content = read_bytes(_beside(path, ".npz"))
+        if card.arrays_sha256 not in ("", hashlib.sha256(content).hexdigest()):
+            raise UserError("its arrays are not those that its card was written for")
+        motion = Motion(**read_npz(_beside(path, ".npz"), array_specs(card.problem), content=content))
         if unfit := not_finite(motion.arrays):
             raise UserError(f"it holds numbers in {unfit} that are not finite")
     except UserError as error:

@@ -146,12 +146,6 @@ def summarise(solution: Solution) -> dict[str, float]:
     }
 
 
-def mesh_change(solution: Solution, finer: Solution) -> dict[str, float]:
-    """Relative change of each figure of `summarise` from one mesh to a finer one."""
-    coarse, fine = summarise(solution), summarise(finer)
-    return {name: abs(coarse[name] / fine[name] - 1.0) for name in fine}
-
-
 def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     motion, stride = solution.motion, solution.problem.stride
     residual = speed = drift = 0.0

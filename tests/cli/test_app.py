@@ -8,6 +8,7 @@ from typing import Literal
 
 import pytest
 
+import bp2_rl
 from bp2_rl.cli import app
 from bp2_rl.errors import RunStopped, UserError
 
@@ -123,3 +124,9 @@ def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, mon
     with pytest.raises(UserError) as told:
         app.parse(Flags, arguments, "tool")
     assert str(told.value) == f"{line} (see tool --help)"
+
+
+def test_no_message_installs_from_an_index_what_is_not_on_one():
+    sources = {path: path.read_text() for path in Path(bp2_rl.__file__).parent.rglob("*.py")}
+    assert len(sources) > 50
+    assert not [path for path, text in sources.items() if "bp2_rl[" in text]

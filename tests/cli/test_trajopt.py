@@ -6,6 +6,7 @@ import pytest
 
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.__main__ import main
+from bp2_rl.folders import lock_folder
 
 
 def test_the_commands_are_listed(capsys):
@@ -65,6 +66,16 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
     assert len(lines) == 1
     assert message in lines[0]
     assert not list(tmp_path.rglob("*.npz"))
+
+
+@pytest.mark.parametrize("words", [["solve"], ["sweep"], ["library", "build"], ["codesign"]], ids=" ".join)
+def test_the_second_of_two_on_one_folder_is_refused(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with lock_folder(tmp_path, "busy"):
+        assert trajopt.main([*words, "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert f"error: another process works in {tmp_path}: wait for it, or choose another --out" in error
+    assert not list(tmp_path.glob("*.json"))
 
 
 @pytest.mark.parametrize("what", trajopt.COMMANDS)

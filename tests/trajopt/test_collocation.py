@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import json
 import re
 import sys
 
@@ -16,7 +17,7 @@ from bp2_rl.trajopt.cycle import whole_cycle
 from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import STRIDES, Problem, Weights, motor_coordinates
 from bp2_rl.trajopt.program import Program
-from bp2_rl.trajopt.solution import Motion, NotSolved, load_solution, resample, sample, save_solution
+from bp2_rl.trajopt.solution import Motion, NotSolved, is_saved, load_solution, resample, sample, save_solution
 
 TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
 
@@ -238,6 +239,28 @@ def test_a_solution_survives_the_disk(trot, tmp_path):
     assert again.cost == trot.cost
     for field in dataclasses.fields(Motion):
         assert np.array_equal(getattr(again.motion, field.name), getattr(trot.motion, field.name))
+
+
+def test_a_save_that_is_killed_between_its_files_is_no_save(trot, tmp_path, monkeypatch):
+    path = tmp_path / "speed"
+    save_solution(path, trot)
+    monkeypatch.setattr("bp2_rl.config.save_config", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        save_solution(path, dataclasses.replace(trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)))
+    assert not is_saved(path)
+
+
+def test_arrays_under_another_solutions_card_are_refused(trot, tmp_path):
+    path, other = tmp_path / "speed", tmp_path / "other"
+    save_solution(path, trot)
+    save_solution(other, dataclasses.replace(trot, motion=dataclasses.replace(trot.motion, q=trot.motion.q + 0.1)))
+    path.with_name("speed.npz").write_bytes(other.with_name("other.npz").read_bytes())
+    with pytest.raises(UserError, match="its arrays are not those that its card was written for"):
+        load_solution(path)
+    card = json.loads(path.with_name("speed.json").read_text())
+    del card["arrays_sha256"]  # as earlier versions wrote it
+    path.with_name("speed.json").write_text(json.dumps(card))
+    assert np.array_equal(load_solution(path).motion.q, trot.motion.q + 0.1)
 
 
 @pytest.mark.attack

@@ -8,7 +8,6 @@ from bp2_rl.bounds import check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
-from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.codesign.settings import CodesignSettings
 
 
@@ -33,11 +32,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _codesign(arguments: Arguments) -> None:
     """Print the study and leave it with its picture; what was solved before is not solved again."""
-    make_folder(arguments.out)
+    with output.own_folder(arguments.out):
+        from bp2_rl.plotting import save_figure
+        from bp2_rl.trajopt.codesign.figure import codesign_figure
+        from bp2_rl.trajopt.codesign.study import study_codesign
 
-    from bp2_rl.trajopt.codesign.figure import codesign_figure
-    from bp2_rl.trajopt.codesign.study import study_codesign
-
-    study = study_codesign(arguments.settings, arguments.out, arguments.workers)
-    output.save_figure(codesign_figure(study), arguments.out / "codesign.png")
+        study = study_codesign(arguments.settings, arguments.out, arguments.workers)
+        save_figure(codesign_figure(study), arguments.out / "codesign.png")
     print(f"study and picture: {arguments.out}")

@@ -9,7 +9,6 @@ import tyro
 
 from bp2_rl.bounds import check_bounds
 from bp2_rl.cli import app
-from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Folder
 from bp2_rl.cli.trajopt.solutions import load_solutions
 from bp2_rl.errors import UserError
@@ -46,6 +45,7 @@ def _figures(arguments: Arguments) -> None:
         raise UserError(f"--speed {arguments.speed:g}: there are only {speeds} m/s")
     make_folder(arguments.out)
 
+    from bp2_rl.plotting import save_figure
     from bp2_rl.trajopt import decomposition
     from bp2_rl.trajopt.figures.decomposition import decomposition_figure
     from bp2_rl.trajopt.figures.family import family_figure
@@ -57,7 +57,7 @@ def _figures(arguments: Arguments) -> None:
         ("trajectory", trajectory_figure(shown)),
         ("family", family_figure(solutions)),
     ):
-        output.save_figure(figure, arguments.out / f"{name}.png")
+        save_figure(figure, arguments.out / f"{name}.png")
     print(f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm")
     print(f"C_z / (m g) at its peak: {decomposition.peak_velocity_force(terms):.2f}")
     coupling = decomposition.coupling_opposes(terms)

@@ -47,9 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _build(arguments: Arguments) -> None:
     """Leave the solutions in their folder and the library in its file."""
-    make_folder(arguments.out)
     make_folder(arguments.to.parent)
-    with output.progress() as progress:
+    with output.own_folder(arguments.out), output.progress() as progress:
         task = progress.add_task("speeds", total=len(arguments.family.speeds))
         family = build_family(
             arguments.family,

@@ -1,9 +1,9 @@
 """What several of the commands show and leave."""
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -11,11 +11,20 @@ from rich.status import Status
 from rich.table import Table
 
 from bp2_rl.errors import UserError
-from bp2_rl.folders import make_folder
+from bp2_rl.folders import lock_folder, make_folder
 from bp2_rl.trajopt.solution import Solution
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+
+@contextlib.contextmanager
+def own_folder(folder: Path) -> Iterator[None]:
+    """A folder for results, made if need be, in which no other command works meanwhile.
+
+    Raises:
+        UserError: another one does, or the folder cannot be made or written.
+    """
+    make_folder(folder)
+    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
+        yield
 
 
 def describe(solutions: Sequence[Solution]) -> None:
@@ -70,9 +79,3 @@ def progress() -> Progress:
 def spinner(text: str) -> Status:
     """Something that turns on standard error while there is nothing to count."""
     return Console(stderr=True).status(text)
-
-
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a picture; its folder is made if need be."""
-    make_folder(path.parent)
-    figure.savefig(path)

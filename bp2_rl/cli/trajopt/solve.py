@@ -9,7 +9,6 @@ from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder
 from bp2_rl.errors import UserError
-from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import Problem, Starts
 from bp2_rl.trajopt.solution import save_solution, speed_name
 
@@ -39,19 +38,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _solve(arguments: Arguments) -> None:
     """Leave a solution, named after its speed, in the output folder."""
+    from bp2_rl.plotting import save_figure
     from bp2_rl.trajopt.collocation import refine, solve_best
     from bp2_rl.trajopt.figures.trajectory import trajectory_figure
     from bp2_rl.trajopt.verify import verify
 
-    make_folder(arguments.out)
-    with output.spinner(f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"):
+    solving = f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"
+    with output.own_folder(arguments.out), output.spinner(solving):
         found = solve_best(arguments.problem, arguments.starts)
         if arguments.refine:
             found = refine(found, arguments.refine)
         found = dataclasses.replace(found, checks=verify(found))
-    path = arguments.out / speed_name(found.problem.speed)
-    save_solution(path, found)
-    output.save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
+        path = arguments.out / speed_name(found.problem.speed)
+        save_solution(path, found)
+        save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
     output.describe([found])
     output.judge([found])
     print(f"solution and picture: {path}.*")

@@ -11,7 +11,6 @@ from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.errors import UserError
-from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
 
 
@@ -59,9 +58,8 @@ def _sweep(arguments: Arguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.trajopt.sweep import best_of, sweep
 
-    make_folder(arguments.out)
     attempts = []
-    with output.progress() as progress:
+    with output.own_folder(arguments.out), output.progress() as progress:
         task = progress.add_task("cold starts", total=len(arguments.speeds) * arguments.starts)
         for attempt in sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers):
             attempts.append(attempt)

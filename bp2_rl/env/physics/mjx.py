@@ -91,7 +91,8 @@ def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robo
     if impl == "jax":
         return mjx.put_model(model, device=device), mjx.make_data(model, device=device)
     if importlib.util.find_spec("warp") is None:
-        raise UserError("--impl warp needs the package warp-lang: pip install 'bp2_rl[warp]', or use --impl jax")
+        install = 'pip install -c constraints.txt -e ".[warp]"'
+        raise UserError(f"--impl warp needs the package warp-lang: {install}, or use --impl jax")
     if jax.default_backend() != "gpu":
         raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
     feet, limits = len(specs.LEGS), specs.NUM_MOTORS

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.errors import UserError
-from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
+from bp2_rl.files import ArraySpec, BadFileError, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.settings.gait import MEND
 
 FORMAT = 1
@@ -112,8 +112,8 @@ def mirror(legs: Any) -> Any:
 
 def _provenance(path: Path, text: str) -> dict[str, Any]:
     try:
-        provenance = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        provenance = parse_json(text, "its provenance")
+    except BadFileError as error:
         raise broken(path, "holds a provenance that is not JSON") from error
     if not isinstance(provenance, dict):
         raise broken(path, "holds a provenance that is not a JSON object")

@@ -1,6 +1,7 @@
 """A whole study of co-design: the optimum, its sensitivity and the scans, kept and in tables."""
 
 import dataclasses
+import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import get_args
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bp2_rl.config import save_config
+from bp2_rl.files import write_text
 from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.codesign.chain import solve_chains
 from bp2_rl.trajopt.codesign.scan import FLAT, Scan, scan_chains, scan_design
@@ -51,8 +53,9 @@ def study_codesign(
     scans = [scan_design(settings, name, others, folder, workers, console) for name, others in wanted]
     study = Codesign(settings, tuple(row for row in meshes if row), tuple(sensitivity), tuple(scans))
     save_config(folder / NUMBERS, study)
-    with (folder / TEXT).open("w", encoding="utf-8") as file:
-        print_study(study, Console(file=file, width=120))
+    text = io.StringIO()
+    print_study(study, Console(file=text, width=120))
+    write_text(folder / TEXT, text.getvalue())
     print_study(study, console)
     return study
 
