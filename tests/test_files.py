@@ -128,8 +128,10 @@ def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
     path = tmp_path / "file"
     with files.new_file(path) as ours:
         ours.write(b"ours")
-        child = f"from bp2_rl.files import write_bytes; from pathlib import Path; write_bytes(Path({str(path)!r}), b'theirs')"
-        subprocess.run([sys.executable, "-c", child], check=True)
+        child = (
+            "import sys, pathlib; from bp2_rl.files import write_text; write_text(pathlib.Path(sys.argv[1]), 'theirs')"
+        )
+        subprocess.run([sys.executable, "-c", child, str(path)], check=True)
         assert path.read_bytes() == b"theirs"
     assert path.read_bytes() == b"ours"
     assert list(tmp_path.iterdir()) == [path]
@@ -153,13 +155,13 @@ def test_a_device_is_no_file():
         read_json(Path("/dev/zero"))
 
 
-@pytest.mark.parametrize("length", [230, 250, 252, 255, 256])
+@pytest.mark.parametrize("length", [250, 252, 255, 256])
 def test_a_name_that_is_too_long_to_be_written_safely_is_refused(tmp_path, length):
-    path = tmp_path / ("x" * length)
-    try:
-        files.require_name(path)
-    except UserError as error:
-        assert length > 240
-        assert "no file or folder can be called" in str(error)
-    else:
-        write_text(path, "")
+    with pytest.raises(UserError, match="no file or folder can be called"):
+        files.require_name(tmp_path / ("x" * length))
+
+
+def test_a_long_name_that_can_be_written_is_none_the_worse(tmp_path):
+    path = tmp_path / ("x" * 230)
+    files.require_name(path)
+    write_text(path, "")
