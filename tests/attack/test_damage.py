@@ -1,6 +1,7 @@
 """Damaged files of every kind, given to every command that reads them: read all the same, or refused in one line with
 status 2; and what was there is there still."""
 
+import dataclasses
 import importlib
 import itertools
 import os
@@ -13,17 +14,29 @@ from pathlib import Path
 import pytest
 from aim import StandIn
 from aim_run import SMALL
+from rich.progress import Progress
 
 from bp2_rl.assets import asset_path
+from bp2_rl.cli.trajopt.solutions import load_family
+from bp2_rl.config import save_config
+from bp2_rl.evaluation.report.folder import Report
 from bp2_rl.learning import run
+from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.gait import SHIPPED
+from bp2_rl.trajopt.family import FamilyConfig
+from bp2_rl.trajopt.problem import Problem
+from bp2_rl.trajopt.solution import save_solution
+from bp2_rl.trajopt.sweep import Attempt
 
 pytestmark = pytest.mark.attack
 
 LONGEST = 20.0  # s, for an answer
 FLIPS = 12  # of one bit, for each file
 POLICY_FILES = ("run/policy/card.json", "run/policy/weights.npz")
+SOLUTION = ("family/speed-00.50.json", "family/speed-00.50.npz")
+SWEEP_FILES = ("sweep/sweep.json", "sweep/speed-00.50-start-0.attempt.json")
+SLOWEST = ["--slowest", "0.5", "--fastest", "0.5", "--starts", "1", "--intervals", "40"]
 RUN_FILES = ("run/config.json", "run/checkpoints/2/metadata.json", "run/checkpoints/2/state.npz")
 
 
@@ -37,14 +50,30 @@ def begin(*_, **__):
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A folder with a run of two train steps, a library of trots, and a policy's report."""
+    """A folder with a run of two train steps, a report of its policy, a library of trots, a family and a sweep."""
     folder = tmp_path_factory.mktemp("original")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "make_learner", lambda config: PPO(StandIn(), config.ppo))
         words = [*SMALL, "--out", str(folder / "run"), "--run.steps", "128", "--run.checkpoints", "1"]
         assert importlib.import_module("bp2_rl.cli.train").main(words) == 0
+    weights = load_policy(folder / "run").card.weights_sha256
+    (folder / "report").mkdir()
+    report = Report("topspeed", {"weights_sha256": weights}, {"topspeed": {"top_speed": 9.5}}, {})
+    save_config(folder / "report/metrics.json", report)
     shutil.copy(asset_path(SHIPPED), folder / "library.npz")
+    keep_solved(folder)
     return folder
+
+
+def keep_solved(folder: Path) -> None:
+    """A family and a sweep of one speed each, the library's slowest."""
+    slowest = load_family(folder / "library.npz")[0]
+    save_solution(folder / "family/speed-00.50", slowest)
+    save_config(folder / "family/family.json", FamilyConfig())
+    problem = Problem(intervals=40)
+    save_solution(folder / "sweep/speed-00.50-start-0", dataclasses.replace(slowest, problem=problem.at(0.5)))
+    save_config(folder / "sweep/speed-00.50-start-0.attempt.json", Attempt(0.5, 0, True, 1.0, slowest.cost, 0.0))
+    save_config(folder / "sweep/sweep.json", problem)
 
 
 @pytest.fixture
@@ -55,9 +84,13 @@ def cut_off(monkeypatch):
         "bp2_rl.learning.loop.train",
         "bp2_rl.learning.run.save_checkpoint",
         "bp2_rl.evaluation.report.folder.open_folder",
-        "bp2_rl.cli.trajopt.output.progress",
+        "bp2_rl.trajopt.verify.verify",
+        "bp2_rl.trajopt.decomposition.decompose",
+        "bp2_rl.trajopt.family.spawned",
+        "bp2_rl.trajopt.sweep.spawned",
     ):
         monkeypatch.setattr(place, begin)
+    monkeypatch.setattr("bp2_rl.cli.trajopt.output.progress", lambda: Progress(disable=True))
 
 
 def damages(content: bytes) -> Iterator[bytes | None]:
@@ -83,8 +116,23 @@ COMMANDS = {
     "relaxed": ("train", ["--stage", "relaxed", "--preset", "smoke", "--from", "run", "--out", "new"], RUN_FILES),
     "eval": ("eval", ["run", "--no-video"], POLICY_FILES),
     "export": ("export", ["run", "--to", "copy"], POLICY_FILES),
+    "export a report": ("export", ["run", "--to", "copy", "--report", "report"], ("report/metrics.json",)),
+    "build": ("trajopt", ["library", "build", "--out", "family"], ("family/family.json",)),
+    "sweep": ("trajopt", ["sweep", *SLOWEST, "--out", "sweep"], SWEEP_FILES),
+    "verify solutions": ("trajopt", ["verify", "family"], SOLUTION),
+    "verify a sweep": ("trajopt", ["verify", "sweep"], SWEEP_FILES),
+    "figures": ("trajopt", ["figures", "family", "--speed", "0.5"], SOLUTION),
     "verify": ("trajopt", ["verify", "library.npz"], ("library.npz",)),
 }
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_files_that_are_whole_are_taken(name, original, cut_off, tmp_path, monkeypatch, capsys):
+    module, words, _ = COMMANDS[name]
+    shutil.copytree(original, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    status = importlib.import_module(f"bp2_rl.cli.{module}").main(list(words))
+    assert status == 0 or "AcceptedError" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("name", "file"), [(name, file) for name, (*_, files) in COMMANDS.items() for file in files])

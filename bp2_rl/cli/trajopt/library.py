@@ -47,15 +47,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _build(arguments: Arguments) -> None:
     """Leave the solutions in their folder and the library in its file."""
-    make_folder(arguments.to.parent)
-    with output.own_folder(arguments.out), output.progress() as progress:
-        task = progress.add_task("speeds", total=len(arguments.family.speeds))
-        family = build_family(
-            arguments.family,
-            arguments.out,
-            workers=arguments.workers,
-            report=lambda done, total: progress.update(task, completed=done, total=total),
-        )
+    with output.own_folder(arguments.out):
+        make_folder(arguments.to.parent)
+        with output.progress() as progress:
+            task = progress.add_task("speeds", total=len(arguments.family.speeds))
+            family = build_family(
+                arguments.family,
+                arguments.out,
+                workers=arguments.workers,
+                report=lambda done, total: progress.update(task, completed=done, total=total),
+            )
     output.describe(family)
     steps = steps_of(family)
     print(

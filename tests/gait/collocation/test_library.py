@@ -516,6 +516,7 @@ def _moved(name, index, by):
         (_replaced("format", lambda _: np.array(2)), "has format 2, this version reads 1"),
         (_replaced("provenance", lambda _: np.array("{")), "provenance that is not JSON"),
         (_replaced("provenance", lambda _: np.array("[" * 100_000)), "provenance that is not JSON"),
+        (_replaced("provenance", lambda _: np.array('{"by": "\\ud800"}')), "provenance that is not JSON"),
         (_replaced("provenance", lambda _: np.array("[]")), "provenance that is not a JSON object"),
         (_replaced("provenance", lambda _: np.array(1.0)), "holds provenance as float64"),
         (_replaced("q", lambda q: q.astype(int)), "holds q as int64"),
