@@ -50,7 +50,7 @@ COMMANDS = {
 def nothing_is_computed(monkeypatch, tmp_path):
     for place in WORK:
         monkeypatch.setattr(place, begin)
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("COLUMNS", "100")  # one column of flags
     monkeypatch.chdir(tmp_path)
 
 
@@ -103,6 +103,8 @@ def test_no_value_of_any_flag_ends_in_more_than_one_line(command, capsys):
         importlib.import_module(module).main([*words, "--help"])
     known = flags(capsys.readouterr().out)
     assert known
+    if command == "bench":  # has train's settings, which are attacked there
+        known = {flag: takes for flag, takes in known.items() if not flag.startswith(("--env.", "--ppo."))}
     wrong = []
     for flag, metavar in known.items():
         for value in attacks(metavar):
