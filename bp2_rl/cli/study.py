@@ -54,6 +54,7 @@ def _study(arguments: Arguments) -> None:
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.plotting import save_figure
     from bp2_rl.study.figure import learning_curves
     from bp2_rl.study.outcome import outcome, table
     from bp2_rl.study.training import run, visible_gpus
@@ -69,7 +70,7 @@ def _study(arguments: Arguments) -> None:
         for one in outcomes:
             save_config(arguments.out / f"{one.variant}.json", one)
         write_text(arguments.out / "table.md", table(outcomes))
-        learning_curves(arguments.out, plan.variants, plan.seeds).savefig(arguments.out / "learning_curves.png")
+        save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")
         print(table(outcomes))
         print(f"learning curves: {arguments.out / 'learning_curves.png'}")
     elif not arguments.train:

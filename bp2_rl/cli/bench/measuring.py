@@ -25,6 +25,7 @@ from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
 from bp2_rl.learning.ppo import PPO
+from bp2_rl.plotting import save_figure
 
 Size = tuple[int, int]
 """(robots, devices)."""
@@ -55,7 +56,7 @@ def bench(argv: list[str]) -> None:
     if not any(case.measurements for case in report.cases):
         raise UserError(f"nothing could be measured: {report.cases[0].error}")
     if arguments.scaling:
-        scaling_figure(report).savefig(folder / PICTURE)
+        save_figure(scaling_figure(report), folder / PICTURE)
     console.print(f"report: {folder / NUMBERS}", soft_wrap=True)
 
 
