@@ -180,11 +180,16 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
-     lambda found: f"{found[2]} {found[1]}: there are {found[3].replace(chr(39), '').rstrip(',')}"),
+     lambda found: f"{found[2]} {found[1]}: there are {_choices(found[3])}"),
     (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
 )  # fmt: skip
 """What tyro says in terms of Python, and how a user would say it."""
+
+
+def _choices(listed: str) -> str:
+    """Python's `'a', None, 'b'`, in an order of their own: a, b; None is what a flag that is not given stands for."""
+    return ", ".join(sorted(set(re.findall(r"'([^']+)'", listed)) - {"None"}))
 
 
 def _in_words(metavar: str) -> str:

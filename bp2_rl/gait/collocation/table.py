@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.gait.collocation.file import COORDINATES, TRUNK, broken, by_leg, load_library
+from bp2_rl.errors import UserError
+from bp2_rl.gait.collocation.file import COORDINATES, TRUNK, by_leg, load_library
 from bp2_rl.polynomials import hermite_coefficients
 from bp2_rl.robot import kinematics, specs
 
@@ -40,7 +41,11 @@ def load_table(path: Path, leg_length: float) -> Table:
     places, rates = _with_feet(q, v, leg_length)
     off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - specs.FOOT_RADIUS)
     if off.max() > ON_GROUND:
-        raise broken(path, f"has standing feet {1e3 * off.max():.0f} mm off the ground with legs of {leg_length} m")
+        raise UserError(
+            f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of {leg_length} m: "
+            f"make one with `bp2 trajopt library build --problem.hardware.leg-length {leg_length}`, and name it by "
+            "--env.library.path"
+        )
     durations = library.durations.astype(float)
     cubics = _cubics(durations, places, rates, tau)
     middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[:, STANDING_PAIR, 0]
