@@ -42,9 +42,9 @@ def load_table(path: Path, leg_length: float) -> Table:
     off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - specs.FOOT_RADIUS)
     if off.max() > ON_GROUND:
         raise UserError(
-            f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with "
-            f"legs of {leg_length} m: make one with `bp2 trajopt library build --problem.hardware.leg-length {leg_length}`, and name it by "
-            "--env.library.path"
+            f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
+            f"{leg_length} m: make one with `bp2 trajopt library build --problem.hardware.leg-length {leg_length}`, "
+            "and name it by --env.library.path"
         )
     durations = library.durations.astype(float)
     cubics = _cubics(durations, places, rates, tau)
