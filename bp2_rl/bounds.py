@@ -61,7 +61,6 @@ class Within:
 ANY = Within()
 POSITIVE = Within(0.0, open_below=True)
 Positive = Annotated[float, POSITIVE]
-NotNegative = Annotated[float, Within(0.0)]
 Share = Annotated[float, Within(0.0, 1.0)]
 Count = Annotated[int, Within(1)]
 Range = tuple[float, float]

@@ -230,22 +230,6 @@ def read_npz(
         raise BadFileError(f"{path} is damaged or no .npz file ({type(error).__name__}: {error})") from error
 
 
-def npz_header(path: Path) -> dict[str, tuple[np.dtype, tuple[int, ...]]]:
-    """Type and shape of every array in an .npz file, none of them read; raises as `read_npz`."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
-            found = {}
-            for name in archive.namelist():
-                with archive.open(name) as member:
-                    shape, _, dtype = _read_header(member)
-                found[name.removesuffix(".npy")] = (dtype, shape)
-            return found
-    except UserError:
-        raise
-    except _DAMAGE as error:
-        raise BadFileError(f"{path} is damaged or no .npz file ({type(error).__name__}: {error})") from error
-
-
 # What zipfile, zlib and NumPy raise for bytes that are not theirs; found by flipping bits of every file we write.
 _DAMAGE = (
     OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, OverflowError, MemoryError, RecursionError,

@@ -145,3 +145,26 @@ def make_folder(folder: Path) -> None:
             raise UserError(f"cannot write to {folder}: choose another folder")
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error
+
+
+def open_report(folder: Path, mark: str, what: str) -> None:
+    """Make a report's folder, before anything is measured for it.
+
+    Args:
+        folder: what --out names.
+        mark: the file by which an old report is known, which may be replaced.
+        what: the kind of report, for the message.
+
+    Raises:
+        UserError: it cannot be made or written, or holds anything but such a report.
+    """
+    require_name(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not (folder / mark).is_file():
+            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}")
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.bounds import Count, NotNegative, Positive, Range, Share, Within, check_bounds
+from bp2_rl.bounds import Count, Positive, Range, Share, Within, check_bounds
 from bp2_rl.errors import UserError
 
 
@@ -26,7 +26,7 @@ class Settings:
     delay: Annotated[Range, Within(0.0, 0.01)] = (0.0, 0.01)
     speed: Positive | None = None
     layers: tuple[Count, ...] = (4, 4)
-    size: NotNegative = 0.0
+    size: Annotated[float, Within(0.0)] = 0.0
     below: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
     anything: float = -3.0
     flag: bool = False

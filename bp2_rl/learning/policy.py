@@ -133,11 +133,6 @@ def make_policy(params: Mapping[str, Any], normalizer: Any, card: PolicyCard) ->
     return policy
 
 
-def export_policy(directory: Path, *, params: Mapping[str, Any], normalizer: Any, card: PolicyCard) -> Policy:
-    """Save the policy that `make_policy` makes of Brax's parameters; raises what `make_policy` and `save_policy` do."""
-    return save_policy(directory, make_policy(params, normalizer, card))
-
-
 def save_policy(directory: Path, policy: Policy) -> Policy:
     """Write `policy` to `directory`, whole or not at all, and return it with its card as written.
 

@@ -18,9 +18,13 @@ from bp2_rl.env.observations import LAYOUT
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
 from bp2_rl.evaluation.benchmarks.topspeed import topspeed
-from bp2_rl.learning.policy import export_policy
+from bp2_rl.learning.policy import make_policy, save_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def export_policy(directory, *, params, normalizer, card):
+    return save_policy(directory, make_policy(params, normalizer, card))
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from killer import killed_at_every_operation
 from bp2_rl.config import to_json
 from bp2_rl.env.observations import Entry
 from bp2_rl.errors import UserError
-from bp2_rl.learning.policy import PolicyCard, PolicyError, export_policy, load_policy, make_policy, save_policy
+from bp2_rl.learning.policy import PolicyCard, PolicyError, load_policy, make_policy, save_policy
 from bp2_rl.settings.env import EnvConfig
 
 LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
@@ -34,6 +34,10 @@ ACTIVATIONS: dict[str, Callable] = {
     "tanh": linen.tanh,
     "relu": linen.relu,
 }
+
+
+def export_policy(directory, *, params, normalizer, card):
+    return save_policy(directory, make_policy(params, normalizer, card))
 
 
 def make_card(**changes: Any) -> PolicyCard:

@@ -23,7 +23,7 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
-from bp2_rl.files import require_name
+from bp2_rl.folders import open_report
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.plotting import save_figure
 
@@ -183,15 +183,9 @@ def _doublings(fewest: int, most: int) -> Iterator[int]:
 
 def _open(folder: Path, report: Bench) -> None:
     """Begin the report; raises UserError where the folder holds anything but one, or cannot be written."""
-    require_name(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()) and not (folder / NUMBERS).is_file():
-            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old bench")
-        (folder / PICTURE).unlink(missing_ok=True)
-        save_config(folder / NUMBERS, report)
-    except OSError as error:
-        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+    open_report(folder, NUMBERS, "bench")
+    (folder / PICTURE).unlink(missing_ok=True)
+    save_config(folder / NUMBERS, report)
 
 
 def _host_peak() -> int:

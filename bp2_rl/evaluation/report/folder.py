@@ -18,7 +18,8 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
 from bp2_rl.evaluation.report.film import NoVideo, make_video
 from bp2_rl.evaluation.report.page import PAGE, VIDEO, overview, page
-from bp2_rl.files import require_name, write_bytes, write_text
+from bp2_rl.files import write_bytes, write_text
+from bp2_rl.folders import open_report
 
 METRICS, TRAJECTORY = "metrics.json", "trajectory.npz"
 
@@ -35,18 +36,9 @@ class Report:
 
 def open_folder(folder: Path, benchmark: str) -> None:
     """Make a report's folder; raises UserError where that cannot be, or where it holds anything but such a report."""
-    require_name(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()) and not (folder / METRICS).is_file():
-            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old report")
-        if (folder / METRICS).is_file() and (old := read_report(folder).benchmark) != benchmark:
-            raise UserError(f"--out {folder} holds a report of {old}: name another folder for {benchmark}")
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+    open_report(folder, METRICS, "report")
+    if (folder / METRICS).is_file() and (old := read_report(folder).benchmark) != benchmark:
+        raise UserError(f"--out {folder} holds a report of {old}: name another folder for {benchmark}")
 
 
 def write_report(
