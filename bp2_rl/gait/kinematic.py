@@ -37,7 +37,7 @@ SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
 class KinematicGait(KinematicConfig):
     """The `ReferenceMotion` that the settings make of a robot."""
 
-    hardware: specs.HardwareSpec = specs.BP2
+    hardware: specs.HardwareSpec = specs.IDEAL
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.reference import Reference
-from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 CYCLES_PER_SECOND = 3.0  # of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a second
 
@@ -16,7 +16,7 @@ CYCLES_PER_SECOND = 3.0  # of the phase clock that the policy sees; a trot at 10
 class Standing:
     """The `ReferenceMotion` that stands."""
 
-    hardware: HardwareSpec = BP2
+    hardware: HardwareSpec = IDEAL
 
     @property
     def height(self) -> float:

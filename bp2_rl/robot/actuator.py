@@ -16,7 +16,7 @@ from typing import Any
 from flax import struct
 from jaxtyping import Float
 
-from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 Parameter = Any  # a number, or an array that broadcasts against the joints, "... 12"
 Joints = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
@@ -37,7 +37,7 @@ class Actuator(struct.PyTreeNode):
     @classmethod
     def from_hardware(
         cls,
-        hardware: HardwareSpec = BP2,
+        hardware: HardwareSpec = IDEAL,
         *,
         stiffness: Parameter = 250.0,
         damping: Parameter = 3.0,

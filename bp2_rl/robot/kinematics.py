@@ -19,10 +19,8 @@ Array = Any  # NumPy or JAX
 SIDE = np.array([-1.0, 1.0, -1.0, 1.0])  # y of each leg's side: right, left, right, left
 LEG_ORIGINS = np.array(
     [
-        [fore * specs.HIP_FORE_AFT, side * lateral, 0.0]
-        for fore, side, lateral in zip(
-            (1, 1, -1, -1), SIDE, (specs.FRONT_HIP_LATERAL,) * 2 + (specs.HIND_HIP_LATERAL,) * 2, strict=True
-        )
+        [fore * specs.HIP_FORE_AFT, lateral, 0.0]
+        for fore, lateral in zip((1, 1, -1, -1), specs.IDEAL.hip_laterals, strict=True)
     ]
 )  # m, abduction axis of each leg in the trunk frame
 

@@ -14,7 +14,7 @@ import numpy as np
 from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BP2, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
 
 NQ, NV, NU = 23, 22, 12
 SPRING_QPOS = np.array([10, 14, 18, 22])
@@ -32,7 +32,7 @@ class ModelError(UserError):
 
 
 def load_model(
-    hardware: HardwareSpec = BP2,
+    hardware: HardwareSpec = IDEAL,
     *,
     timestep: float = PHYSICS_STEP,
     visual: bool = True,
@@ -90,7 +90,7 @@ def let_converge(
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def load_spec(hardware: HardwareSpec = BP2, *, xml: Path | None = None) -> mujoco.MjSpec:
+def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> mujoco.MjSpec:
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
     path = _scene(xml)
     if not path.is_file():

@@ -10,7 +10,7 @@ order FR, FL, RR, RL; joints of a leg in the order abad, hip, knee (then the pas
 """
 
 import dataclasses
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.errors import UserError
@@ -98,12 +98,13 @@ SPRING_TRAVEL = _number("-", 0.13, "m", "ASSUMED: 65 % of the rest length; 0.11 
 ABAD_MASS = _number("-", 0.9, "kg", "ASSUMED: abduction link with the hip motor's stator; taken from the trunk")
 ABAD_INERTIA = _number("-", 0.0015, "kg m2", "ASSUMED: a 0.9 kg cylinder of 0.05 m radius")
 ABAD_COM_FORE_AFT = _number("-", -0.05, "m", "ASSUMED: from the hip, towards the trunk's centre")
-FRONT_HIP_LATERAL = _number("-", 0.115, "m", "ASSUMED: trunk's mid-plane to the front abduction axis")
-HIND_HIP_LATERAL = _number("-", 0.080, "m", "ASSUMED: narrower than the front, as the paper says")
+FORE_TRACK = _number("-", 0.39, "m", "ASSUMED: between the fore legs' planes; 0.44 m over all with their covers")
+HIND_TRACK = _number("-", 0.32, "m", "ASSUMED: likewise behind, narrower than the front, as the paper says")
 THIGH_LATERAL = _number("-", 0.080, "m", "ASSUMED: abduction axis to the leg's plane, outwards")
 THIGH_TWIST_INERTIA = _number("-", 0.003, "kg m2", "ASSUMED: about its length, 2.2 kg of motors 0.05 m in radius")
 SHANK_TWIST_INERTIA = _number("-", 5e-6, "kg m2", "ASSUMED: about its length, a 0.1 kg rod of 0.01 m radius")
 FOOT_RADIUS = _number("-", 0.02, "m", "ASSUMED: sphere whose lowest point is the sole")
+CONTACT_TIME = _number("-", 0.005, "s", "ASSUMED: MuJoCo's time constant of foot on ground; 15 mm under 6 body weights")
 FOOT_FRICTION = _number("mu", 0.9, "-", "ASSUMED: cleats on track or concrete")
 TRUNK_ROLL_INERTIA = _number("-", 0.20, "kg m2", "ASSUMED: 20 kg box of 0.20 m x 0.16 m, plus battery and covers")
 TRUNK_YAW_INERTIA = _number("-", 1.70, "kg m2", "ASSUMED: as pitch, plus what the width adds")
@@ -122,8 +123,28 @@ TRUNK_PITCH_INERTIA = 4.0 * (
 
 
 @dataclasses.dataclass(frozen=True)
+class Losses:
+    """What a machine loses between its battery and the road, and how late its motors are; by default nothing.
+
+    The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
+    """
+
+    drag_area: Annotated[float, Within(0.0, 10.0)] = 0.0  # m2, drag coefficient x frontal area
+    headwind: Annotated[float, Within(-50.0, 50.0)] = 0.0  # m/s, of air that blows towards -x
+    gear_efficiency: Annotated[float, Within(0.1, 1.0)] = 1.0  # of the torque, driving and braking alike
+    joint_friction: Annotated[float, Within(0.0, 1000.0)] = 0.0  # Nm, Coulomb's, at the joint
+    joint_viscosity: Annotated[float, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
+    spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
+    current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
+    latency: Annotated[float, Within(0.0, 0.010)] = 0.0  # s, from an observation to the joint target it leads to
+    bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")  # W, from battery to motors
+    bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")  # W, from motors to battery
+    bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0  # share of the voltage that is lost per kW out
+
+
+@dataclasses.dataclass(frozen=True)
 class HardwareSpec:
-    """The parameters of BP2's body that a designer may change; the defaults are BP2.
+    """The parameters of BP2's body that a designer may change; the defaults are the ideal BP2.
 
     The motor itself stays: a gear ratio g gives g/8.5 times the joint torque at 8.5/g times the speed. The bounds are
     those of what can be computed, not of what can be built.
@@ -132,29 +153,52 @@ class HardwareSpec:
     gear_ratio: Annotated[float, Within(0.1, 1000.0)] = GEAR_RATIO
     leg_length: Annotated[float, Within(0.0, 10.0)] = THIGH_LENGTH
     """m, of the thigh and of the uncompressed lower leg alike"""
+    fore_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = FORE_TRACK  # m, between the fore legs' planes
+    hind_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = HIND_TRACK  # m, likewise behind
+    solid_legs: bool = False  # legs collide with each other and with the trunk
     spring_stiffness: Annotated[float, Within(100.0, 1e7)] = SPRING_STIFFNESS  # N/m
     spring_damping: Annotated[float, Within(0.0, 1e5)] = SPRING_DAMPING  # N s/m
     spring_travel: Annotated[float, Within(0.0, 10.0)] = SPRING_TRAVEL  # m, at which the stop begins to push
     spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
+    rebound_stiffness: Annotated[float, Within(0.0, 1e8)] = SPRING_STOP_STIFFNESS
+    """N/m, of the stop at no compression that keeps the toe from flying off, on top of the spring's"""
+    rebound_damping: Annotated[float, Within(0.0, 1e5)] = 0.0  # N s/m, of that stop
+    joint_stop_time: Annotated[float, Within(0.002, 1.0)] = 0.02
+    """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically damped"""
     rotor_inertia: Annotated[float, Within(0.0, 0.1)] = ROTOR_INERTIA  # kg m2, motor side
     peak_torque: Annotated[float, Within(0.1, 1e5)] = PEAK_TORQUE  # Nm, at the joint with the gear of 8.5
     corner_speed: Annotated[float, Within(0.0, 1e4)] = CORNER_SPEED  # rad/s likewise; 0 is the straight back-EMF line
     no_load_speed: Annotated[float, Within(0.1, 1e4)] = NO_LOAD_SPEED  # rad/s likewise
+    braking_speed: Annotated[float, Within(0.1, 1e4, infinite=True)] = float("inf")
+    """rad/s likewise, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
+    envelope: Literal["start", "throughout"] = "start"
+    """when in a millisecond torque keeps to the envelope: at its start only, or all the time"""
     mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
     friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION
+    contact_time: Annotated[float, Within(0.002, 1.0)] = CONTACT_TIME
+    """s, in which the ground takes up a foot's depth: MuJoCo's time constant"""
+    contact_damping: Annotated[float, Within(0.01, 100.0)] = 1.0  # MuJoCo's damping ratio of that
+    losses: Losses = Losses()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
         check_bounds(self, "hardware.")
-        if self.corner_speed >= self.no_load_speed:
-            raise UserError(
-                f"hardware.corner_speed ({self.corner_speed}) must be below no_load_speed ({self.no_load_speed})"
-            )
+        for name in ("no_load_speed", "braking_speed"):
+            if self.corner_speed >= getattr(self, name):
+                raise UserError(
+                    f"hardware.corner_speed ({self.corner_speed}) must be below {name} ({getattr(self, name)})"
+                )
         shortest = SHANK_LENGTH + TOE_LENGTH + self.spring_travel
         if self.leg_length <= shortest:
             raise UserError(
                 f"hardware.leg_length ({self.leg_length}) must exceed shank + toe + spring travel = {shortest:.3f} m"
             )
+
+    @property
+    def hip_laterals(self) -> tuple[float, float, float, float]:
+        """How far left of the trunk's mid-plane each leg's abduction axis is, m, in the order of `LEGS`."""
+        fore, hind = (round(track / 2 - THIGH_LATERAL, 12) for track in (self.fore_track, self.hind_track))
+        return -fore, fore, -hind, hind
 
     @property
     def reflected_inertia(self) -> float:
@@ -176,5 +220,38 @@ class HardwareSpec:
         """Speed at which no driving torque is left, at the joint, rad/s."""
         return self.no_load_speed * GEAR_RATIO / self.gear_ratio
 
+    @property
+    def joint_braking_speed(self) -> float:
+        """Speed at which no braking torque is left, at the joint, rad/s."""
+        return self.braking_speed * GEAR_RATIO / self.gear_ratio
 
-BP2 = HardwareSpec()
+
+IDEAL = HardwareSpec()
+"""BP2 without losses, on legs that pass through each other: what the paper's numbers alone make of it."""
+
+BUILT = HardwareSpec(
+    hind_track=0.28,
+    solid_legs=True,
+    rebound_stiffness=150e3,
+    rebound_damping=100.0,
+    joint_stop_time=0.005,
+    envelope="throughout",
+    friction=0.8,
+    contact_time=0.003,
+    losses=Losses(
+        drag_area=0.2,
+        gear_efficiency=0.92,
+        joint_friction=2.0,
+        joint_viscosity=0.05,
+        spring_friction=20.0,
+        current_lag=0.002,
+        latency=0.005,
+        bus_power_out=8e3,
+        bus_power_in=3e3,
+        bus_sag=0.0125,
+    ),
+)
+"""BP2 as a machine that one could build."""
+
+RobotName = Literal["ideal", "built"]
+ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}

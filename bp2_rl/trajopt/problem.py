@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 TRUNK = 3  # coordinates of the trunk: x, z, pitch
 PER_LEG = 3  # coordinates of a leg: hip, knee, spring
@@ -116,7 +116,7 @@ class Problem:
     gait: Gait = "trot"
     scheme: Scheme = "hermite-simpson"
     intervals: Intervals = 16  # of each segment
-    hardware: HardwareSpec = BP2
+    hardware: HardwareSpec = IDEAL
     foot_radius: Annotated[float, Within(0.0, specs.TOE_LENGTH)] = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
     clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
     # Largest joint speed, as a share of the no-load speed.

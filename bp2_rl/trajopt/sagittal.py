@@ -67,7 +67,7 @@ def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
 @functools.lru_cache(maxsize=8)
 def build_model(
     legs: tuple[str, ...] = specs.LEGS,
-    hardware: HardwareSpec = specs.BP2,
+    hardware: HardwareSpec = specs.IDEAL,
     foot_radius: float = specs.FOOT_RADIUS,
 ) -> SagittalModel:
     """The model of a trunk made of as many of Table S3's quarters as there are legs.

@@ -65,8 +65,8 @@ def stance_time(command, gait=GAIT):
     "gait",
     [
         GAIT,
-        KinematicGait(hardware=dataclasses.replace(specs.BP2, leg_length=0.42)),
-        KinematicGait(hardware=dataclasses.replace(specs.BP2, spring_stiffness=3000.0)),
+        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, leg_length=0.42)),
+        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, spring_stiffness=3000.0)),
     ],
 )
 def test_a_stance_foot_moves_with_the_ground(gait):
@@ -318,7 +318,7 @@ def test_single_precision_gives_the_same_motion():
     ],
 )
 def test_other_hardware_is_within_its_own_reach(change):
-    hardware = dataclasses.replace(specs.BP2, **change)
+    hardware = dataclasses.replace(specs.IDEAL, **change)
     gait = KinematicGait(hardware=hardware)
     reference = sample(COMMANDS, np.linspace(0.0, 1.0, 101)[:, None], gait)
     assert np.isfinite(reference.joint_velocity).all()

@@ -136,7 +136,7 @@ def test_the_motors_can_follow_and_the_ground_bears_the_weight(speed):
 
 
 def print_reference_speeds() -> None:
-    rigid = dataclasses.replace(specs.BP2, spring_stiffness=1e7)
+    rigid = dataclasses.replace(specs.IDEAL, spring_stiffness=1e7)
     print("| m/s | period s | duty | hip | knee | abad (turning 2 rad/s) | hip, gentle landing | hip, rigid leg |")
     print("| ---: " * 8 + "|")
     for speed in (3.0, 6.0, 8.0, 10.0, 11.0, 13.0):

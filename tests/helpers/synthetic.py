@@ -10,7 +10,7 @@ from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.report import terminal
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
-from bp2_rl.robot.specs import BP2, GRAVITY
+from bp2_rl.robot.specs import GRAVITY, IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 DT = 1e-3
@@ -42,7 +42,7 @@ def make_run(duration=8.0, speed=5.0, acceleration=2.5, frequency=4.0, duty=0.25
         "steady_from": speed / acceleration,
         "fell_at": None,
         "mass": MASS,
-        "hardware": BP2,
+        "hardware": IDEAL,
         "name": "synthetic trot",
         "backend": "none",
     }

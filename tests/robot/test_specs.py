@@ -11,7 +11,7 @@ from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BP2, LEGS, MOTOR_NAMES, HardwareSpec
+from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
 
 assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 
@@ -79,7 +79,7 @@ def test_xml_leg_masses_and_inertias(xml, leg):
 @pytest.mark.parametrize("leg", LEGS)
 def test_xml_leg_geometry(xml, leg):
     fore, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
-    lateral = specs.FRONT_HIP_LATERAL if leg[0] == "F" else specs.HIND_HIP_LATERAL
+    lateral = abs(specs.IDEAL.hip_laterals[specs.LEGS.index(leg)])
     assert_same(xml.body(f"{leg}_abad").pos, [fore * specs.HIP_FORE_AFT, side * lateral, 0])
     assert_same(xml.body(f"{leg}_thigh").pos, [0, side * specs.THIGH_LATERAL, 0])
     assert_same(xml.body(f"{leg}_shank").pos, [0, 0, -specs.THIGH_LENGTH])
@@ -107,7 +107,7 @@ def test_xml_joints_springs_motors_and_friction(xml):
             ("knee", specs.KNEE_RANGE),
         ):
             assert_same(xml.joint(f"{leg}_{joint}").range, joint_range)
-            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(BP2.reflected_inertia, rel=1e-12)
+            assert xml.joint(f"{leg}_{joint}").armature[0] == pytest.approx(IDEAL.reflected_inertia, rel=1e-12)
         spring, stop = xml.joint(f"{leg}_spring"), xml.tendon(f"{leg}_stop").id
         assert (spring.stiffness[0], spring.damping[0]) == (specs.SPRING_STIFFNESS, specs.SPRING_DAMPING)
         assert xml.tendon_stiffness[stop] == specs.SPRING_STOP_STIFFNESS
@@ -151,7 +151,7 @@ def test_impossible_hardware_is_refused_in_one_line(change, says):
 
 def test_gear_ratio_scales_torque_speed_and_inertia():
     geared = HardwareSpec(gear_ratio=17.0)
-    assert geared.joint_peak_torque == pytest.approx(2 * BP2.joint_peak_torque)
-    assert geared.joint_no_load_speed == pytest.approx(BP2.joint_no_load_speed / 2)
-    assert geared.joint_corner_speed == pytest.approx(BP2.joint_corner_speed / 2)
-    assert geared.reflected_inertia == pytest.approx(4 * BP2.reflected_inertia)
+    assert geared.joint_peak_torque == pytest.approx(2 * IDEAL.joint_peak_torque)
+    assert geared.joint_no_load_speed == pytest.approx(IDEAL.joint_no_load_speed / 2)
+    assert geared.joint_corner_speed == pytest.approx(IDEAL.joint_corner_speed / 2)
+    assert geared.reflected_inertia == pytest.approx(4 * IDEAL.reflected_inertia)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.errors import UserError
-from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 from bp2_rl.trajopt.collocation import fastest, refine, solve, solve_best
 from bp2_rl.trajopt.cycle import whole_cycle
 from bp2_rl.trajopt.guess import cold_guess
@@ -322,9 +322,9 @@ def test_the_model_of_other_hardware_is_another_model():
 
     q, v = np.full(15, 0.1), np.zeros(15)
     stiff, soft = (
-        np.array(sagittal.build_model(hardware=BP2).passive(q, v, sagittal.design_vector(hardware))).ravel()
-        for hardware in (BP2, HardwareSpec(spring_stiffness=3000.0))
+        np.array(sagittal.build_model(hardware=IDEAL).passive(q, v, sagittal.design_vector(hardware))).ravel()
+        for hardware in (IDEAL, HardwareSpec(spring_stiffness=3000.0))
     )
     assert stiff[5] - soft[5] == pytest.approx(-300.0)
     damped = sagittal.build_model(hardware=HardwareSpec(spring_damping=0.0))
-    assert damped.passive(q, v + 1.0, sagittal.design_vector(BP2))[5] - stiff[5] == pytest.approx(0.0, abs=1e-9)
+    assert damped.passive(q, v + 1.0, sagittal.design_vector(IDEAL))[5] - stiff[5] == pytest.approx(0.0, abs=1e-9)

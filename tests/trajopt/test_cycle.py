@@ -69,7 +69,7 @@ def test_the_quadrature_is_exact_to_its_schemes_degree(scheme, degree):
 
 
 def test_soles_are_the_models_point_feet():
-    hardware = dataclasses.replace(specs.BP2, leg_length=0.4)
+    hardware = dataclasses.replace(specs.IDEAL, leg_length=0.4)
     model = sagittal.build_model(specs.LEGS, hardware, 0.0)
     for q in coordinates()[0]:
         phi = np.array(model.contact(q, sagittal.design_vector(hardware))).reshape(4, 2)
@@ -96,7 +96,7 @@ def test_a_straight_legs_centre_of_mass_is_table_s3s():
     )
     # A quarter is 6.15 kg of trunk and 2.8 kg of leg.
     expected = [0.0, -moment / 8.95]
-    np.testing.assert_allclose(center_of_mass(np.zeros(15), specs.LEGS, specs.BP2), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(center_of_mass(np.zeros(15), specs.LEGS, specs.IDEAL), expected, rtol=0, atol=1e-12)
 
 
 def test_only_positive_work_costs_transport():

@@ -127,7 +127,7 @@ def test_a_straight_legs_inertia_is_a_pendulums():
     acceleration = 40.0
     part = posed(q={FR_HIP: np.pi / 2.0}, a={FR_HIP: acceleration})  # the foot points backwards and goes up
     inertia = sum(inertia + mass * distance**2 for mass, inertia, distance in LINKS)
-    main = (inertia + specs.BP2.reflected_inertia) * acceleration
+    main = (inertia + specs.IDEAL.reflected_inertia) * acceleration
     first = slice(len(part.time) // 2)  # then it is FL's turn
     np.testing.assert_allclose(part.along("main inertial", "FR hip")[first], main, rtol=1e-12)
     lift = sum(mass * distance for mass, _, distance in LINKS)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BP2, LEGS, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, LEGS, HardwareSpec
 from bp2_rl.trajopt import sagittal
 from bp2_rl.trajopt.planar import STOP_ROUNDING, PlanarModel
 
@@ -25,7 +25,7 @@ def random_state(rng: np.random.Generator, legs: int) -> tuple[np.ndarray, np.nd
     return np.concatenate([trunk, leg.ravel()]), rng.normal(scale=10.0, size=n)
 
 
-@pytest.mark.parametrize("hardware", [BP2, CHANGED], ids=["bp2", "changed"])
+@pytest.mark.parametrize("hardware", [IDEAL, CHANGED], ids=["bp2", "changed"])
 @pytest.mark.parametrize(("legs", "radius"), [(LEGS, 0.02), (LEGS, 0.0), (("F", "H"), 0.02)])
 def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
     planar = PlanarModel(legs, hardware, radius)
@@ -55,7 +55,7 @@ def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
         assert_equal(terms.convective, convective[:, 0])
 
 
-@pytest.mark.parametrize("hardware", [BP2, CHANGED], ids=["bp2", "changed"])
+@pytest.mark.parametrize("hardware", [IDEAL, CHANGED], ids=["bp2", "changed"])
 def test_it_is_the_robot_with_abduction_roll_and_yaw_held(hardware):
     """Inertia, bias and spring forces of BP2's own MuJoCo model, seen in the sagittal plane."""
     robot, planar = load_model(hardware), PlanarModel(LEGS, hardware, 0.02)
@@ -83,7 +83,7 @@ def test_it_is_the_robot_with_abduction_roll_and_yaw_held(hardware):
 
 def test_a_fall_is_a_parabola_of_the_centre_of_mass_whatever_the_motors_do():
     """The rates of momentum at random torques: force-free along x, m g along z."""
-    model, rng = PlanarModel(LEGS, BP2, 0.02), np.random.default_rng(2)
+    model, rng = PlanarModel(LEGS, IDEAL, 0.02), np.random.default_rng(2)
     for _ in range(20):
         q, v = random_state(rng, 4)
         a, force = model.accelerate(q, v, rng.normal(scale=100.0, size=8), [])
@@ -106,7 +106,7 @@ def _com_acceleration(model: PlanarModel, q: np.ndarray, v: np.ndarray, a: np.nd
 
 def test_standing_feet_keep_still_and_carry_what_momentum_says():
     """Two feet held: J a = -dJ/dt v exactly, and M a + h = B tau + tau_p + J^T F."""
-    model, rng = PlanarModel(LEGS, BP2, 0.02), np.random.default_rng(3)
+    model, rng = PlanarModel(LEGS, IDEAL, 0.02), np.random.default_rng(3)
     rows = [2, 3, 4, 5]
     for _ in range(20):
         q, v = random_state(rng, 4)
@@ -119,7 +119,7 @@ def test_standing_feet_keep_still_and_carry_what_momentum_says():
 
 
 def test_a_landing_stops_the_feet_and_never_gains_energy():
-    model, rng = PlanarModel(LEGS, BP2, 0.02), np.random.default_rng(4)
+    model, rng = PlanarModel(LEGS, IDEAL, 0.02), np.random.default_rng(4)
     rows = [0, 1, 6, 7]
     for _ in range(20):
         q, v = random_state(rng, 4)

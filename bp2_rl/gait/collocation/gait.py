@@ -40,7 +40,7 @@ class CollocationGait(CollocationConfig):
     and standing still takes mass and springs into account.
     """
 
-    hardware: specs.HardwareSpec = specs.BP2
+    hardware: specs.HardwareSpec = specs.IDEAL
 
     @property
     def height(self) -> float:

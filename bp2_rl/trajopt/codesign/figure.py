@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bp2_rl.plotting import FAINT, INK, LEG_COLORS, WIDTH, styled
-from bp2_rl.robot.specs import BP2
 from bp2_rl.trajopt.codesign.scan import FLAT, Scan
 from bp2_rl.trajopt.codesign.search import Row
 from bp2_rl.trajopt.codesign.settings import PARAMETERS, Parameter
@@ -42,7 +41,7 @@ def codesign_figure(study: Codesign) -> Figure:
         for (label, figure_of), axes in zip(ROWS, column, strict=True):
             _draw(axes, scans, figure_of)
             axes.yaxis.set_major_locator(MaxNLocator(5))
-            axes.axvline(_shown(name, getattr(BP2, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.axvline(_shown(name, getattr(IDEAL, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
             if axes in panels[:, 0]:
                 axes.set_ylabel(label)
         for scan in scans:

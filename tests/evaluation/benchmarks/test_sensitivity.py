@@ -23,7 +23,7 @@ from bp2_rl.evaluation.benchmarks.sensitivity import (
     verdict,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.robot.specs import BP2, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 ROBOT = RobotMetrics(
     AS_ASSUMED, 15.0, 14.9, fell_at=None, stop_hits=0, time_100m=9.5, fell_in_sprint_at=None, lane_kept=True
@@ -34,10 +34,10 @@ FELL_RACING = dataclasses.replace(ROBOT, name="fell racing", top_speed=17.0, tim
 
 
 def test_each_other_robot_differs_in_one_property():
-    robots = robots_of(BP2)
-    assert robots.pop(AS_ASSUMED) == BP2
+    robots = robots_of(IDEAL)
+    assert robots.pop(AS_ASSUMED) == IDEAL
     for name, robot in robots.items():
-        changed = [f.name for f in dataclasses.fields(HardwareSpec) if getattr(robot, f.name) != getattr(BP2, f.name)]
+        changed = [f.name for f in dataclasses.fields(HardwareSpec) if getattr(robot, f.name) != getattr(IDEAL, f.name)]
         assert len(changed) == 1, name
     assert robots["spring stop x 10"].spring_stop_stiffness == 300e3
     assert robots["spring travel -10 mm"].spring_travel == pytest.approx(0.12)

@@ -466,7 +466,7 @@ def test_impossible_stepping_speeds_are_refused(value):
 
 
 def test_legs_of_another_length_are_refused(made):
-    other = dataclasses.replace(made, hardware=dataclasses.replace(specs.BP2, leg_length=0.36))
+    other = dataclasses.replace(made, hardware=dataclasses.replace(specs.IDEAL, leg_length=0.36))
     with pytest.raises(UserError, match=r"off the ground with legs of 0.36 m.*bp2 trajopt library build"):
         other.phase_rate(jnp.zeros(3))
 
