@@ -11,7 +11,7 @@ from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, LEGS, MOTOR_NAMES, HardwareSpec
 
 assert_same = functools.partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bp2_rl.plotting import FAINT, INK, LEG_COLORS, WIDTH, styled
+from bp2_rl.robot.specs import IDEAL
 from bp2_rl.trajopt.codesign.scan import FLAT, Scan
 from bp2_rl.trajopt.codesign.search import Row
 from bp2_rl.trajopt.codesign.settings import PARAMETERS, Parameter
