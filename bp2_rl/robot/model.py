@@ -27,6 +27,10 @@ FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
 
 
+FAR = 1e3
+"""m, where no spring's end ever is."""
+
+
 class ModelError(UserError):
     """The robot's XML is missing, broken, or not BP2's."""
 
@@ -103,7 +107,7 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
     _apply_leg_length(spec, hardware)
     _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
-    _apply_friction(spec, hardware)
+    _apply_contacts(spec, hardware)
     return spec
 
 
@@ -137,6 +141,11 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         stop = _find(spec, "tendon", f"{leg}_stop")
         stop.stiffness = (hardware.spring_stop_stiffness, 0.0, 0.0)
         stop.springlength = (0.0, hardware.spring_travel)
+        if hardware.rebound_stiffness != hardware.spring_stop_stiffness:
+            stop.springlength = (-FAR, hardware.spring_travel)
+            rebound: Any = spec.add_tendon(name=f"{leg}_rebound", springlength=(0.0, FAR))
+            rebound.stiffness = (hardware.rebound_stiffness, 0.0, 0.0)
+            rebound.wrap_joint(f"{leg}_spring", 1.0)
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -147,10 +156,13 @@ def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
             motor.forcerange = (-hardware.joint_peak_torque, hardware.joint_peak_torque)
 
 
-def _apply_friction(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
     for name in FOOT_GEOMS:
         foot = _find(spec, "geom", name)
         foot.friction = (hardware.friction, *foot.friction[1:])
+        foot.solref = (hardware.contact_time, hardware.contact_damping)
+    for name in specs.MOTOR_NAMES:
+        _find(spec, "joint", name).solref_limit = (hardware.joint_stop_time, 1.0)
 
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
