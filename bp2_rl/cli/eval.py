@@ -15,6 +15,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.options import Backend, Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.files import require_name
+from bp2_rl.robot.specs import RobotName
 
 DEFAULT_POLICY = "policies/default"
 BenchmarkName = Literal["topspeed", "sprint", "robustness", "convergence", "sensitivity", "all"]
@@ -35,6 +36,9 @@ class EvalConfig:
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. convergence: topspeed under finer physics. sensitivity: topspeed and sprint on robots other
     than the one assumed. all: one after the other."""
+    robot: RobotName | None = None
+    """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
+    is neither"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
@@ -63,6 +67,7 @@ def evaluate(config: EvalConfig) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
     setup = Setup(
         backend=config.backend,
+        robot=config.robot,
         speed=config.speed,
         acceleration=config.acceleration,
         hold=config.hold,

@@ -9,7 +9,13 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_ramp, describe_simulator
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_command,
+    describe_ramp,
+    describe_simulator,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
@@ -83,7 +89,7 @@ class SensitivityMetrics:
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
-    config, sprint = policy.card.env, race(policy, setup)
+    config, sprint, robot = policy.card.env, race(policy, setup), robot_of(policy, setup)
 
     def run(name: str, hardware: HardwareSpec) -> RobotMetrics:
         given = {"operator": setup.operator, "name": name, "hardware": hardware}
@@ -91,11 +97,11 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         raced = rollout_mujoco(policy, sprint, config, finish=TRACK, **given)
         return measure_robot(name, measure(held), measure_sprint(raced, sprint.acceleration))
 
-    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(config.hardware).items()])
-    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco"), setup.operator)
+    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(robot).items()])
+    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="sensitivity",
-        subject=describe_command(policy, ramp.target[0]),
+        subject=describe_command(policy, setup, ramp.target[0]),
         backend="C MuJoCo",
         conditions=said | {"sprint": describe_race(sprint), "robots": ROBOTS},
         verdict=verdict(metrics),

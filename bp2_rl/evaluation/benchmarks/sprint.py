@@ -14,6 +14,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_command,
     describe_simulator,
     on_card,
+    robot_of,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -96,14 +97,16 @@ class SprintMetrics:
 
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
-    name = describe_command(policy, ramp.target[0])
-    run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK)
+    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
+    run = BACKENDS[setup.backend](
+        policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK, hardware=robot
+    )
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend), setup.operator),
+        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup),
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=sprint_rows(metrics),

@@ -144,17 +144,19 @@ def rollout_mjx(
     operator: HeadingHold = HEADING_HOLD,
     name: str = "policy",
     finish: float = math.inf,
+    hardware: HardwareSpec | None = None,
 ) -> Trajectory:
     """The same run in MJX on JAX's default device, with the solver settings and the float32 of training.
 
     Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
     """
-    machine = standing_start(config)
+    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
+    machine = standing_start(robot)
     model, start = machine.model, machine.data
     commands = sampled_commands(schedule)
     state = Controller(config).init()
     with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
-        run = _compiled_mjx_run(policy, config, operator)
+        run = _compiled_mjx_run(policy, config, operator, robot.hardware)
         recorded = run(state, start.qpos, start.qvel, start.ctrl, commands)
     qpos, qvel, torque, target, command = (
         np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
@@ -170,18 +172,19 @@ def rollout_mjx(
         start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, start)
         recording.foot_force[step] = foot_forces(model, start)
-    return recording.trajectory(length, fell, schedule, model, config, name, "MJX")
+    return recording.trajectory(length, fell, schedule, model, robot, name, "MJX")
 
 
-def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., tuple[Array, ...]]:
+def mjx_run(
+    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
+) -> Callable[..., tuple[Array, ...]]:
     """A pure function that runs one robot through MJX; jit it, and vmap it for many.
 
     (controller state, qpos, qvel, torque, commands "K+1 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
-    motors = motors_of(config)
-    resistance = Resistance.from_hardware(config.hardware)
-    physics = MjxPhysics(load_model(config.hardware, visual=False, trunk_contact=False), motors, resistance, "jax")
+    motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
+    physics = MjxPhysics(load_model(hardware, visual=False, trunk_contact=False), motors, resistance, "jax")
     control = _control_step(policy, config, operator)
 
     def control_period(carry, scheduled):
@@ -249,8 +252,10 @@ def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: 
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled_mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
-    return jax.jit(mjx_run(policy, config, operator))
+def _compiled_mjx_run(
+    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
+) -> Callable[..., Any]:
+    return jax.jit(mjx_run(policy, config, operator, hardware))
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
