@@ -214,8 +214,7 @@ def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
 def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
     """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
     joints = run.joint_position.reshape(-1, 4, 3)
-    hardware = run.hardware
-    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, leg_length=hardware.leg_length)
+    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, run.hardware)
     w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
     turn = 2.0 * np.cross(v, feet)
     return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
