@@ -39,7 +39,7 @@ class BP2Env(envs.Env):
 
     def __init__(self, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1):
         self.config = config = config or EnvConfig()
-        self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
+        self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)
         self.simulate = _simulator(impl, self.mj_model, config, num_robots)
         self.starts = Starts(config, self.controller, self.mj_model)

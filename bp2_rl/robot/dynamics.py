@@ -53,8 +53,8 @@ class Rows(struct.PyTreeNode):
 def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """One step of `model.opt.timestep` under the torques `data.ctrl`, with MJX's Euler integrator; one robot.
 
-    For BP2 on flat ground with feet as its only contacts (`load_model(trunk_contact=False)`). Of external forces only
-    those in `data.qfrc_applied` count.
+    For BP2 on flat ground with feet as its only contacts (`load_model(feet_only=True)`). Of external forces only those
+    in `data.qfrc_applied` count.
     """
     data = mjx.fwd_actuation(model, mjx.fwd_velocity(model, mjx.fwd_position(model, data)))
     inertia, force = arrow(mjx.full_m(model, data)), data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator

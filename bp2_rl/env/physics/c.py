@@ -86,7 +86,7 @@ class _Host:
     """The part outside XLA."""
 
     def __init__(self, hardware: HardwareSpec, motors: Actuator):
-        self._model, self._motors = load_model(hardware, visual=False, trunk_contact=False, foot_sensors=True), motors
+        self._model, self._motors = load_model(hardware, visual=False, feet_only=True, foot_sensors=True), motors
         let_converge(self._model)
         self._models = _Models(self._model)
         self._resistance = Resistance.from_hardware(hardware)

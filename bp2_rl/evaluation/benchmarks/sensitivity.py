@@ -66,6 +66,8 @@ class RobotMetrics:
     mean_speed: float | None  # m/s, while held; None if it fell
     fell_at: float | None  # s, while ramping up to top speed or holding it
     stop_hits: int  # times that a spring came onto its stop meanwhile
+    leg_contact_time: float  # s, for which a leg was at or in another or the trunk meanwhile
+    leg_depth: float  # m, greatest
     time_100m: float | None  # s; None if it did not arrive
     fell_in_sprint_at: float | None  # s
     lane_kept: bool  # in the sprint
@@ -132,6 +134,8 @@ def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMet
         mean_speed=held.mean_speed if held.fell_at is None else None,
         fell_at=held.fell_at,
         stop_hits=held.stop_hits,
+        leg_contact_time=held.leg_contact_time,
+        leg_depth=held.leg_depth,
         time_100m=raced.time,
         fell_in_sprint_at=raced.run.fell_at,
         lane_kept=raced.lane.kept,
@@ -207,7 +211,10 @@ def _fall(fell_at: float | None, none: str = "none") -> str:
 
 def robot_table(metrics: SensitivityMetrics) -> Table:
     """Every robot."""
-    head = "Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "100 m [s]", "Fall", "Lane kept"
+    head = (
+        *("Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "Legs touch [ms]", "Depth [mm]"),
+        *("100 m [s]", "Fall", "Lane kept"),
+    )
     return Table(
         "Robots",
         head,
@@ -218,6 +225,8 @@ def robot_table(metrics: SensitivityMetrics) -> Table:
                 show(robot.mean_speed, ".2f"),
                 _fall(robot.fell_at),
                 f"{robot.stop_hits}",
+                f"{1e3 * robot.leg_contact_time:.0f}",
+                f"{1e3 * robot.leg_depth:.0f}",
                 show(robot.time_100m, ".2f"),
                 _fall(robot.fell_in_sprint_at),
                 "yes" if robot.lane_kept else "no",

@@ -184,7 +184,7 @@ def mjx_run(
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
     motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
-    physics = MjxPhysics(load_model(hardware, visual=False, trunk_contact=False), motors, resistance, "jax")
+    physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
     control = _control_step(policy, config, operator)
 
     def control_period(carry, scheduled):
@@ -221,8 +221,10 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
     forces = np.zeros((4, 3))
     wrench = np.zeros(6)
     legs = {geom: leg for leg, geom in enumerate(foot_geom_ids(model))}
-    for i, (geom, frame) in enumerate(zip(data.contact.geom2, data.contact.frame, strict=True)):
-        if geom in legs:  # a plane is always the first geom of a contact, and the force acts on the second
+    contact = data.contact
+    for i, (ground, geom, frame) in enumerate(zip(contact.geom1, contact.geom2, contact.frame, strict=True)):
+        # The ground, all that is fixed to the world, is the first geom of a contact; the force acts on the second.
+        if geom in legs and model.geom_bodyid[ground] == 0:
             mujoco.mj_contactForce(model, data, i, wrench)
             forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
     return forces
