@@ -303,7 +303,7 @@ def test_changed_hardware_changes_the_robot():
         spring_stiffness=5000.0,
         spring_damping=20.0,
         spring_travel=0.1,
-        spring_stop_stiffness=2e4,
+        spring_stop_stiffness=2e4, rebound_stiffness=2e4,
         rotor_inertia=3e-4,
         mass_scale=1.1,
         friction=0.6,
