@@ -65,6 +65,7 @@ STANDING_HEIGHT = _number("h", 0.55, "m", "paper, Fig. 2")
 BODY_LENGTH = _number("-", 0.80, "m", "paper, Fig. 2")
 BODY_WIDTH = _number("-", 0.44, "m", "paper, Fig. 2")
 GRAVITY = _number("g", 9.81, "m/s2", "standard, rounded")
+AIR_DENSITY = _number("rho", 1.2, "kg/m3", "standard, rounded; 20 C at sea level")
 
 # --- The motors, at the joint (behind the gear) --------------------------------------------------------------
 PEAK_TORQUE = _number("tau_max", 120.0, "Nm", "paper, Table S1; the text's '250 Nm is 2.5 x peak' implies 100")

@@ -18,7 +18,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "rotor inertia doubled": {"rotor_inertia": 4e-4},
     "friction 0.6": {"friction": 0.6},
     "friction 1.2": {"friction": 1.2},
-    "stops half as stiff": {"spring_stop_stiffness": 15e3},
+    "stops half as stiff": {"spring_stop_stiffness": 15e3, "rebound_stiffness": 15e3},
     "spring travel 0.10 m": {"spring_travel": 0.10},
 }  # of the hardware, one at a time
 NO_SPEED_LIMIT = "joints faster than no-load"
