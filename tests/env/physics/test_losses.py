@@ -1,0 +1,136 @@
+"""Losses in every engine: MJX, C MuJoCo's batch and the judge, against closed forms and each other."""
+
+import dataclasses
+import math
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bp2_rl.env import randomization
+from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.controller import Targets
+from bp2_rl.evaluation.runs.machine import Machine
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.specs import BUILT, HardwareSpec, Losses
+from bp2_rl.settings.env import EnvConfig
+
+ENGINES = ["judge", "c", "jax"]
+HEAVY_ROTORS = 0.1  # kg m2 at the motor, 7.2 at the joint: beside it a leg weighs little
+LEG_INERTIA = 0.14  # kg m2, of a bent leg about its hip
+
+
+@cache
+def compiled(hardware: HardwareSpec, impl: str):
+    env = BP2Env(EnvConfig(hardware=hardware), impl=impl)
+
+    def control_step(physics, robot):
+        q = physics.qpos[MOTOR_QPOS]
+        after, *_ = env.simulate(physics, Targets(q, jnp.zeros(12)), robot)
+        return after
+
+    nominal = randomization.nominal(env.mj_model.nbody, hardware)
+    return env, jax.jit(control_step), nominal
+
+
+def fly(
+    engine: str, hardware: HardwareSpec, qvel: np.ndarray, control_steps: int, *, strength: float = 1.0
+) -> np.ndarray:
+    """Velocities after each control step of a robot that starts 10 m up, its targets where its joints are.
+
+    With a `strength` of 0 its motors give nothing.
+    """
+    if engine != "judge":
+        env, control_step, robot = compiled(hardware, engine)
+        robot = robot.replace(strength=strength * jnp.ones(12))
+        rest = env.starts.at_rest()
+        physics = rest.replace(qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32))
+        found = []
+        for _ in range(control_steps):
+            physics = control_step(physics, robot)
+            found.append(np.asarray(physics.qvel, np.float64))
+        return np.array(found)
+    machine = Machine(EnvConfig(hardware=dataclasses.replace(hardware, envelope="start")))
+    machine.motors = machine.motors.replace(strength=strength)
+    data = machine.data
+    data.qpos[:] = machine.model.key("stand").qpos
+    data.qpos[2] = 10.0
+    data.qvel[:] = qvel
+    found = []
+    for _ in range(control_steps):
+        q = data.qpos[MOTOR_QPOS].copy()
+        for _ in range(5):
+            machine.step(q, np.zeros(12))
+        found.append(data.qvel.copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_flying_robot_coasts_down_in_the_air(engine):
+    """v = v0 / (1 + k v0 t / m). Drag acts on the trunk, whose legs lag a little behind."""
+    qvel = np.zeros(22)
+    qvel[0] = 20.0
+    found = fly(engine, HardwareSpec(losses=Losses(drag_area=2.0)), qvel, 60)
+    expected = 20.0 / (1.0 + 0.5 * 1.2 * 2.0 * 20.0 * 0.3 / 35.8)
+    assert found[-1, 0] == pytest.approx(expected, rel=0.01)
+    assert expected < 17.0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_headwind_blows_a_flying_robot_back_towards_its_own_speed(engine):
+    """From rest relative to the ground: v = -(u - u / (1 + k u t / m))."""
+    found = fly(engine, HardwareSpec(losses=Losses(drag_area=2.0, headwind=20.0)), np.zeros(22), 60)
+    assert found[-1, 0] == pytest.approx(20.0 / (1.0 + 0.5 * 1.2 * 2.0 * 20.0 * 0.3 / 35.8) - 20.0, rel=0.02)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(engine):
+    """I w' = -c - b w: w = (w0 + c / b) exp(-b t / I) - c / b, with 2 % of I from the leg that hangs on it.
+
+    That leg's own springs shake it by some hundredths of a rad/s.
+    """
+    losses = Losses(joint_friction=60.0, joint_viscosity=10.0)
+    hardware = HardwareSpec(rotor_inertia=HEAVY_ROTORS, losses=losses)
+    qvel = np.zeros(22)
+    qvel[MOTOR_QVEL[[1, 10]]] = 2.0, -2.0  # a fore and a hind hip
+    found = fly(engine, hardware, qvel, 60, strength=0.0)[:, MOTOR_QVEL[[1, 10]]]
+    inertia, time = hardware.reflected_inertia + LEG_INERTIA, 0.005 * np.arange(1, 61)
+    expected = (2.0 + 6.0) * np.exp(-10.0 * time / inertia) - 6.0
+    moving = expected > 0.05
+    assert 20 < np.sum(moving) < 55
+    np.testing.assert_allclose(found[moving, 0], expected[moving], atol=0.03)
+    np.testing.assert_allclose(found[moving, 1], -expected[moving], atol=0.03)
+    assert np.all(np.abs(found[-1]) < 0.05)  # still, but for what the swinging legs shake
+
+
+@pytest.mark.parametrize("engine", ["c", "jax"])
+def test_a_built_robot_is_the_same_in_every_engine_as_in_the_judge(engine):
+    """Ten control steps of a tumbling robot with all losses, bus and lag; float32 rounds 10 rad/s by 1e-6."""
+    rng = np.random.default_rng(3)
+    qvel = rng.normal(0.0, 3.0, 22)
+    qvel[MOTOR_QVEL] = rng.uniform(-15.0, 15.0, 12)
+    hardware = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.0))
+    ours, judged = (fly(one, hardware, qvel, 10) for one in (engine, "judge"))
+    np.testing.assert_allclose(ours, judged, rtol=0, atol=5e-3)
+    lossless = fly("judge", HardwareSpec(), qvel, 10)
+    assert np.max(np.abs(judged - lossless)) > 1.0  # they matter
+
+
+@pytest.mark.parametrize("engine", ["c", "jax"])
+def test_a_robot_drawn_with_twice_the_losses_has_twice_the_losses(engine):
+    qvel = np.zeros(22)
+    qvel[0] = 10.0
+    hardware = HardwareSpec(losses=Losses(drag_area=2.0))
+    env, control_step, robot = compiled(hardware, engine)
+    rest = env.starts.at_rest()
+    start = rest.replace(qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32))
+    lost = [
+        10.0 - float(control_step(start, robot.replace(losses=robot.losses.at[0].set(factor))).qvel[0])
+        for factor in (0.0, 1.0, 2.0)
+    ]
+    assert lost[0] == pytest.approx(0.0, abs=5e-3)  # what the springs do to the trunk as they give
+    assert lost[2] - lost[0] == pytest.approx(2.0 * (lost[1] - lost[0]), rel=0.02)
+    trunk_and_legs = math.inf if lost[1] == 0.0 else 0.005 * 0.5 * 1.2 * 2.0 * 100.0 / lost[1]
+    assert 20.0 < trunk_and_legs < 36.0  # kg: the trunk is braked before its legs
