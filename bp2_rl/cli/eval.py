@@ -17,7 +17,7 @@ from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.files import require_name
 
 DEFAULT_POLICY = "policies/default"
-BenchmarkName = Literal["topspeed", "sprint", "robustness", "convergence", "sensitivity", "all"]
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,8 +33,9 @@ class EvalConfig:
     """The same, as a flag."""
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
-    robots at 10.74 m/s. convergence: topspeed under finer physics. sensitivity: topspeed and sprint on robots other
-    than the one assumed. all: one after the other."""
+    robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
+    topspeed under finer physics. sensitivity: topspeed and sprint on robots other than the one assumed. all: one
+    after the other."""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
@@ -46,7 +47,7 @@ class EvalConfig:
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the robots are drawn from; by default 0. Of robustness."""
+    """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""

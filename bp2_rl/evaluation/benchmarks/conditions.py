@@ -4,7 +4,8 @@ import jax
 import mujoco
 
 from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mjx, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 
 BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}

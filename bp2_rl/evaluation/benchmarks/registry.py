@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
+from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
 from bp2_rl.evaluation.benchmarks.sprint import race, sprint
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
-from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 
 ALL = "all"
@@ -31,6 +32,7 @@ BENCHMARKS = {
     "robustness": Benchmark(
         ramp_to_robustness, robustness, ("backend", "speed", "acceleration", "hold", "robots", "seed", "operator")
     ),
+    "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("speed", "acceleration", "hold", "operator")),
 }

@@ -20,7 +20,7 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.run_tables import motor_rows, run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.runs.metrics import RIPPLE, RunMetrics, measure
-from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, mark_level, moving_mean, styled
