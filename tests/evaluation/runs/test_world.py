@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction)
 def test_sensors_on_a_slope_know_the_true_vertical():
     level = np.zeros(23)
     level[3] = 1.0
-    up = measure(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0), np.zeros(22)).up
+    up = measure(jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)).up
     np.testing.assert_allclose(up, (math.sin(SLOPE), 0.0, math.cos(SLOPE)), atol=1e-6)
 
 
@@ -81,7 +82,7 @@ def test_rough_ground_has_the_heights_that_it_says():
     for column in (0, 30, 777, 1250):
         for between in (0.0, 0.5):
             start = np.array([(column + between) * GRID - BEHIND, 2.0, 1.0])
-            hit = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, 1, -1, np.zeros(1, np.int32))
+            hit = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, True, -1, np.zeros(1, np.int32))
             expected = (1.0 - between) * heights[row, column] + between * heights[row, column + 1]
             assert 1.0 - hit == pytest.approx(expected, abs=1e-6)  # MuJoCo keeps heights in float32
 
@@ -155,7 +156,7 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
     qpos[3:7] = np.array([0.9, 0.1, 0.2, 0.3]) / math.sqrt(0.95)
     sensed = sensed_pose(qpos, LEVEL, math.radians(0.5), 8.0)
     assert yaw_of(sensed[3:7]) - yaw_of(qpos[3:7]) == pytest.approx(math.radians(4.0))
-    up, seen = (measure(pose, np.zeros(22)).up for pose in (qpos, sensed))
+    up, seen = (measure(jnp.asarray(pose), jnp.zeros(22)).up for pose in (qpos, sensed))
     np.testing.assert_allclose(up, seen, atol=1e-6)  # float32
     assert sensed_pose(qpos, LEVEL, 0.0, 8.0) is qpos
 

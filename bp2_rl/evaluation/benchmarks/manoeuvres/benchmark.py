@@ -78,7 +78,7 @@ def in_parallel(policy: Policy, asked: Sequence[Manoeuvre]) -> list[Outcome]:
     """Run them on all processors, dealt out in turn."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = min(cores, len(asked))
-    with spawned(workers, functools.partial(_begin, jax.config.read("jax_compilation_cache_dir"))) as pool:
+    with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
         hands = [pool.submit(try_all, policy, asked[worker::workers]) for worker in range(workers)]
         done = [hand.result() for hand in hands]
     return [done[i % workers][i // workers] for i in range(len(asked))]

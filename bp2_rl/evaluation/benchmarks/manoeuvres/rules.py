@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -102,14 +102,16 @@ class Running:
 
 
 Measured = Braking | Launching | Turning | Moving | Standing | Straight | Pushed | Running
+M = TypeVar("M", bound=Measured)
 
 
-class Judged(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Judged(Generic[M]):
     """Of a run without a fall."""
 
     passed: bool
     said: str  # what it did, in a word
-    measured: Measured
+    measured: M
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,22 +127,23 @@ class Outcome:
     measured: Measured
 
 
-def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judged:
+def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judged[Braking]:
     """It stops, within `BRAKING_DISTANCE` of what the command takes; `since` (s) the command falls."""
     if run.time[-1] < since:
         return Judged(False, "not begun", Braking(deceleration, None, None, None, None))
-    start = round(since / run.dt)
+    start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
+    before = float(np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0)))
     speed = np.linalg.norm(_smooth(run, run.qvel[:, :2]), axis=-1)[start:]
-    allowed = BRAKING_DISTANCE * float(speed[0]) ** 2 / (2.0 * deceleration)
+    allowed = BRAKING_DISTANCE * before**2 / (2.0 * deceleration)
     slow = np.flatnonzero(speed < STOPPED)
     distance = float(np.linalg.norm(run.qpos[start + slow[0], :2] - run.qpos[start, :2])) if len(slow) else None
-    measured = Braking(deceleration, float(speed[0]), float(np.min(speed)), distance, allowed)
+    measured = Braking(deceleration, before, float(np.min(speed)), distance, allowed)
     if distance is None:
         return Judged(False, "no stop", measured)
     return Judged(distance <= allowed, f"{distance:.0f} m", measured)
 
 
-def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judged:
+def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judged[Launching]:
     """It reaches `SPEED_SHARE` of the speed before the schedule ends."""
     forward = _smooth(run, run.ground_velocity[:, 0])
     fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
@@ -149,21 +152,21 @@ def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judge
     return Judged(time is not None, said, Launching(acceleration, run.hardware.friction, time, greatest))
 
 
-def judge_turn(run: Trajectory, *, yaw_rate: float, since: float) -> Judged:
+def judge_turn(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:
     """It turns as fast as it is told, within `YAW_ERROR`; measured `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
     return Judged(abs(share - 1.0) <= YAW_ERROR, f"{share:.0%}", measured)
 
 
-def judge_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Judged:
+def judge_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:
     """It turns as fast as it is told, and stays within `WANDER` of where it was."""
-    turned, rate, measured = judge_turn(run, yaw_rate=yaw_rate, since=since)
-    wander = _measure_turn(run, yaw_rate, since).wander
-    return Judged(turned and wander <= WANDER, f"{rate}, {wander:.1f} m", measured)
+    turn = judge_turn(run, yaw_rate=yaw_rate, since=since)
+    wander = turn.measured.wander
+    return Judged(turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured)
 
 
-def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged:
+def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged[Moving]:
     """It moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
     told = math.hypot(*command[:2])
     if run.time[-1] < since + RIPPLE:
@@ -175,19 +178,19 @@ def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged:
     return Judged(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
 
 
-def judge_creep(run: Trajectory) -> Judged:
+def judge_creep(run: Trajectory) -> Judged[Standing]:
     """It stays within `CREEP` of where it was."""
     measured = _measure_stand(run)
     return Judged(measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured)
 
 
-def judge_chatter(run: Trajectory) -> Judged:
+def judge_chatter(run: Trajectory) -> Judged[Standing]:
     """Its motors are quiet: less than `CHATTER`."""
     measured = _measure_stand(run)
     return Judged(measured.chatter < CHATTER, f"{measured.chatter:.1f} Nm", measured)
 
 
-def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Judged:
+def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Judged[Straight]:
     """It arrives, with no edge of its trunk farther than allowed (m) from the line."""
     distance, reach = float(track_position(run)[0][-1]), float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
@@ -195,13 +198,13 @@ def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_
     return Judged(arrived and reach <= allowed, said, Straight(distance, reach, allowed))
 
 
-def judge_push(run: Trajectory) -> Judged:
+def judge_push(run: Trajectory) -> Judged[Pushed]:
     """It does not fall."""
     offset = float(np.max(np.abs(track_position(run)[1])))
     return Judged(True, f"{offset:.1f} m", Pushed(offset))
 
 
-def judge_run(run: Trajectory, *, speed: float) -> Judged:
+def judge_run(run: Trajectory, *, speed: float) -> Judged[Running]:
     """Its best second reaches `SPEED_SHARE` of the speed."""
     best, distance = best_window(run, 1.0), float(track_position(run)[0][-1])
     if best is None:

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Judged
@@ -45,7 +46,7 @@ class Manoeuvre:
     group: str  # what is tried ...
     asked: str  # ... and how hard
     rule: str  # what passes, in words
-    judge: Callable[[Trajectory], Judged]  # likewise
+    judge: Callable[[Trajectory], Judged[Any]]  # likewise
     schedule: Schedule
     hardware: HardwareSpec
     operator: HeadingHold
