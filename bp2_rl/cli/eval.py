@@ -15,6 +15,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.options import Backend, Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.files import require_name
+from bp2_rl.robot.specs import RobotName
 
 DEFAULT_POLICY = "policies/default"
 BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "sensitivity", "all"]
@@ -36,6 +37,9 @@ class EvalConfig:
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
     topspeed under finer physics. sensitivity: topspeed and sprint on robots other than the one assumed. all: one
     after the other."""
+    robot: RobotName | None = None
+    """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
+    is neither"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
@@ -64,6 +68,7 @@ def evaluate(config: EvalConfig) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
     setup = Setup(
         backend=config.backend,
+        robot=config.robot,
         speed=config.speed,
         acceleration=config.acceleration,
         hold=config.hold,

@@ -13,6 +13,7 @@ from bp2_rl.cli import app
 from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.files import require_name, write_text
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.study.plan import VARIANTS, Plan, default_steps
 
@@ -29,6 +30,8 @@ class Arguments:
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
+    robot: RobotName = "built"
+    """which is trained and judged, as for train.py"""
     steps: tuple[Steps, Steps] | None = None
     """control steps of the imitation and of the relaxed stage; by default the preset's"""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/study")
@@ -51,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _study(arguments: Arguments) -> None:
     require_name(arguments.out)
     steps = arguments.steps or default_steps(arguments.preset)
-    plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps)
+    plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot)
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.plotting import save_figure

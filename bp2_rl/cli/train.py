@@ -13,10 +13,20 @@ import tyro
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
+from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, load_run_config, make_config
+from bp2_rl.settings.training import (
+    Preset,
+    RunConfig,
+    Stage,
+    TrainConfig,
+    Weights,
+    load_run_config,
+    make_config,
+    on_robot,
+)
 from bp2_rl.workers import end_with_caller
 
 Config = TypeVar("Config")
@@ -43,6 +53,8 @@ class Arguments:
     weights: Weights | None = None
     """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs; by default
     ours with the preset gpu, else paper"""
+    robot: RobotName | None = None
+    """built: with losses, a bus and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
     """the run's folder; default runs/STAGE-DATE-TIME"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -100,7 +112,7 @@ def refuse_early(
     named, mistakes = read_named(argv), []
     for preset in (named.preset,) if named.preset else get_args(Preset):
         try:
-            defaults = with_defaults(make_config(named.stage, preset, named.weights))
+            defaults = with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
             return app.parse(arguments, argv, prog, default=defaults)
         except UserError as mistake:
             mistakes.append(mistake)
@@ -154,6 +166,7 @@ class Named(NamedTuple):
     stage: Stage
     preset: Preset | None
     weights: Weights | None
+    robot: RobotName | None
     parent: Path | None
     goes_on: bool  # with a run's own settings
 
@@ -173,13 +186,14 @@ def _require_runs(argv: list[str], arguments: Arguments) -> None:
 def read_named(argv: list[str]) -> Named:
     """Read only that, whatever else is on the line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    for flag in ("--stage", "--preset", "--weights", "--from", "--resume", "--replay"):
+    for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay"):
         first.add_argument(flag, nargs="?")
     words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
     return Named(
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
         preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
         weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
+        robot=cast(RobotName, words["robot"]) if words["robot"] in ROBOTS else None,
         parent=Path(words["from"]) if words["from"] else None,
         goes_on=words["resume"] is not None or words["replay"] is not None,
     )
@@ -192,37 +206,39 @@ def _arguments(defaults: TrainConfig, parent: Path | None = None) -> Arguments:
 def _parse(argv: list[str]) -> Arguments:
     """The arguments, with the defaults of the stage, preset and parent that they name."""
     named = read_named(argv)
-    preset, defaults = defaults_here(named.stage, named.preset, named.weights)
+    preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
     parent = named.parent
     if not (set(app.HELP) & set(argv) or named.goes_on):
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:
-            defaults = _continue(defaults, parent)
+            defaults = _continue(defaults, parent, named.robot)
     arguments = app.parse(Arguments, argv, "train.py", default=_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _continue(defaults: TrainConfig, parent: Path) -> TrainConfig:
-    """The stage's settings on the parent's robot, commands and networks."""
+def _continue(defaults: TrainConfig, parent: Path, robot: RobotName | None) -> TrainConfig:
+    """The stage's settings on the parent's robot, or the one named, its commands and networks."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
     return dataclasses.replace(
         defaults,
-        env=dataclasses.replace(old.env, reward=defaults.env.reward),
+        env=dataclasses.replace(on_robot(old.env, robot) if robot else old.env, reward=defaults.env.reward),
         ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}),
     )
 
 
-def defaults_here(stage: Stage, named: str | None, weights: Weights | None = None) -> tuple[Preset, TrainConfig]:
+def defaults_here(
+    stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
+) -> tuple[Preset, TrainConfig]:
     """The preset named, or else this machine's own; and its settings, with physics that run here."""
     import jax
 
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
-    defaults = make_config(stage, preset, weights)
+    defaults = make_config(stage, preset, weights, robot or "built")
     if defaults.impl == "c" and not on_cpu:
         defaults = dataclasses.replace(defaults, impl="jax")
     return preset, defaults

@@ -18,6 +18,7 @@ from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
+from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
 from bp2_rl.settings.env import EnvConfig, Impl
 
@@ -38,7 +39,7 @@ class BP2Env(envs.Env):
 
     def __init__(self, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1):
         self.config = config = config or EnvConfig()
-        self.mj_model = load_model(config.hardware, visual=False, trunk_contact=False)
+        self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)
         self.simulate = _simulator(impl, self.mj_model, config, num_robots)
         self.starts = Starts(config, self.controller, self.mj_model)
@@ -191,4 +192,6 @@ class BP2Env(envs.Env):
 
 def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
     motors = motors_of(config)
-    return CPhysics(config.hardware, motors) if impl == "c" else MjxPhysics(model, motors, impl, num_robots)
+    if impl == "c":
+        return CPhysics(config.hardware, motors)
+    return MjxPhysics(model, motors, Resistance.from_hardware(config.hardware), impl, num_robots)

@@ -105,6 +105,5 @@ def motors_of(config: EnvConfig) -> Actuator:
         config.hardware,
         stiffness=control.stiffness,
         damping=control.damping,
-        current_lag=control.current_lag,
         torque_rate=control.torque_rate,
     )

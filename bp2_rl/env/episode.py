@@ -52,7 +52,7 @@ class Starts:
         reference = self._controller.reference(command.current, phase)
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
-        robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware.friction)
+        robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
         episode = PipelineState(
             physics=_unmoved(qpos, qvel, targets),
             controller=self._controller.init(phase),

@@ -9,12 +9,16 @@ from jaxtyping import Array, Float
 from bp2_rl.bounds import Range
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
+
+LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
 
 
 class Randomization(struct.PyTreeNode):
-    """One robot's draw; the critic sees it."""
+    """One robot's draw; the critic sees it, but for the losses."""
 
     friction: Float[Array, "..."]
     mass: Float[Array, "... nbody"]  # factor
@@ -23,39 +27,43 @@ class Randomization(struct.PyTreeNode):
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
+    losses: Float[Array, "... 7"]  # factors, in the order of `LOSSES`
 
 
-def nominal(num_bodies: int, friction: float) -> Randomization:
+def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
     """The robot as designed."""
     ones = jnp.ones(12)
     return Randomization(
-        friction=jnp.asarray(friction, jnp.float32),
+        friction=jnp.asarray(hardware.friction, jnp.float32),
         mass=jnp.ones(num_bodies),
         com_offset=jnp.zeros(3),
         strength=ones,
         stiffness=ones,
         damping=ones,
-        latency=jnp.zeros(()),
+        latency=jnp.asarray(hardware.losses.latency, jnp.float32),
+        losses=jnp.ones(len(LOSSES)),
     )
 
 
-def draw(key: Array, config: RandomizationConfig, num_bodies: int, friction: float) -> Randomization:
-    """A random robot around the nominal one with this foot friction, or that itself where randomisation is off."""
+def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: HardwareSpec) -> Randomization:
+    """A random robot around this one, or that itself where randomisation is off."""
     if not config.enabled:
-        return nominal(num_bodies, friction)
+        return nominal(num_bodies, hardware)
     keys = jax.random.split(key, 7)
 
     def uniform(key: Array, shape: tuple[int, ...], bounds: Range) -> Array:
         return jax.random.uniform(key, shape, minval=bounds[0], maxval=bounds[1])
 
     return Randomization(
-        friction=friction * uniform(keys[0], (), config.friction),
+        friction=hardware.friction * uniform(keys[0], (), config.friction),
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
         strength=uniform(keys[3], (12,), config.strength),
         stiffness=uniform(keys[4], (12,), config.gains),
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
+        # By a key of its own: one more split would draw other robots than before there were losses.
+        losses=uniform(jax.random.fold_in(key, len(LOSSES)), (len(LOSSES),), config.losses),
     )
 
 
@@ -93,9 +101,28 @@ def randomize_c_model(model: mujoco.MjModel, nominal: mujoco.MjModel, randomizat
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
-    """The motors with this robot's strength and gains."""
-    return actuator.replace(
+    """The motors with this robot's strength, gains, lag and bus."""
+    changed = actuator.replace(
         strength=actuator.strength * randomization.strength,
         stiffness=actuator.stiffness * randomization.stiffness,
         damping=actuator.damping * randomization.damping,
+    )
+    lag, power, sag = (randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag"))
+    if actuator.current_lag != 0.0:
+        changed = changed.replace(current_lag=actuator.current_lag * lag[..., None])
+    if (bus := actuator.bus) is not None:
+        bus = bus.replace(power_out=bus.power_out * power, power_in=bus.power_in * power, sag=bus.sag * sag)
+        changed = changed.replace(bus=bus)
+    return changed
+
+
+def randomize_resistance(resistance: Resistance, randomization: Randomization) -> Resistance:
+    """The resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
+    air, gear, joints, slides = (randomization.losses[..., i, None] for i in range(4))
+    return resistance.replace(
+        drag=resistance.drag * air,
+        gear_loss=resistance.gear_loss * gear,
+        joint_friction=resistance.joint_friction * joints,
+        joint_viscosity=resistance.joint_viscosity * joints,
+        spring_friction=resistance.spring_friction * slides,
     )

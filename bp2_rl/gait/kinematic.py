@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bp2_rl.gait.reference import Reference
-from bp2_rl.gait.stepping import NOMINAL, STANDING, TROT, ground, square_speed
+from bp2_rl.gait.stepping import STANDING, TROT, ground, nominal_feet, square_speed
 from bp2_rl.robot import kinematics, specs
 from bp2_rl.settings.gait import KinematicConfig
 
@@ -89,7 +89,7 @@ class KinematicGait(KinematicConfig):
 
     def _stance_time(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """About the lesser of `slow_stance` and the time that the sweep takes, s."""
-        s2 = square_speed(command)
+        s2 = square_speed(command, self.hardware)
         return self.slow_stance * jax.lax.rsqrt(1.0 + s2 * (self.slow_stance / (self._scale * self.sweep)) ** 2)
 
     def _height(self, command: Float[Array, "... 3"], tau: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -105,7 +105,7 @@ class KinematicGait(KinematicConfig):
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
-        s2 = square_speed(command)
+        s2 = square_speed(command, self.hardware)
         return s2 / (s2 + self.stepping_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -125,10 +125,11 @@ class KinematicGait(KinematicConfig):
         pulse = w * (self.landing + (1.0 - self.landing) * w) / (2.0 / 3.0 - 2.0 / 15.0 * (1.0 - self.landing))
         spring = self._at_rest(command)[..., None] + mean[..., None] * pulse
 
-        seen_from_above = ground(jnp.asarray(NOMINAL, dtype=tau.dtype), command[..., :2], command[..., 2:], tau)
+        nominal = jnp.asarray(nominal_feet(self.hardware), dtype=tau.dtype)
+        seen_from_above = ground(nominal, command[..., :2], command[..., 2:], tau)
         z = SOLE_CLEARANCE - self._height(command[..., None, :], tau)
         feet = jnp.concatenate([seen_from_above, z[..., None]], axis=-1)
-        return kinematics.joint_angles(feet, spring, leg_length=self.hardware.leg_length), spring
+        return kinematics.joint_angles(feet, spring, self.hardware), spring
 
     def _swing(
         self,

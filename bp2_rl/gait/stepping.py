@@ -5,18 +5,23 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot.specs import HardwareSpec
 
 TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL goes with RR, FR with RL
 STANDING = 0.05  # a gait that steps by less than this share of its full steps counts no foot as lifted
-NOMINAL = kinematics.LEG_ORIGINS[:, :2] + np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
-"""(4, 2) m, where the feet are set, seen from above: below the hips."""
-_RADIUS = float(np.max(np.linalg.norm(NOMINAL, axis=-1)))
 
 
-def square_speed(command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-    """Square of the planar speed demanded of a foot, yaw included, (m/s)^2."""
+def nominal_feet(hardware: HardwareSpec) -> Float[np.ndarray, "4 2"]:
+    """Where the feet are set, seen from above, m: below the hips."""
+    outwards = np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
+    return kinematics.leg_origins(hardware)[:, :2] + outwards
+
+
+def square_speed(command: Float[Array, "... 3"], hardware: HardwareSpec) -> Float[Array, "..."]:
+    """Square of the planar speed demanded of the outermost foot, yaw included, (m/s)^2."""
     vx, vy, yaw_rate = command[..., 0], command[..., 1], command[..., 2]
-    return vx**2 + vy**2 + (_RADIUS * yaw_rate) ** 2
+    radius = float(np.max(np.linalg.norm(nominal_feet(hardware), axis=-1)))
+    return vx**2 + vy**2 + (radius * yaw_rate) ** 2
 
 
 def ground(

@@ -1,14 +1,24 @@
-"""The joint motors: PD law, current loop and torque-speed envelope, at the joint side of the gear.
+"""The joint motors: PD law, current loop, torque-speed envelope and the bus they share, at the joint side of the gear.
 
-Pure and batched; NumPy and JAX arrays alike, so that MJX and C MuJoCo run the very same motor.
+Pure and batched; NumPy and JAX arrays alike, so that MJX and C MuJoCo run the very same motor. What a torque loses on
+its way to the joint is in `robot.losses`.
 
 The envelope (DERIVED from the paper's 120 Nm, 21.4 rad/s and 1765 W, four quadrants) is
 
-    tau_hi(w) = clip(min(tau_s (1 - w / w0), tau_max), -tau_max, tau_max),   tau_s = tau_max / (1 - w_c / w0)
+    tau_hi(w) = clip(min(tau_s (u - w / w0), tau_max), -tau_max, tau_max),   tau_s = tau_max / (1 - w_c / w0)
     tau_lo(w) = -tau_hi(-w)
 
-flat up to the corner speed w_c, falling to zero at the no-load speed w0, and flat while braking. Driven beyond w0
-the supply can only brake: tau_hi is then negative. w_c = 0 is the straight back-EMF line.
+flat up to the corner speed w_c, falling to zero at the no-load speed w0, and flat while braking. u is the bus's
+voltage over its nominal one, which is 1 where nothing sags. Driven beyond w0 the back EMF exceeds the voltage and the
+drive can only brake: tau_hi is then negative. w_c = 0 is the straight back-EMF line.
+
+Flat braking is what a motor with a resistance alone can do: the back EMF drives the braking current, up to
+w0 (1 + tau_max / tau_s) without field weakening. A motor whose inductance counts brakes less at speed; `braking_speed`
+is where a line from the corner ends, on which -tau_lo then stays for w > 0.
+
+The bus feeds all motors. What they draw, sum of tau w and copper loss, sags the voltage, and is kept between the powers
+that may flow in and out by one common factor on all torques, as a drive would. What flows back beyond w0 against the
+drive's will is not scaled: a brake resistor burns it.
 """
 
 from typing import Any
@@ -20,6 +30,18 @@ from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 Parameter = Any  # a number, or an array that broadcasts against the joints, "... 12"
 Joints = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
+ENDLESS = 1e9
+"""W: more than any bus; computes better than infinity."""
+LEAST_VOLTAGE = 0.3
+"""Share of the nominal voltage below which it does not sag."""
+
+
+class Bus(struct.PyTreeNode):
+    """What battery and drive can supply and take back; each a number or an array over robots."""
+
+    power_out: Parameter  # W
+    power_in: Parameter  # W
+    sag: Parameter  # share of the voltage lost per W out
 
 
 class Actuator(struct.PyTreeNode):
@@ -30,9 +52,11 @@ class Actuator(struct.PyTreeNode):
     peak_torque: Parameter  # Nm
     corner_speed: Parameter  # rad/s
     no_load_speed: Parameter  # rad/s
+    braking_speed: float = struct.field(pytree_node=False, default=float("inf"))  # rad/s; see above
     strength: Parameter = 1.0  # scale on the peak torque
     current_lag: Parameter = 0.0  # s, time constant of the first-order current loop; 0: none
     torque_rate: Parameter = float("inf")  # Nm/s, largest rate of change
+    bus: Bus | None = None  # None: it gives and takes everything, at nominal voltage
 
     @classmethod
     def from_hardware(
@@ -42,19 +66,26 @@ class Actuator(struct.PyTreeNode):
         stiffness: Parameter = 250.0,
         damping: Parameter = 3.0,
         strength: Parameter = 1.0,
-        current_lag: Parameter = 0.0,
         torque_rate: Parameter = float("inf"),
     ) -> "Actuator":
         """The motors behind this hardware's gear."""
+        losses = hardware.losses
+        bus = Bus(
+            power_out=min(losses.bus_power_out, ENDLESS),
+            power_in=min(losses.bus_power_in, ENDLESS),
+            sag=1e-3 * losses.bus_sag,
+        )
         return cls(
             stiffness=stiffness,
             damping=damping,
             peak_torque=hardware.joint_peak_torque,
             corner_speed=hardware.joint_corner_speed,
             no_load_speed=hardware.joint_no_load_speed,
+            braking_speed=hardware.joint_braking_speed,
             strength=strength,
-            current_lag=current_lag,
+            current_lag=losses.current_lag,
             torque_rate=torque_rate,
+            bus=None if bus == Bus(ENDLESS, ENDLESS, 0.0) else bus,
         )
 
 
@@ -63,9 +94,18 @@ def copper_loss(torque: Joints, no_load: Parameter, stall: Parameter) -> Joints:
     return torque**2 * (no_load / stall)
 
 
-def torque_limits(actuator: Actuator, qd: Joints) -> tuple[Joints, Joints]:
-    """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s)."""
-    return -_upper_limit(actuator, -qd), _upper_limit(actuator, qd)
+def torque_limits(actuator: Actuator, qd: Joints, voltage: Parameter = 1.0) -> tuple[Joints, Joints]:
+    """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s).
+
+    `voltage` of the bus is a share of the nominal one, and broadcasts against the joints.
+    """
+    lower, upper = -_upper_limit(actuator, -qd, voltage), _upper_limit(actuator, qd, voltage)
+    if actuator.braking_speed == float("inf"):
+        return lower, upper
+    xp = qd.__array_namespace__()
+    braking_down, braking_up = _braking_limit(actuator, qd), _braking_limit(actuator, -qd)
+    # Beyond the no-load speed the back EMF brakes, whatever the drive can.
+    return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(xp.minimum(upper, braking_up), lower)
 
 
 def stall_torque(peak: Parameter, corner: Parameter, no_load: Parameter) -> Parameter:
@@ -87,24 +127,71 @@ def joint_torque(
     qd_target: Joints,
     dt: float,
 ) -> Joints:
-    """Torque that acts on the joints for the next `dt` seconds, Nm, "... 12".
+    """Torque of the motors for the next `dt` seconds, Nm, "... 12".
 
-    PD law, then the current loop's lag, then its rate limit, then the envelope: last, so nothing ever leaves it.
+    PD law, then the current loop's lag, then its rate limit, then the envelope and the bus: last, so nothing ever
+    leaves them.
     """
     xp = qd.__array_namespace__()
     desired = pd_torque(actuator, q, qd, q_target, qd_target)
     step = _lag_share(actuator.current_lag, dt) * (desired - previous_torque)
     largest_step = actuator.torque_rate * dt
     torque = previous_torque + xp.clip(step, -largest_step, largest_step)
-    lower, upper = torque_limits(actuator, qd)
-    return xp.clip(torque, lower, upper)
+    lower, upper = torque_limits(actuator, qd, bus_voltage(actuator, previous_torque, qd))
+    torque = xp.clip(torque, lower, upper)
+    return torque if actuator.bus is None else _share_bus(actuator, torque, xp.clip(0.0 * qd, lower, upper), qd)
 
 
-def _upper_limit(actuator: Actuator, qd: Joints) -> Joints:
+def bus_power(actuator: Actuator, torque: Joints, qd: Joints) -> Float[Any, "..."]:
+    """What the motors draw together, W: mechanical power and copper loss."""
+    return (torque * qd + _resistance(actuator) * torque**2).sum(-1)
+
+
+def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
+    """The bus's voltage over its nominal one ("... 1") while the motors give this torque."""
+    if actuator.bus is None:
+        return 1.0
+    xp = qd.__array_namespace__()
+    return xp.clip(1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0)[..., None]
+
+
+def _share_bus(actuator: Actuator, torque: Joints, least: Joints, qd: Joints) -> Joints:
+    """The torques, all the same share of the way from the `least` possible ones, so that the bus can feed them."""
+    assert actuator.bus is not None
+    xp, r, way = qd.__array_namespace__(), _resistance(actuator), torque - least
+    # The power is p0 + p1 s + p2 s^2 at a share s.
+    p0 = bus_power(actuator, least, qd)
+    p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
+    whole = p0 + p1 + p2
+
+    def share(limit: Parameter, sign: float) -> Float[Any, "..."]:
+        root = xp.sqrt(xp.maximum(p1 * p1 - 4.0 * p2 * (p0 - limit), 0.0))
+        return xp.clip((sign * root - p1) / (2.0 * xp.where(p2 > 0.0, p2, 1.0)), 0.0, 1.0)
+
+    out, into = actuator.bus.power_out, -actuator.bus.power_in
+    shares = xp.where(whole > out, share(out, 1.0), xp.where(whole < into, share(into, -1.0), 1.0))
+    return least + shares[..., None] * way
+
+
+def _resistance(actuator: Actuator) -> Parameter:
+    """Copper loss over torque squared, W/Nm2; a weak motor's is as a strong one's."""
+    stall = stall_torque(actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed)
+    return actuator.no_load_speed / stall
+
+
+def _upper_limit(actuator: Actuator, qd: Joints, voltage: Parameter) -> Joints:
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
     stall = stall_torque(peak, actuator.corner_speed, actuator.no_load_speed)
-    return xp.clip(stall * (1.0 - qd / actuator.no_load_speed), -peak, peak)
+    return xp.clip(stall * (voltage - qd / actuator.no_load_speed), -peak, peak)
+
+
+def _braking_limit(actuator: Actuator, qd: Joints) -> Joints:
+    """Size of the greatest torque against a positive speed, Nm."""
+    xp = qd.__array_namespace__()
+    peak = actuator.strength * actuator.peak_torque
+    stall = stall_torque(peak, actuator.corner_speed, actuator.braking_speed)
+    return xp.clip(stall * (1.0 - qd / actuator.braking_speed), 0.0, peak)
 
 
 def _lag_share(lag: Parameter, dt: float) -> Parameter:

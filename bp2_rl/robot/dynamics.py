@@ -53,10 +53,12 @@ class Rows(struct.PyTreeNode):
 def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """One step of `model.opt.timestep` under the torques `data.ctrl`, with MJX's Euler integrator; one robot.
 
-    For BP2 on flat ground with feet as its only contacts (`load_model(trunk_contact=False)`) and no external forces.
+    For BP2 on flat ground with feet as its only contacts (`load_model(feet_only=True)`). Of external forces only those
+    in `data.qfrc_applied` count.
     """
     data = mjx.fwd_actuation(model, mjx.fwd_velocity(model, mjx.fwd_position(model, data)))
     inertia, force = arrow(mjx.full_m(model, data)), data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator
+    force += data.qfrc_applied
     acceleration, push = newton(inertia, constraint_rows(data), force, data.qacc_warmstart, model.opt.iterations)
     # Damping is integrated implicitly, as by MuJoCo's Euler integrator; only the legs have any.
     damping = model.opt.timestep * model.dof_damping[TRUNK:].reshape(NUM_LEGS, LEG)

@@ -13,16 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.robot import specs
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 Array = Any  # NumPy or JAX
 
+FORE_AFT = np.array([1.0, 1.0, -1.0, -1.0]) * specs.HIP_FORE_AFT  # m, x of each leg's hip in the trunk frame
 SIDE = np.array([-1.0, 1.0, -1.0, 1.0])  # y of each leg's side: right, left, right, left
-LEG_ORIGINS = np.array(
-    [
-        [fore * specs.HIP_FORE_AFT, lateral, 0.0]
-        for fore, lateral in zip((1, 1, -1, -1), specs.IDEAL.hip_laterals, strict=True)
-    ]
-)  # m, abduction axis of each leg in the trunk frame
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside the joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
@@ -30,35 +26,39 @@ _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
 
 
+def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
+    """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk frame, m."""
+    return np.stack([FORE_AFT, np.array(hardware.hip_laterals), np.zeros(4)], axis=-1)
+
+
 def foot_position(
     joints: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
-    *,
-    leg_length: float = specs.THIGH_LENGTH,
+    hardware: HardwareSpec = IDEAL,
 ) -> Float[Array, "... 4 3"]:
     """Position of each sole in the trunk frame, m.
 
     Args:
         joints: rad, legs FR FL RR RL x (abad, hip, knee).
         compression: of each leg's spring along the lower leg, m.
-        leg_length: of the thigh and of the uncompressed lower leg, m.
+        hardware: the robot, by its leg length and its tracks.
     """
     xp = joints.__array_namespace__()
     abad, hip, knee = joints[..., 0], joints[..., 1], joints[..., 2]
+    leg_length = hardware.leg_length
     lower = leg_length - compression
     x = -leg_length * xp.sin(hip) - lower * xp.sin(hip + knee)
     h = leg_length * xp.cos(hip) + lower * xp.cos(hip + knee)  # below the hip axis, in the leg's plane
     d = _outwards(xp, joints.dtype)
     y = d * xp.cos(abad) + h * xp.sin(abad)
     z = d * xp.sin(abad) - h * xp.cos(abad)
-    return xp.stack([x, y, z], axis=-1) + xp.asarray(LEG_ORIGINS, dtype=joints.dtype)
+    return xp.stack([x, y, z], axis=-1) + xp.asarray(leg_origins(hardware), dtype=joints.dtype)
 
 
 def joint_angles(
     feet: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
-    *,
-    leg_length: float = specs.THIGH_LENGTH,
+    hardware: HardwareSpec = IDEAL,
 ) -> Float[Array, "... 4 3"]:
     """Joint angles (abad, hip, knee) that put each sole at `feet`: knee bent backwards, foot below the hip.
 
@@ -66,7 +66,7 @@ def joint_angles(
     result and its derivatives stay finite for every finite foot position.
     """
     xp = feet.__array_namespace__()
-    p = feet - xp.asarray(LEG_ORIGINS, dtype=feet.dtype)
+    p, leg_length = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype), hardware.leg_length
     d = _outwards(xp, feet.dtype)
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
     z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - _SHORTEST_SQUARED**0.5, z)  # off the abduction axis itself
@@ -81,10 +81,10 @@ def joint_angles(
     return xp.stack([abad, hip, knee], axis=-1)
 
 
-def leg_extension(feet: Float[Array, "... 4 3"]) -> Float[Array, "... 4"]:
+def leg_extension(feet: Float[Array, "... 4 3"], hardware: HardwareSpec = IDEAL) -> Float[Array, "... 4"]:
     """Distance of each sole from its hip axis, in the leg's plane, m: what `reach` bounds."""
     xp = feet.__array_namespace__()
-    p = feet - xp.asarray(LEG_ORIGINS, dtype=feet.dtype)
+    p = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype)
     return xp.sqrt(xp.maximum(xp.sum(p * p, axis=-1) - specs.THIGH_LATERAL**2, 0.0))
 
 
@@ -171,7 +171,7 @@ def planar_foot(
     """
     (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
     links = (  # along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate
-        (LEG_ORIGINS[:, 0], 0.0, pitch, pitch_rate),
+        (FORE_AFT, 0.0, pitch, pitch_rate),
         (leg_length, 0.0, pitch + hip + np.pi / 2, pitch_rate + hip_rate),
         (
             lower,

@@ -25,7 +25,12 @@ MOTOR_QVEL = MOTOR_QPOS - 1
 
 TRUNK_GEOMS = ("trunk_right", "trunk_left")
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
+SOLID_PARTS = ("thigh", "shank", "toe")
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
+
+
+FAR = 1e3
+"""m, where no spring's end ever is."""
 
 
 class ModelError(UserError):
@@ -37,26 +42,28 @@ def load_model(
     *,
     timestep: float = PHYSICS_STEP,
     visual: bool = True,
-    trunk_contact: bool = True,
+    feet_only: bool = False,
     foot_sensors: bool = False,
     scene: Callable[[mujoco.MjSpec], None] | None = None,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
     """BP2 on flat ground as a compiled model.
 
-    `visual=False` leaves out what physics does not need (looks, sensors, lights, cameras) and `trunk_contact=False`
-    the collision of trunk and floor; both make MJX faster and change no leg's physics. `foot_sensors` adds the
-    position of each foot (m, world) to what the sensors report, in the order of the legs. `scene` changes the ground,
-    last of all.
+    `visual=False` leaves out what physics does not need (looks, sensors, lights, cameras) and `feet_only` the collision
+    of trunk and floor and, if the legs are solid, of legs with each other and the trunk; both make MJX faster. What is
+    left changes no leg's physics. `foot_sensors` adds the position of each foot (m, world) to what the sensors report,
+    in the order of the legs. `scene` changes the ground, last of all.
 
     Raises:
         ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
     """
     spec = load_spec(hardware, xml=xml)
     spec.option.timestep = timestep
+    if hardware.solid_legs and not feet_only:
+        _make_legs_solid(spec)
     if not visual:
         _drop_visuals(spec)
-    if not trunk_contact:
+    if feet_only:
         for name in TRUNK_GEOMS:
             _find(spec, "geom", name).conaffinity = 0
     if foot_sensors:
@@ -106,9 +113,10 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
         raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
     _apply_masses(spec, hardware)
     _apply_leg_length(spec, hardware)
+    _apply_tracks(spec, hardware)
     _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
-    _apply_friction(spec, hardware)
+    _apply_contacts(spec, hardware)
     return spec
 
 
@@ -125,13 +133,22 @@ def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
     """Move the knees and the toes; links keep their mass, which sits at their upper ends."""
+    thigh, toe = hardware.leg_length, hardware.leg_length - specs.TOE_LENGTH
     for leg in LEGS:
-        _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -hardware.leg_length)
-        _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, specs.TOE_LENGTH - hardware.leg_length)
+        _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
+        _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
+        _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
+        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = toe - specs.RODS_BELOW_KNEE
     for key in spec.keys:
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
         key.qpos = qpos
+
+
+def _apply_tracks(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
+        abad = _find(spec, "body", f"{leg}_abad")
+        abad.pos = (abad.pos[0], lateral, abad.pos[2])
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -142,6 +159,11 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         stop = _find(spec, "tendon", f"{leg}_stop")
         stop.stiffness = (hardware.spring_stop_stiffness, 0.0, 0.0)
         stop.springlength = (0.0, hardware.spring_travel)
+        if hardware.rebound_stiffness != hardware.spring_stop_stiffness:
+            stop.springlength = (-FAR, hardware.spring_travel)
+            rebound: Any = spec.add_tendon(name=f"{leg}_rebound", springlength=(0.0, FAR))
+            rebound.stiffness = (hardware.rebound_stiffness, 0.0, 0.0)
+            rebound.wrap_joint(f"{leg}_spring", 1.0)
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -152,10 +174,25 @@ def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
             motor.forcerange = (-hardware.joint_peak_torque, hardware.joint_peak_torque)
 
 
-def _apply_friction(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
     for name in FOOT_GEOMS:
         foot = _find(spec, "geom", name)
         foot.friction = (hardware.friction, *foot.friction[1:])
+        foot.solref = (hardware.contact_time, hardware.contact_damping)
+    for name in specs.MOTOR_NAMES:
+        _find(spec, "joint", name).solref_limit = (hardware.joint_stop_time, 1.0)
+
+
+def _make_legs_solid(spec: mujoco.MjSpec) -> None:
+    """Let every leg collide with the others and with the trunk; of a leg, the foot alone still meets the floor."""
+    bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
+    all_legs = sum(bits.values())
+    for leg, bit in bits.items():
+        for name in (f"{leg}_foot", *(f"{leg}_solid_{part}" for part in SOLID_PARTS)):
+            geom = _find(spec, "geom", name)
+            geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
+    for name in TRUNK_GEOMS:
+        _find(spec, "geom", name).conaffinity |= all_legs
 
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:

@@ -65,6 +65,7 @@ STANDING_HEIGHT = _number("h", 0.55, "m", "paper, Fig. 2")
 BODY_LENGTH = _number("-", 0.80, "m", "paper, Fig. 2")
 BODY_WIDTH = _number("-", 0.44, "m", "paper, Fig. 2")
 GRAVITY = _number("g", 9.81, "m/s2", "standard, rounded")
+AIR_DENSITY = _number("rho", 1.2, "kg/m3", "standard, rounded: 20 C at sea level")
 
 # --- The motors, at the joint (behind the gear) --------------------------------------------------------------
 PEAK_TORQUE = _number("tau_max", 120.0, "Nm", "paper, Table S1; the text's '250 Nm is 2.5 x peak' implies 100")
@@ -104,6 +105,17 @@ THIGH_LATERAL = _number("-", 0.080, "m", "ASSUMED: abduction axis to the leg's p
 THIGH_TWIST_INERTIA = _number("-", 0.003, "kg m2", "ASSUMED: about its length, 2.2 kg of motors 0.05 m in radius")
 SHANK_TWIST_INERTIA = _number("-", 5e-6, "kg m2", "ASSUMED: about its length, a 0.1 kg rod of 0.01 m radius")
 FOOT_RADIUS = _number("-", 0.02, "m", "ASSUMED: sphere whose lowest point is the sole")
+THIGH_RADIUS = _number("-", 0.018, "m", "ASSUMED: of a solid leg's capsule from hip to knee, half the shell's width")
+LOWER_LEG_RADIUS = _number("-", 0.0145, "m", "ASSUMED: likewise from knee to foot, that of the spring's coils")
+SHANK_REACH = _number("-", 0.17, "m", "ASSUMED: knee to the end of the tubes that guide the spring")
+RODS_BELOW_KNEE = _number(
+    "-", 0.15, "m", "ASSUMED: knee to the upper end of the toe's rods, spring at rest: the longest that clear the knee"
+)
+LEG_FRICTION = _number("-", 0.3, "-", "ASSUMED: of a solid leg on anything, aluminium on carbon fibre, dry")
+LEG_CONTACT_TIME = _number("-", 0.005, "s", "ASSUMED: MuJoCo's time constant of a solid leg, that of the foot")
+TRUNK_RADIUS = _number("-", 0.07, "m", "ASSUMED: of the two capsules that stand for the trunk's box")
+TRUNK_REACH = _number("-", 0.33, "m", "ASSUMED: trunk's centre to the ends of their axes; 0.80 m over all")
+TRUNK_LATERAL = _number("-", 0.04, "m", "ASSUMED: trunk's mid-plane to their axes; 0.22 m wide over all")
 CONTACT_TIME = _number("-", 0.005, "s", "ASSUMED: MuJoCo's time constant of foot on ground; 15 mm under 6 body weights")
 FOOT_FRICTION = _number("mu", 0.9, "-", "ASSUMED: cleats on track or concrete")
 TRUNK_ROLL_INERTIA = _number("-", 0.20, "kg m2", "ASSUMED: 20 kg box of 0.20 m x 0.16 m, plus battery and covers")

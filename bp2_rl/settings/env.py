@@ -32,7 +32,6 @@ class ControlConfig:
     damping: Annotated[float, Within(0.0, 1e4)] = 3.0  # Nm s/rad
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
-    current_lag: Amount = 0.0  # s, first-order torque lag of the drive; 0 = none
     torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")  # Nm/s
 
 
@@ -87,6 +86,8 @@ class RandomizationConfig:
     strength: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.0)  # factor on the peak torque
     gains: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.1)  # factor on PD stiffness and damping
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)  # s, from observation to new joint target
+    losses: Annotated[Range, Within(0.0, 100.0)] = (1.0, 1.0)
+    """factor on each of the hardware's losses by itself: air, gear, joints, slides, current lag, bus power, sag"""
     joint_position_noise: Amount = 0.01  # rad, standard deviation
     joint_velocity_noise: Amount = 0.3  # rad/s
     orientation_noise: Amount = 0.01
@@ -153,7 +154,8 @@ class EnvConfig:
 def upgrade(data: Any) -> Any:
     """The JSON of a policy's card or of a run's settings, made by any version, as `from_json` of this one reads it.
 
-    Once both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
+    Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
+    both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
     nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
     begins to step had the name of the curriculum's first speed.
 
@@ -163,7 +165,7 @@ def upgrade(data: Any) -> Any:
     env = data.get("env") if isinstance(data, dict) else None
     if not isinstance(env, dict):
         return data
-    changed = dict(env)
+    changed = _with_losses(env)
     for name in ("gait", "library"):
         gait = env.get(name)
         if not isinstance(gait, dict):
@@ -173,3 +175,17 @@ def upgrade(data: Any) -> Any:
         names = {"start_speed": "stepping_speed"}
         changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
     return data | {"env": changed}
+
+
+def _with_losses(env: dict[str, Any]) -> dict[str, Any]:
+    """The environment with what is the drive's and the spring's in its hardware."""
+    hardware, control = env.get("hardware"), env.get("control")
+    if not isinstance(hardware, dict) or "losses" in hardware:
+        return dict(env)
+    hardware = dict(hardware)
+    if "spring_stop_stiffness" in hardware:
+        hardware.setdefault("rebound_stiffness", hardware["spring_stop_stiffness"])
+    if not (isinstance(control, dict) and "current_lag" in control):
+        return {**env, "hardware": hardware}
+    hardware["losses"] = {"current_lag": control["current_lag"]}
+    return {**env, "hardware": hardware, "control": {k: v for k, v in control.items() if k != "current_lag"}}

@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from bp2_rl.errors import UserError
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import Preset, Stage, make_config
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
@@ -50,6 +51,7 @@ class Plan:
     seeds: tuple[int, ...]
     preset: Preset
     steps: tuple[int, int]  # control steps of the imitation and of the relaxed stage
+    robot: RobotName = "built"
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
@@ -76,7 +78,7 @@ class Plan:
         variant, steps = VARIANTS[training.variant], self.steps[STAGES.index(training.stage)]
         words = ["--stage", training.stage, "--preset", self.preset, "--out", str(folder / training.name)]
         if training.stage == "imitation":
-            words += variant.flags
+            words += ["--robot", self.robot, *variant.flags]
         else:
             origin = Training(variant.imitation or training.variant, training.seed, "imitation")
             words += ["--from", str(folder / origin.name), *variant.relaxed]

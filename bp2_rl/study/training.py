@@ -23,6 +23,7 @@ from bp2_rl.errors import UserError
 from bp2_rl.folders import find_folder, lock_folder, make_folder
 from bp2_rl.learning.checkpoint import latest_step
 from bp2_rl.learning.loop import POLICIES, control_steps
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import CONFIG, Preset, load_run_config, make_config
 from bp2_rl.study.judging import Judgement, judge
 from bp2_rl.study.plan import STAGES, Plan, Training
@@ -174,13 +175,14 @@ class _Recipe:
 
     preset: Preset
     steps: tuple[int, int]
+    robot: RobotName
     settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
 
 
 def _claim(plan: Plan, folder: Path) -> None:
     """What the folder holds already must have been trained by the same recipe."""
-    settings = tuple(config_hash(make_config(stage, plan.preset)) for stage in STAGES)
-    claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings), "a study")
+    settings = tuple(config_hash(make_config(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
+    claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, plan.robot, settings), "a study")
 
 
 def _is_finished(run_dir: Path) -> bool:

@@ -156,7 +156,7 @@ NAN, INF = float("nan"), float("inf")
         ("commands.limit_fraction", -0.5),
         ("control.action_scale", 0.0),
         ("control.action_limit", -1.0),
-        ("control.current_lag", -1.0),
+        ("hardware.losses.current_lag", -1.0),
         ("control.torque_rate", -1.0),
         ("control.torque_rate", -INF),
         ("curriculum.start_speed", 0.0),

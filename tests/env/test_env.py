@@ -150,7 +150,7 @@ def test_training_randomises_around_the_friction_that_was_asked_for():
 
 
 def test_randomisation_reaches_model_and_motors(env):
-    robot = randomization.nominal(env.mj_model.nbody, 0.9)
+    robot = randomization.nominal(env.mj_model.nbody, HardwareSpec())
     heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
     nominal = mjx.put_model(env.mj_model)
     model = randomization.randomize_model(nominal, heavy, env.trunk)

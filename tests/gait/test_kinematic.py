@@ -50,8 +50,8 @@ def rate(command, gait=GAIT):
     return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
 
 
-def soles(reference, leg_length=specs.THIGH_LENGTH):
-    return kinematics.foot_position(reference.joint_position, reference.spring_compression, leg_length=leg_length)
+def soles(reference, hardware=specs.IDEAL):
+    return kinematics.foot_position(reference.joint_position, reference.spring_compression, hardware)
 
 
 def stance_time(command, gait=GAIT):
@@ -66,6 +66,7 @@ def stance_time(command, gait=GAIT):
     [
         GAIT,
         KinematicGait(hardware=dataclasses.replace(specs.IDEAL, leg_length=0.42)),
+        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, fore_track=0.45, hind_track=0.24)),
         KinematicGait(hardware=dataclasses.replace(specs.IDEAL, spring_stiffness=3000.0)),
     ],
 )
@@ -77,8 +78,8 @@ def test_a_stance_foot_moves_with_the_ground(gait):
         phase = share * stance_time(COMMANDS, gait) * rate(COMMANDS, gait) - TROT[leg]
         now, before, after = (sample(COMMANDS, phase + dt * rate(COMMANDS, gait), gait) for dt in (0.0, -step, step))
         assert (now.contact[..., leg] == 1).all()
-        length = gait.hardware.leg_length
-        sole, velocity = soles(now, length)[..., leg, :], (soles(after, length) - soles(before, length)) / (2 * step)
+        robot = gait.hardware
+        sole, velocity = soles(now, robot)[..., leg, :], (soles(after, robot) - soles(before, robot)) / (2 * step)
         vx, vy, yaw_rate = COMMANDS.T
         ground = np.stack([-vx + yaw_rate * sole[..., 1], -vy - yaw_rate * sole[..., 0], -now.height_velocity], axis=-1)
         np.testing.assert_allclose(velocity[..., leg, :], ground, rtol=0, atol=1e-6)
@@ -97,7 +98,7 @@ def test_feet_pass_below_the_hips_in_the_middle_of_stance():
     for leg in range(4):
         middle = 0.5 * stance_time(COMMANDS) * rate(COMMANDS) - TROT[leg]
         sole = soles(sample(COMMANDS, middle))[:, leg]
-        nominal = kinematics.LEG_ORIGINS[leg] + np.array([0.0, kinematics.SIDE[leg] * specs.THIGH_LATERAL, 0.0])
+        nominal = kinematics.leg_origins()[leg] + np.array([0.0, kinematics.SIDE[leg] * specs.THIGH_LATERAL, 0.0])
         np.testing.assert_allclose(sole[:, :2], np.tile(nominal[:2], (len(sole), 1)), atol=1e-9)
 
 
@@ -324,7 +325,7 @@ def test_other_hardware_is_within_its_own_reach(change):
     assert np.isfinite(reference.joint_velocity).all()
     assert reference.joint_position[..., 2].max() < specs.KNEE_RANGE[1]
     assert reference.spring_compression.max() < 1.25 * hardware.spring_travel
-    clearance = soles(reference, hardware.leg_length)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
+    clearance = soles(reference, hardware)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
     assert clearance.min() > -1e-12
 
 

@@ -12,7 +12,7 @@ from mujoco import mjx
 from bp2_rl.robot import actuator as act
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.kinematics import LEG_ORIGINS, SIDE, joint_angles
+from bp2_rl.robot.kinematics import SIDE, joint_angles, leg_origins
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, foot_geom_ids, load_model
 
 MOTOR = Actuator.from_hardware(stiffness=250.0, damping=3.0)
@@ -70,7 +70,7 @@ def trot_targets(steps: int) -> tuple[np.ndarray, np.ndarray]:
         x = np.where(phase < duty, back, forth)
         y = np.broadcast_to(SIDE * specs.THIGH_LATERAL, x.shape)
         z = np.where(phase < duty, 0.0, lift * np.sin(np.pi * s) ** 2) - height
-        return joint_angles(LEG_ORIGINS + np.stack([x, y, z], axis=-1)).reshape(-1, 12)
+        return joint_angles(leg_origins() + np.stack([x, y, z], axis=-1)).reshape(-1, 12)
 
     time, e = np.arange(steps) * DT, 1e-6
     return joints(time), (joints(time + e) - joints(time - e)) / (2 * e)

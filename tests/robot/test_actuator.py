@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from bp2_rl.robot import actuator as act
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.specs import HardwareSpec, Losses
 
 BP2_MOTOR = Actuator.from_hardware()
 STRAIGHT_LINE = Actuator.from_hardware(HardwareSpec(corner_speed=0.0))
@@ -109,7 +109,7 @@ def test_without_lag_or_limits_the_motor_is_its_pd_law():
 
 def test_current_lag_is_first_order():
     """A step of 50 Nm reaches 1 - 1/e of itself after one time constant, whatever the step size."""
-    motor = Actuator.from_hardware(current_lag=0.02, damping=0.0)
+    motor = Actuator.from_hardware(HardwareSpec(losses=Losses(current_lag=0.02)), damping=0.0)
     zero, target, torque = np.zeros(1), np.full(1, 0.2), np.zeros(1)
     dt = 1e-4
     for _ in range(200):

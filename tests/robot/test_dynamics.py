@@ -77,7 +77,7 @@ def states() -> list[np.ndarray]:
 @functools.cache
 def stepped(iterations: int):
     """One robot's step on MJX from rest's warm start: (acceleration, velocity after, position after, Jacobian)."""
-    mujoco_model = load_model(visual=False, trunk_contact=False)
+    mujoco_model = load_model(visual=False, feet_only=True)
     mujoco_model.opt.iterations = iterations
     model = mjx.put_model(mujoco_model)
     blank = mjx.make_data(model)
@@ -95,7 +95,7 @@ def test_one_step_is_that_of_c_mujoco(states):
     """Accelerations to 1e-4 of each state's largest, C MuJoCo's solver converged in float64; then the step itself."""
     with jax.default_matmul_precision("highest"):
         accelerations, velocities, positions, _ = map(np.asarray, stepped(5)(*states))
-    model = converged(load_model(visual=False, trunk_contact=False))
+    model = converged(load_model(visual=False, feet_only=True))
     data, feet, limits = mujoco.MjData(model), [], []
     for i, (qpos, qvel, torque) in enumerate(zip(*states, strict=True)):
         mujoco.mj_resetData(model, data)
@@ -126,7 +126,7 @@ def test_no_constraint_reaches_beyond_its_leg_and_the_trunk(states):
 def test_touchdowns_at_10_m_per_s_are_those_of_c_mujoco():
     """Trunk and feet over 150 ms, to 1e-3 m; with the model's own iterations, C MuJoCo converged in float64."""
     start = landing(robots=16)
-    on_mjx = land_on_mjx(load_model(visual=False, trunk_contact=False), start, dynamics.step)
+    on_mjx = land_on_mjx(load_model(visual=False, feet_only=True), start, dynamics.step)
     on_mujoco = land_on_mujoco(converged(load_model(visual=False)), start)
     depth = specs.FOOT_RADIUS - on_mujoco[:, :, 1:, 2]
     assert (depth.max(axis=1) > 0.0).mean() > 0.9

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bp2_rl.robot import kinematics, model, specs
+from bp2_rl.robot.specs import HardwareSpec
 
 RANGES = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE])
 
@@ -47,7 +48,7 @@ def test_positive_angles_swing_the_leg_the_documented_way():
 
 def test_compression_shortens_the_leg():
     compression = np.array([0.0, 0.01, 0.05, 0.13])
-    feet = kinematics.foot_position(np.zeros((4, 3)), compression, leg_length=0.4)
+    feet = kinematics.foot_position(np.zeros((4, 3)), compression, HardwareSpec(leg_length=0.4))
     assert feet[:, 2] == pytest.approx(-0.8 + compression, abs=1e-15)
 
 
@@ -56,8 +57,9 @@ def test_compression_shortens_the_leg():
 def test_joint_angles_invert_foot_positions(leg_length, data):
     """Float64; 1e-9 rad because the knee loses digits towards its straight end (cosine 0.995)."""
     joints, compression = data.draw(postures(leg_length))
-    feet = kinematics.foot_position(joints, compression, leg_length=leg_length)
-    found = kinematics.joint_angles(feet, compression, leg_length=leg_length)
+    hardware = HardwareSpec(leg_length=leg_length)
+    feet = kinematics.foot_position(joints, compression, hardware)
+    found = kinematics.joint_angles(feet, compression, hardware)
     np.testing.assert_allclose(found, joints, rtol=0, atol=1e-9)
 
 
@@ -82,7 +84,7 @@ def test_jax_and_numpy_agree():
     np.testing.assert_allclose(
         jax.jit(kinematics.foot_position)(jnp.asarray(joints), jnp.asarray(compression)), feet, atol=1e-6
     )
-    feet = kinematics.LEG_ORIGINS + rng.uniform((-0.3, -0.1, -0.55), (0.3, 0.1, -0.35), (1000, 4, 3))
+    feet = kinematics.leg_origins() + rng.uniform((-0.3, -0.1, -0.55), (0.3, 0.1, -0.35), (1000, 4, 3))
     found = jax.jit(kinematics.joint_angles)(jnp.asarray(feet, jnp.float32))
     np.testing.assert_allclose(found, kinematics.joint_angles(feet), atol=2e-5)  # float32 near a straight knee
 
@@ -107,7 +109,7 @@ def test_soles_are_where_mujoco_has_them(seed, robot):
 )
 def test_no_foot_position_gives_infinite_angles_or_derivatives(offset, compression):
     """Anywhere, hip included: too far, too near, above the trunk, on the abduction axis."""
-    feet = jnp.asarray(kinematics.LEG_ORIGINS, jnp.float32) + offset
+    feet = jnp.asarray(kinematics.leg_origins(), jnp.float32) + offset
     angles, gradient = _angles_and_gradient(feet, jnp.asarray(compression))
     assert jnp.isfinite(angles).all()
     assert jnp.isfinite(gradient).all()
@@ -119,10 +121,10 @@ def _angles_and_gradient(feet, compression):
 
 
 def test_a_foot_out_of_reach_is_met_in_direction():
-    feet = kinematics.LEG_ORIGINS + np.array([0.0, 0.0, -2.0])
+    feet = kinematics.leg_origins() + np.array([0.0, 0.0, -2.0])
     feet[:, 1] += kinematics.SIDE * specs.THIGH_LATERAL
     feet[:, 0] += [2.0, 1.0, -1.0, 0.0]
-    found = kinematics.foot_position(kinematics.joint_angles(feet)) - kinematics.LEG_ORIGINS
+    found = kinematics.foot_position(kinematics.joint_angles(feet)) - kinematics.leg_origins()
     np.testing.assert_allclose(found[:, 0] / found[:, 2], [-1.0, -0.5, 0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(found[:, [0, 2]], axis=1), 0.70, atol=1e-6)
 
@@ -158,7 +160,7 @@ def test_a_leg_in_the_plane_is_the_leg_in_space_with_abduction_at_zero():
     p = kinematics.foot_position(np.stack([np.zeros(4), hip, knee], axis=-1), compression)
     level = np.cos(pitch) * p[:, 0] + np.sin(pitch) * p[:, 2], np.cos(pitch) * p[:, 2] - np.sin(pitch) * p[:, 0]
     fore_aft = np.array([kinematics.hip_fore_aft(leg) for leg in specs.LEGS])
-    np.testing.assert_array_equal(fore_aft, kinematics.LEG_ORIGINS[:, 0])
+    np.testing.assert_array_equal(fore_aft, kinematics.FORE_AFT)
     leg = kinematics.planar_leg(np, (0.0, 0.0), pitch, fore_aft, hip, knee, specs.THIGH_LENGTH)
     lower = specs.THIGH_LENGTH - compression
     np.testing.assert_allclose(kinematics.planar_along(np, leg.knee, leg.lower, lower), level, atol=1e-15)
@@ -172,7 +174,7 @@ def test_the_rate_of_a_planar_foot_is_its_derivative():
     joints = (pitch, hip, knee, specs.THIGH_LENGTH - compression)
     _, rate = kinematics.planar_foot(joints, rates, specs.THIGH_LENGTH)
     pitch, hip, knee, lower = (value + 1e-30j * change for value, change in zip(joints, rates, strict=True))
-    leg = kinematics.planar_leg(np, (0.0, 0.0), pitch, kinematics.LEG_ORIGINS[:, 0], hip, knee, specs.THIGH_LENGTH)
+    leg = kinematics.planar_leg(np, (0.0, 0.0), pitch, kinematics.FORE_AFT, hip, knee, specs.THIGH_LENGTH)
     foot = kinematics.planar_along(np, leg.knee, leg.lower, lower)
     np.testing.assert_allclose(rate, np.imag(foot) / 1e-30, atol=1e-14)
 

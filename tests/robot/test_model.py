@@ -304,6 +304,7 @@ def test_changed_hardware_changes_the_robot():
         spring_damping=20.0,
         spring_travel=0.1,
         spring_stop_stiffness=2e4,
+        rebound_stiffness=2e4,
         rotor_inertia=3e-4,
         mass_scale=1.1,
         friction=0.6,
@@ -321,7 +322,8 @@ def test_changed_hardware_changes_the_robot():
 
 
 def test_soles_are_where_the_kinematics_say():
-    model = load_model(HardwareSpec(leg_length=0.37))
+    hardware = HardwareSpec(leg_length=0.37, fore_track=0.40, hind_track=0.26)
+    model = load_model(hardware)
     data = mujoco.MjData(model)
     data.qpos[:3] = 0.0
     rng = np.random.default_rng(0)
@@ -329,11 +331,11 @@ def test_soles_are_where_the_kinematics_say():
     data.qpos[MOTOR_QPOS], data.qpos[SPRING_QPOS] = joints.ravel(), compression
     mujoco.mj_kinematics(model, data)
     soles = np.array([data.site(name).xpos for name in SOLE_SITES])
-    np.testing.assert_allclose(soles, foot_position(joints, compression, leg_length=0.37), atol=1e-12)
+    np.testing.assert_allclose(soles, foot_position(joints, compression, hardware), atol=1e-12)
 
 
-def test_dropping_visuals_and_trunk_contact_keeps_the_physics():
-    full, lean = load_model(), load_model(visual=False, trunk_contact=False)
+def test_dropping_visuals_and_all_contacts_but_the_feets_keeps_the_physics():
+    full, lean = load_model(), load_model(visual=False, feet_only=True)
     assert lean.ngeom == 1 + len(FOOT_GEOMS) + len(TRUNK_GEOMS)
     assert (lean.nsensor, lean.ncam, lean.nlight) == (0, 0, 0)
     accelerations = []
@@ -347,9 +349,9 @@ def test_dropping_visuals_and_trunk_contact_keeps_the_physics():
     np.testing.assert_array_equal(*accelerations)
 
 
-@pytest.mark.parametrize(("trunk_contact", "contacts"), [(True, 4), (False, 0)])
-def test_trunk_lands_on_its_capsules_unless_told_not_to(trunk_contact, contacts):
-    model = load_model(trunk_contact=trunk_contact)
+@pytest.mark.parametrize(("feet_only", "contacts"), [(False, 4), (True, 0)])
+def test_trunk_lands_on_its_capsules_unless_told_not_to(feet_only, contacts):
+    model = load_model(feet_only=feet_only)
     data = mujoco.MjData(model)
     data.qpos[2] = 0.069
     data.qpos[MOTOR_QPOS] = [0.0, 1.5, -0.5] * 4

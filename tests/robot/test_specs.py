@@ -91,12 +91,34 @@ def test_xml_leg_geometry(xml, leg):
     assert_same(foot.pos, [0, 0, specs.FOOT_RADIUS - specs.TOE_LENGTH])
 
 
+@pytest.mark.parametrize("leg", LEGS)
+def test_xml_solid_legs(xml, leg):
+    """Radius, where the axis begins and ends below the joint above it; of the toe, below the knee at rest."""
+    toe = specs.SHANK_LENGTH + specs.SPRING_REST_LENGTH
+    for part, radius, start, end in (
+        ("thigh", specs.THIGH_RADIUS, 0.0, specs.THIGH_LENGTH),
+        ("shank", specs.LOWER_LEG_RADIUS, 0.0, specs.SHANK_REACH),
+        ("toe", specs.LOWER_LEG_RADIUS, specs.RODS_BELOW_KNEE - toe, specs.TOE_LENGTH - specs.FOOT_RADIUS),
+    ):
+        geom = xml.geom(f"{leg}_solid_{part}")
+        assert_same(geom.size[:2], [radius, (end - start) / 2])
+        assert_same(geom.pos, [0, 0, -(start + end) / 2])
+        assert_same(geom.friction[0], specs.LEG_FRICTION)
+        assert_same(geom.solref, [specs.LEG_CONTACT_TIME, 1])
+        assert geom.priority[0] > xml.geom(f"{leg}_foot").priority[0]
+
+
 def test_xml_trunk(xml):
     trunk = xml.body("trunk")
     abads = 4 * (specs.ABAD_INERTIA + specs.ABAD_MASS * (specs.HIP_FORE_AFT + specs.ABAD_COM_FORE_AFT) ** 2)
     assert trunk.mass[0] == pytest.approx(4 * (specs.TRUNK_QUARTER_MASS - specs.ABAD_MASS), rel=1e-12)
     assert_same(trunk.inertia, [specs.TRUNK_ROLL_INERTIA, specs.TRUNK_PITCH_INERTIA - abads, specs.TRUNK_YAW_INERTIA])
     assert_same(trunk.ipos, 0.0)
+    for name, side in (("trunk_right", -1.0), ("trunk_left", 1.0)):
+        geom = xml.geom(name)
+        assert_same(geom.size[:2], [specs.TRUNK_RADIUS, specs.TRUNK_REACH])
+        assert_same(geom.pos, [0, side * specs.TRUNK_LATERAL, 0])
+        assert_same(np.abs(geom.quat) @ [1, 0, 1, 0], np.sqrt(2.0))  # along x
 
 
 def test_xml_joints_springs_motors_and_friction(xml):

@@ -11,6 +11,7 @@ import tyro
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.train import defaults_here, read_named, refuse_early
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, TrainConfig
@@ -29,6 +30,8 @@ class Arguments:
 
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu"""
+    robot: RobotName | None = None
+    """which is simulated, as for train.py; by default built"""
     impl: Impl = "jax"
     """the physics' implementation, as for train.py"""
     robots: tuple[Size, ...] = ()
@@ -84,7 +87,8 @@ def _bench(argv: list[str]) -> None:
 
 def parse(argv: list[str]) -> Arguments:
     """The arguments, with the defaults of the preset that they name."""
-    preset, defaults = defaults_here("imitation", read_named(argv).preset)
+    named = read_named(argv)
+    preset, defaults = defaults_here("imitation", named.preset, robot=named.robot)
     arguments = app.parse(Arguments, argv, "bp2 bench", default=_with(defaults))
     return dataclasses.replace(arguments, preset=preset)
 

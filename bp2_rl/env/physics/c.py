@@ -26,10 +26,11 @@ from mujoco import rollout
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics import host_call
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
-from bp2_rl.env.randomization import Randomization, randomize_actuator, randomize_c_model
+from bp2_rl.env.randomization import Randomization, randomize_actuator, randomize_c_model, randomize_resistance
 from bp2_rl.errors import UserError
-from bp2_rl.robot import specs
+from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
 
@@ -85,9 +86,10 @@ class _Host:
     """The part outside XLA."""
 
     def __init__(self, hardware: HardwareSpec, motors: Actuator):
-        self._model, self._motors = load_model(hardware, visual=False, trunk_contact=False, foot_sensors=True), motors
+        self._model, self._motors = load_model(hardware, visual=False, feet_only=True, foot_sensors=True), motors
         let_converge(self._model)
         self._models = _Models(self._model)
+        self._resistance = Resistance.from_hardware(hardware)
         self._rest = np.concatenate([[0.0], self._model.key("stand").qpos, np.zeros(NV)])
         self._lock = threading.Lock()  # several devices share the processors: one batch after the other
 
@@ -117,6 +119,7 @@ class _Host:
         """(qpos, qvel, qacc, torque, mean torque, mean power, feet); NaN for robots that are no physics any more."""
         robots = np.arange(len(qpos))
         motors, models = randomize_actuator(self._motors, robot), self._models.of(robot)
+        resistance = randomize_resistance(self._resistance, robot) if self._resistance is not None else None
         pool, scratch = self._threads
         state = np.concatenate([np.zeros((len(qpos), 1)), qpos, qvel], axis=1)  # MuJoCo's: time, qpos, qvel
         after, feet = np.empty((len(qpos), 1, 1 + NQ + NV)), np.empty((len(qpos), 1, 3 * len(specs.LEGS)))
@@ -134,11 +137,17 @@ class _Host:
             state[lost], torque[lost], qacc[lost] = self._rest, 0.0, 0.0
             sum_torque += torque
             sum_power += torque * qd
+            control, what = torque, mujoco.mjtState.mjSTATE_CTRL
+            if resistance is not None:
+                against = losses.loss(resistance, state[:, 1 : 1 + NQ], state[:, 1 + NQ :], torque)
+                control = np.concatenate([torque, losses.generalized(against)], axis=1)
+                what |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
             pool.rollout(
                 models,
                 scratch,
                 state,
-                torque[:, None],
+                control[:, None],
+                control_spec=int(what),
                 skip_checks=True,
                 nstep=1,
                 initial_warmstart=qacc,

@@ -13,8 +13,9 @@ from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.errors import UserError
-from bp2_rl.robot import dynamics, specs
+from bp2_rl.robot import dynamics, losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
 
@@ -37,6 +38,7 @@ class MjxPhysics:
     Args:
         model: BP2 on flat ground, without what is only seen.
         motors: its motors at full strength.
+        resistance: of the robot as designed, if anything resists.
         impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and not exactly repeatable.
         num_robots: for `warp`, the largest number of robots in one batch.
 
@@ -44,10 +46,17 @@ class MjxPhysics:
         UserError: `impl` cannot run here.
     """
 
-    def __init__(self, model: mujoco.MjModel, motors: Actuator, impl: Literal["jax", "warp"], num_robots: int = 1):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        motors: Actuator,
+        resistance: Resistance | None,
+        impl: Literal["jax", "warp"],
+        num_robots: int = 1,
+    ):
         self.model, self._template = _put_on_device(model, impl, num_robots)
         self._step = dynamics.step if impl == "jax" else mjx.step
-        self.motors = motors
+        self.motors, self.resistance = motors, resistance
         self._trunk = int(model.body("trunk").id)
         self._feet = foot_geom_ids(model)
 
@@ -56,13 +65,15 @@ class MjxPhysics:
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """See `physics.Simulator`."""
         model = randomization.randomize_model(self.model, robot, self._trunk)
-        motors = randomization.randomize_actuator(self.motors, robot)
+        motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
+        if resistance is not None:
+            resistance = randomization.randomize_resistance(resistance, robot)
         history, remembered = target_history(physics, targets)
 
         def substep(state: Remembered, ages: Array) -> tuple[Remembered, tuple[Array, ...]]:
             now = in_force(ages, robot.latency)
             after, height = self.millisecond(
-                model, motors, state, Targets(history.position[now], history.velocity[now])
+                model, motors, resistance, state, Targets(history.position[now], history.velocity[now])
             )
             torque, qd = after.torque, state.qvel[MOTOR_QVEL]
             return after, (torque, torque * qd, height)
@@ -74,13 +85,15 @@ class MjxPhysics:
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
     def millisecond(
-        self, model: mjx.Model, motors: Actuator, state: Remembered, targets: Targets
+        self, model: mjx.Model, motors: Actuator, resistance: Resistance | None, state: Remembered, targets: Targets
     ) -> tuple[Remembered, Float[Array, "4"]]:
         """One physics step under the motors that follow `targets`: (after, heights of the feet's centres, m)."""
         qpos, qvel, warmstart, torque = state
         q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
         torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, specs.PHYSICS_STEP)
         data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
+        if resistance is not None:
+            data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque)))
         data = self._step(model, data)
         return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
 

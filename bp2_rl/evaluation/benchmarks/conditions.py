@@ -3,13 +3,16 @@
 import jax
 import mujoco
 
+from bp2_rl.config import config_hash
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.specs import BUILT, ROBOTS, HardwareSpec
 
+OWN = "card's own"
 BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}
-HELD = "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
@@ -37,14 +40,28 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     return None
 
 
-def conditions(policy: Policy, schedule: str, simulator: str, operator: HeadingHold) -> dict[str, str]:
+def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
+    """The robot that runs: the one asked for, or else the built one; the card's own where that has no name."""
+    own = policy.card.env.hardware
+    if setup.robot is None:
+        return own if name_of(own) == OWN else BUILT
+    return ROBOTS[setup.robot]
+
+
+def name_of(hardware: HardwareSpec) -> str:
+    """A robot's name, where it has one."""
+    return next((name for name, robot in ROBOTS.items() if robot == hardware), OWN)
+
+
+def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> dict[str, str]:
     """What a reader must know to do it again, by name."""
     return {
+        "robot": describe_robot(robot_of(policy, setup)),
         "schedule": schedule,
         "policy": describe(policy),
         "weights_sha256": policy.card.weights_sha256,
         "simulator": simulator,
-        "operator": describe_operator(operator),
+        "operator": describe_operator(setup.operator),
     }
 
 
@@ -57,9 +74,30 @@ def describe(policy: Policy) -> str:
     )
 
 
-def describe_command(policy: Policy, speed: float) -> str:
+def describe_command(policy: Policy, setup: Setup, speed: float) -> str:
     """Who runs at which command, for titles."""
-    return f"{policy.card.stage} policy, {speed:g} m/s commanded"
+    return f"{policy.card.stage} policy on the {name_of(robot_of(policy, setup))} robot, {speed:g} m/s commanded"
+
+
+def describe_robot(hardware: HardwareSpec) -> str:
+    """The robot in one line."""
+    losses = hardware.losses
+    return {
+        "ideal": "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
+        "through each other",
+        "built": f"built: CdA {losses.drag_area:g} m², gears {losses.gear_efficiency:.0%}, joint friction "
+        f"{losses.joint_friction:g} Nm + {losses.joint_viscosity:g} Nm s/rad, slides {losses.spring_friction:g} N, bus "
+        f"{1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in with {losses.bus_sag:.2%} "
+        f"sag a kW, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, friction "
+        f"{hardware.friction:g}, solid legs",
+    }.get(name_of(hardware), f"{OWN}: config {config_hash(hardware)}")
+
+
+def describe_limits(hardware: HardwareSpec) -> str:
+    """When the motors' torque keeps to the envelope, in one line."""
+    if hardware.envelope == "throughout":
+        return "motor torques computed each ms, then held, and within the envelope from its start to its end"
+    return "motor torques computed, and checked against the envelope, at the speed at the start of each ms, then held"
 
 
 def describe_ramp(ramp: Ramp) -> str:
@@ -78,11 +116,12 @@ def describe_operator(operator: HeadingHold) -> str:
     )
 
 
-def describe_simulator(backend: str) -> str:
+def describe_simulator(backend: str, hardware: HardwareSpec) -> str:
     """The physics of a single run in one line."""
+    held = describe_limits(hardware)
     return {
-        "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {HELD}; policy at 200 "
+        "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 "
         "Hz, no noise, full strength",
         "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
-        f"{HELD}; policy at 200 Hz, no noise",
+        f"{held}; policy at 200 Hz, no noise",
     }[backend]

@@ -6,11 +6,18 @@ import mujoco
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.conditions import HELD, conditions, describe_command, describe_ramp
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_command,
+    describe_limits,
+    describe_ramp,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.runs.machine import JUDGE, Numerics
 from bp2_rl.evaluation.runs.metrics import RIPPLE, measure
-from bp2_rl.evaluation.runs.rollout import JUDGE, Numerics, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
@@ -57,20 +64,22 @@ class ConvergenceMetrics:
 
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed under all numerics and compare."""
+    robot = robot_of(policy, setup)
+    given = {"operator": setup.operator, "hardware": robot}
     runs = {
-        name: rollout_mujoco(policy, ramp, policy.card.env, operator=setup.operator, name=name, numerics=numerics)
+        name: rollout_mujoco(policy, ramp, policy.card.env, name=name, numerics=numerics, **given)
         for name, numerics in VARIANTS.items()
     }
     metrics = compare(runs)
     simulator = (
-        f"C MuJoCo {mujoco.__version__}, float64; {HELD}, but for '0.25 ms, motors too'; policy at 200 Hz, no noise, "
-        "full strength"
+        f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
+        "200 Hz, no noise, full strength"
     )
     return Evaluation(
         benchmark="convergence",
-        subject=describe_command(policy, ramp.target[0]),
+        subject=describe_command(policy, setup, ramp.target[0]),
         backend="C MuJoCo",
-        conditions=conditions(policy, describe_ramp(ramp), simulator, setup.operator),
+        conditions=conditions(policy, describe_ramp(ramp), simulator, setup),
         verdict=verdict(metrics),
         good=metrics.greatest_change <= TOLERANCE and not any(v.fell_at for v in metrics.variants),
         rows=convergence_rows(metrics),

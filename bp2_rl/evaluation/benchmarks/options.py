@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
 
 Backend = Literal["mujoco", "mjx"]
@@ -16,6 +17,7 @@ class Setup:
     """The flags of a benchmark; None leaves the choice to it."""
 
     backend: Backend = "mujoco"
+    robot: RobotName | None = None
     speed: Annotated[float, Within(0.01, 100.0)] | None = None  # m/s
     acceleration: Annotated[float, Within(0.05, 1000.0)] | None = None  # m/s2
     hold: Annotated[float, Within(LEAST_HOLD, 600.0)] | None = None  # s

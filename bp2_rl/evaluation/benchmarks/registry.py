@@ -27,14 +27,18 @@ class Benchmark(NamedTuple):
 
 
 BENCHMARKS = {
-    "topspeed": Benchmark(ramp_to_topspeed, topspeed, ("backend", "speed", "acceleration", "hold", "operator")),
-    "sprint": Benchmark(race, sprint, ("backend", "speed", "acceleration", "operator")),
-    "robustness": Benchmark(
-        ramp_to_robustness, robustness, ("backend", "speed", "acceleration", "hold", "robots", "seed", "operator")
+    "topspeed": Benchmark(
+        ramp_to_topspeed, topspeed, ("backend", "robot", "speed", "acceleration", "hold", "operator")
     ),
-    "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("speed", "seed", "operator")),
-    "convergence": Benchmark(ramp_to_topspeed, convergence, ("speed", "acceleration", "hold", "operator")),
-    "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("speed", "acceleration", "hold", "operator")),
+    "sprint": Benchmark(race, sprint, ("backend", "robot", "speed", "acceleration", "operator")),
+    "robustness": Benchmark(
+        ramp_to_robustness,
+        robustness,
+        ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator"),
+    ),
+    "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("robot", "speed", "seed", "operator")),
+    "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
+    "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),
 }
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, name_of, robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -21,7 +21,9 @@ from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.robot import specs
-from bp2_rl.settings.env import CommandConfig, RandomizationConfig
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
+from bp2_rl.settings.training import on_robot
 
 ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
@@ -70,12 +72,13 @@ class RobustnessMetrics:
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
-    robots, seed = setup.robots or ROBOTS, setup.seed or 0
-    drawn = RandomizationConfig()
+    robots, seed, robot = setup.robots or ROBOTS, setup.seed or 0, robot_of(policy, setup)
+    name = name_of(robot)
+    drawn = on_robot(EnvConfig(), name).randomization if name in specs.ROBOTS else RandomizationConfig()
     run = rollout_batch(
         policy,
         ramp,
-        policy.card.env,
+        dataclasses.replace(policy.card.env, hardware=robot),
         robots=robots,
         seed=seed,
         randomization=drawn,
@@ -83,16 +86,16 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         impl=_IMPLS[setup.backend],
     )
     metrics = measure_fleet(run)
-    said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup.operator)
+    said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
-        subject=f"{robots} robots, {policy.card.stage} policy, {ramp.target[0]:g} m/s commanded",
+        subject=f"{robots} {name} robots, {policy.card.stage} policy, {ramp.target[0]:g} m/s commanded",
         backend="MJX" if setup.backend == "mjx" else "C MuJoCo",
         conditions=said
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
             "robots": f"{robots}, seed {seed}",
-            "drawn": describe_randomization(drawn),
+            "drawn": describe_randomization(drawn, robot),
         },
         verdict=verdict(metrics),
         good=metrics.upright == len(metrics.robots),
@@ -132,15 +135,15 @@ def describe_steering(commands: CommandConfig, speed: float) -> str:
     )
 
 
-def describe_randomization(drawn: RandomizationConfig) -> str:
+def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> str:
     """The ranges in one line; what is drawn uniformly, and what acts all the time."""
-    low, high = (specs.FOOT_FRICTION * factor for factor in drawn.friction)
+    low, high = (robot.friction * factor for factor in drawn.friction)
     return (
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
-        f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms; sensor noise of "
-        f"training; pushes of up to {drawn.push_velocity:g} m/s on each axis, every {drawn.push_interval:g} s in the "
-        "mean"
+        f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
+        f"x {_range(drawn.losses)}; sensor noise of training; pushes of up to {drawn.push_velocity:g} m/s on each "
+        f"axis, every {drawn.push_interval:g} s in the mean"
     )
 
 

@@ -30,6 +30,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Peak foot force", f"{m.peak_force:.0f} N", "impacts included"),
         Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", "of the most compressed spring"),
         Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
+        *leg_rows(m),
         Row("Stride frequency", show(frequency, ".2f", "Hz"), "mean of legs, steady window"),
         Row("Duty factor", f"{duty:.2f}", "mean of legs, steady window"),
         Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
@@ -53,6 +54,17 @@ def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
         Row("On the envelope", f"{metrics.on_envelope:.1%}", "motor samples within 1 % of a limit"),
         Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples, once a ms; must be 0"),
+    )
+
+
+def leg_rows(metrics: RunMetrics) -> tuple[Row, ...]:
+    """How legs kept clear of each other and of the trunk, solid or not."""
+    m = metrics
+    lasted, deep = f"{1e3 * m.leg_contact_time:.0f} ms", f"{1e3 * m.leg_depth:.0f} mm"
+    return (
+        Row("Legs touch", f"{m.leg_contact:.1%}", f"of the time, {lasted}; {deep} deep at most"),
+        Row("Room between legs", f"{1e3 * m.leg_clearance:.0f} mm", "least; below 0 they overlap"),
+        Row("Room at the trunk", f"{1e3 * m.trunk_clearance:.0f} mm", "likewise, between legs and trunk"),
     )
 
 
@@ -120,6 +132,11 @@ def run_results(metrics: RunMetrics) -> dict[str, Any]:
             "peak_spring_travel": m.peak_compression,
             "on_stop": m.on_stop,
             "stop_hits": m.stop_hits,
+            "leg_contact": m.leg_contact,
+            "leg_contact_time": m.leg_contact_time,
+            "leg_depth": m.leg_depth,
+            "leg_clearance": m.leg_clearance,
+            "trunk_clearance": m.trunk_clearance,
             "mechanical_cost_of_transport": m.mechanical_cost_of_transport,
             "electrical_cost_of_transport": m.electrical_cost_of_transport,
             "electrical_power": m.electrical_power,

@@ -9,7 +9,13 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_ramp, describe_simulator
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_command,
+    describe_ramp,
+    describe_simulator,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
@@ -61,6 +67,8 @@ class RobotMetrics:
     mean_speed: float | None  # m/s, while held; None if it fell
     fell_at: float | None  # s, while ramping up to top speed or holding it
     stop_hits: int  # times that a spring came onto its stop meanwhile
+    leg_contact_time: float  # s, for which a leg was at or in another or the trunk meanwhile
+    leg_depth: float  # m, greatest
     time_100m: float | None  # s; None if it did not arrive
     fell_in_sprint_at: float | None  # s
     lane_kept: bool  # in the sprint
@@ -84,7 +92,7 @@ class SensitivityMetrics:
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
-    config, sprint = policy.card.env, race(policy, setup)
+    config, sprint, robot = policy.card.env, race(policy, setup), robot_of(policy, setup)
 
     def run(name: str, hardware: HardwareSpec) -> RobotMetrics:
         given = {"operator": setup.operator, "name": name, "hardware": hardware}
@@ -92,11 +100,11 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         raced = rollout_mujoco(policy, sprint, config, finish=TRACK, **given)
         return measure_robot(name, measure(held), measure_sprint(raced, sprint.acceleration))
 
-    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(config.hardware).items()])
-    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco"), setup.operator)
+    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(robot).items()])
+    said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="sensitivity",
-        subject=describe_command(policy, ramp.target[0]),
+        subject=describe_command(policy, setup, ramp.target[0]),
         backend="C MuJoCo",
         conditions=said | {"sprint": describe_race(sprint), "robots": ROBOTS},
         verdict=verdict(metrics),
@@ -127,6 +135,8 @@ def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMet
         mean_speed=held.mean_speed if held.fell_at is None else None,
         fell_at=held.fell_at,
         stop_hits=held.stop_hits,
+        leg_contact_time=held.leg_contact_time,
+        leg_depth=held.leg_depth,
         time_100m=raced.time,
         fell_in_sprint_at=raced.run.fell_at,
         lane_kept=raced.lane.kept,
@@ -202,7 +212,10 @@ def _fall(fell_at: float | None, none: str = "none") -> str:
 
 def robot_table(metrics: SensitivityMetrics) -> Table:
     """Every robot."""
-    head = "Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "100 m [s]", "Fall", "Lane kept"
+    head = (
+        *("Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "Legs touch [ms]", "Depth [mm]"),
+        *("100 m [s]", "Fall", "Lane kept"),
+    )
     return Table(
         "Robots",
         head,
@@ -213,6 +226,8 @@ def robot_table(metrics: SensitivityMetrics) -> Table:
                 show(robot.mean_speed, ".2f"),
                 _fall(robot.fell_at),
                 f"{robot.stop_hits}",
+                f"{1e3 * robot.leg_contact_time:.0f}",
+                f"{1e3 * robot.leg_depth:.0f}",
                 show(robot.time_100m, ".2f"),
                 _fall(robot.fell_in_sprint_at),
                 "yes" if robot.lane_kept else "no",

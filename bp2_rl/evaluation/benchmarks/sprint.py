@@ -14,11 +14,19 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_command,
     describe_simulator,
     on_card,
+    robot_of,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Picture, Row, Table, rounded, show, show_fall
-from bp2_rl.evaluation.benchmarks.run_tables import motor_rows, run_pictures, run_results, run_rows, run_tables
+from bp2_rl.evaluation.benchmarks.run_tables import (
+    leg_rows,
+    motor_rows,
+    run_pictures,
+    run_results,
+    run_rows,
+    run_tables,
+)
 from bp2_rl.evaluation.runs.metrics import RIPPLE, RunMetrics, measure
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
@@ -96,14 +104,16 @@ class SprintMetrics:
 
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
-    name = describe_command(policy, ramp.target[0])
-    run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK)
+    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
+    run = BACKENDS[setup.backend](
+        policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK, hardware=robot
+    )
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend), setup.operator),
+        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup),
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=sprint_rows(metrics),
@@ -214,8 +224,7 @@ def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
 def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
     """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
     joints = run.joint_position.reshape(-1, 4, 3)
-    hardware = run.hardware
-    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, leg_length=hardware.leg_length)
+    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, run.hardware)
     w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
     turn = 2.0 * np.cross(v, feet)
     return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
@@ -265,6 +274,7 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("Lane used", f"{used / (LANE_WIDTH / 2):.0%}", f"of \u00b1{LANE_WIDTH / 2:.2f} m, by trunk and feet"),
         *motor_rows(run),
         Row("Spring-stop hits", f"{run.stop_hits}", f"a spring is on its stop {run.on_stop:.1%} of the time"),
+        *leg_rows(run),
     )
 
 
@@ -307,6 +317,11 @@ def sprint_results(metrics: SprintMetrics) -> dict[str, object]:
         "peak_foot_force",
         "peak_spring_travel",
         "stop_hits",
+        "leg_contact",
+        "leg_contact_time",
+        "leg_depth",
+        "leg_clearance",
+        "trunk_clearance",
     )
     run = run_results(metrics.run)
     return rounded(race) | {name: run[name] for name in kept}

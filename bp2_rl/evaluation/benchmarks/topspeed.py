@@ -6,6 +6,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_command,
     describe_ramp,
     describe_simulator,
+    robot_of,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -21,14 +22,14 @@ TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "
 
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Ramp to the commanded speed, hold it, and measure the run."""
-    name = describe_command(policy, ramp.target[0])
-    run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name)
+    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
+    run = BACKENDS[setup.backend](policy, ramp, policy.card.env, operator=setup.operator, name=name, hardware=robot)
     metrics = measure(run)
     return Evaluation(
         benchmark="topspeed",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend), setup.operator),
+        conditions=conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend, robot), setup),
         verdict=verdict(metrics),
         good=metrics.fell_at is None and follows(metrics),
         rows=run_rows(metrics),

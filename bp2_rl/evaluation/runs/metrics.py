@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot import actuator, specs
+from bp2_rl.robot.clearance import Clearance, clearance
 
 HELD = 5.0  # s: a speed kept for so long is held
 RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
@@ -21,6 +22,7 @@ LIFT_FORCE = 0.02  # ... until it presses less than this
 BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing
 SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
 NEAR_ENVELOPE = 0.01  # of peak torque: closer to a limit counts as on the envelope
+CHUNK = 512  # samples whose clearances are computed at a time: so many stay in a processor's cache
 ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
 
 
@@ -83,6 +85,11 @@ class RunMetrics:
     peak_compression: float  # m, of the most compressed spring
     on_stop: float  # share of time with any spring on its stop
     stop_hits: int  # times that a spring came onto its stop, all springs together
+    leg_contact: float  # share of time with a leg at or in another leg or the trunk, whether legs are solid or not
+    leg_contact_time: float  # s, likewise
+    leg_depth: float  # m, greatest, of a leg in another leg or the trunk
+    leg_clearance: float  # m, least, between legs; below 0 they overlap
+    trunk_clearance: float  # m, likewise between legs and trunk
     on_envelope: float  # share of all motors' samples
     outside_envelope: int  # samples of any motor outside its limits: must be 0
     motors: tuple[MotorMetrics, ...]
@@ -101,6 +108,8 @@ def measure(run: Trajectory) -> RunMetrics:
     travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
     joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
     legs = leg_metrics(run, steady)
+    room = leg_room(run)
+    touching = room.least <= 0.0
     return RunMetrics(
         name=run.name,
         backend=run.backend,
@@ -129,6 +138,11 @@ def measure(run: Trajectory) -> RunMetrics:
         peak_compression=max(leg.peak_compression for leg in legs),
         on_stop=float(np.mean(on_stop(run).any(axis=-1))),
         stop_hits=sum(leg.stop_hits for leg in legs),
+        leg_contact=float(np.mean(touching)),
+        leg_contact_time=round(float(np.sum(touching)) * run.dt, 6),
+        leg_depth=max(-float(np.min(room.least)), 0.0),
+        leg_clearance=float(np.min(room.legs)),
+        trunk_clearance=float(np.min(room.trunk)),
         on_envelope=float(np.mean(envelope.near)),
         outside_envelope=int(np.sum(envelope.outside)),
         motors=motor_metrics(run, envelope),
@@ -291,6 +305,14 @@ def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
 def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     """When each spring presses on its stop at full travel."""
     return run.spring_compression > run.hardware.spring_travel
+
+
+def leg_room(run: Trajectory) -> Clearance:
+    """How far legs are from each other and from the trunk at every sample, m, each " N"; solid or not."""
+    joints, compression = run.joint_position.reshape(-1, 4, 3), run.spring_compression
+    chunks = (slice(start, start + CHUNK) for start in range(0, len(run), CHUNK))
+    parts = [clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks]
+    return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 
 
 def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:

@@ -22,13 +22,14 @@ from bp2_rl.env.observations import measure
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.machine import JUDGE, Machine, Numerics
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NU, NV, foot_geom_ids, let_converge, load_model
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import NQ, NU, NV, foot_geom_ids, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
@@ -41,27 +42,6 @@ DT = specs.PHYSICS_STEP
 
 
 # --- The simulators ------------------------------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Numerics:
-    """How C MuJoCo computes a millisecond; the defaults are how a run is judged."""
-
-    steps: int = 1  # physics steps
-    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
-    iterations: int = 100  # of the constraint solver, at most
-    line_search_iterations: int = 50  # likewise, in each of them
-    tolerance: float = 1e-10  # scaled residual at which the solver is done
-
-    def apply(self, model: mujoco.MjModel) -> None:
-        """Set the model's options; the physics alone changes, not the robot."""
-        model.opt.timestep = DT / self.steps
-        let_converge(
-            model, iterations=self.iterations, line_search=self.line_search_iterations, tolerance=self.tolerance
-        )
-
-
-JUDGE = Numerics()
 
 
 def rollout_mujoco(
@@ -86,10 +66,9 @@ def rollout_mujoco(
     that of the gyro from which the operator has the heading.
     """
     robot = dataclasses.replace(config, hardware=hardware or config.hardware)
-    model = converged_model(robot, world)
-    data = standing_start(model, robot)
+    machine = standing_start(robot, world)
+    model, data = machine.model, machine.data
     numerics.apply(model)
-    motors = motors_of(robot)
     behind = _control_steps_behind(robot.hardware.losses.latency)
     issued = [(np.array(specs.STAND_JOINTS), np.zeros(NU))] * len(behind)  # before the start
     commands = sampled_commands(schedule)
@@ -108,46 +87,13 @@ def rollout_mujoco(
                 world.push(data, step)
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
                 recording.target[step], recording.command[step] = position, command
-                recording.torque[step] = _millisecond(model, data, motors, position, velocity, numerics)
+                recording.torque[step] = machine.millisecond(position, velocity, numerics)
                 recording.foot_force[step] = foot_forces(model, data)
                 fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
                 if fell or recording.qpos[step, 0] >= finish:
                     return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
             command = np.asarray(next_command)
     return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
-
-
-def _millisecond(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    motors: Actuator,
-    q_target: Float[np.ndarray, "12"],
-    qd_target: Float[np.ndarray, "12"],
-    numerics: Numerics,
-) -> Float[np.ndarray, "12"]:
-    """Motors and physics from one sample to the next; returns the torque applied at the beginning, Nm."""
-    updates = numerics.steps if numerics.motors_each_step else 1
-    torques = []
-    for _ in range(updates):
-        torques.append(_step(model, data, motors, q_target, qd_target, DT / updates, numerics.steps // updates))
-    return torques[0]
-
-
-def _step(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    motors: Actuator,
-    q_target: Float[np.ndarray, "12"],
-    qd_target: Float[np.ndarray, "12"],
-    seconds: float,
-    steps: int = 1,
-) -> Float[np.ndarray, "12"]:
-    """The motors' torque, Nm, computed once and held for so many seconds and physics steps."""
-    q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
-    data.ctrl[:] = joint_torque(motors, data.ctrl.copy(), q, qd, q_target, qd_target, seconds)
-    torque = data.ctrl.copy()
-    mujoco.mj_step(model, data, nstep=steps)
-    return torque
 
 
 def rollout_mjx(
@@ -158,17 +104,19 @@ def rollout_mjx(
     operator: HeadingHold = HEADING_HOLD,
     name: str = "policy",
     finish: float = math.inf,
+    hardware: HardwareSpec | None = None,
 ) -> Trajectory:
     """The same run in MJX on JAX's default device, with the solver settings and the float32 of training.
 
     Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
     """
-    model = converged_model(config)
-    start = standing_start(model, config)
+    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
+    machine = standing_start(robot)
+    model, start = machine.model, machine.data
     commands = sampled_commands(schedule)
     state = Controller(config).init()
     with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
-        run = _compiled_mjx_run(policy, config, operator)
+        run = _compiled_mjx_run(policy, config, operator, robot.hardware)
         recorded = run(state, start.qpos, start.qvel, start.ctrl, commands)
     qpos, qvel, torque, target, command = (
         np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
@@ -184,17 +132,19 @@ def rollout_mjx(
         start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, start)
         recording.foot_force[step] = foot_forces(model, start)
-    return recording.trajectory(length, fell, schedule, model, config, name, "MJX")
+    return recording.trajectory(length, fell, schedule, model, robot, name, "MJX")
 
 
-def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., tuple[Array, ...]]:
+def mjx_run(
+    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
+) -> Callable[..., tuple[Array, ...]]:
     """A pure function that runs one robot through MJX; jit it, and vmap it for many.
 
     (controller state, qpos, qvel, torque, commands "K+1 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
     """
     # A run counts to the fall only, and a robot falls before its trunk touches.
-    motors = motors_of(config)
-    physics = MjxPhysics(load_model(config.hardware, visual=False, trunk_contact=False), motors, "jax")
+    motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
+    physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
     control = _control_step(policy, config, operator)
 
     def control_period(carry, scheduled):
@@ -202,7 +152,7 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
         state, targets, _, next_command = control(state, command, robot.qpos, robot.qvel, scheduled)
 
         def physics_step(robot, _):
-            after, _ = physics.millisecond(physics.model, motors, robot, targets)
+            after, _ = physics.millisecond(physics.model, motors, resistance, robot, targets)
             return after, (robot.qpos, robot.qvel, after.torque, targets.position, command)
 
         robot, samples = jax.lax.scan(physics_step, robot, length=specs.SUBSTEPS)
@@ -219,27 +169,11 @@ def mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) ->
 # --- Parts that both share -----------------------------------------------------------------------------------
 
 
-def converged_model(config: EnvConfig, world: World = LEVEL) -> mujoco.MjModel:
-    """BP2 for C MuJoCo with the solver run to convergence; a state gone bad stays visible instead of being reset."""
-    model = load_model(config.hardware, visual=False, scene=world.scene())
-    world.tilt(model)
-    JUDGE.apply(model)
-    return model
-
-
-def standing_start(model: mujoco.MjModel, config: EnvConfig) -> mujoco.MjData:
+def standing_start(config: EnvConfig, world: World = LEVEL) -> Machine:
     """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-    motors = motors_of(config)
-    stand, still = data.qpos[MOTOR_QPOS], np.zeros(specs.NUM_MOTORS)
-    for _ in range(round(SETTLING_TIME / DT)):
-        _step(model, data, motors, stand, still, DT)
-        data.qvel *= 1.0 - SETTLING_DAMPING * DT
-    data.qpos[:2] = 0.0
-    data.qvel[:] = 0.0
-    data.time = 0.0
-    return data
+    machine = Machine(config, world)
+    machine.settle(SETTLING_TIME, SETTLING_DAMPING)
+    return machine
 
 
 def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
@@ -247,8 +181,10 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
     forces = np.zeros((4, 3))
     wrench = np.zeros(6)
     legs = {geom: leg for leg, geom in enumerate(foot_geom_ids(model))}
-    for i, (geom, frame) in enumerate(zip(data.contact.geom2, data.contact.frame, strict=True)):
-        if geom in legs:  # the ground is always the first geom of a contact, and the force acts on the second
+    contact = data.contact
+    for i, (ground, geom, frame) in enumerate(zip(contact.geom1, contact.geom2, contact.frame, strict=True)):
+        # The ground, all that is fixed to the world, is the first geom of a contact; the force acts on the second.
+        if geom in legs and model.geom_bodyid[ground] == 0:
             mujoco.mj_contactForce(model, data, i, wrench)
             forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
     return forces
@@ -284,8 +220,10 @@ def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: 
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled_mjx_run(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
-    return jax.jit(mjx_run(policy, config, operator))
+def _compiled_mjx_run(
+    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
+) -> Callable[..., Any]:
+    return jax.jit(mjx_run(policy, config, operator, hardware))
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:

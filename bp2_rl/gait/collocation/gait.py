@@ -95,7 +95,7 @@ class CollocationGait(CollocationConfig):
 
     def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
-        y = jnp.minimum(square_speed(command) / self.stepping_speed**2, 1.0)
+        y = jnp.minimum(square_speed(command, self.hardware) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_Stride":
@@ -178,7 +178,7 @@ class CollocationGait(CollocationConfig):
         self, stepping: Float[Array, "..."], moment: "_Moment", displaced: Float[Array, "... 4 2"]
     ) -> Float[Array, "... 4 3"]:
         """Joint angles that put the feet between standing and the library's motion, and `displaced`, within reach."""
-        stand, length = _stand(self.hardware), self.hardware.leg_length
+        stand = _stand(self.hardware)
         x, z = moment.feet[..., 0], moment.feet[..., 1]
         at_rest = jnp.asarray(stand.feet, x.dtype)
         feet = jnp.stack([x, jnp.broadcast_to(at_rest[:, 1], x.shape), z], axis=-1)
@@ -186,9 +186,7 @@ class CollocationGait(CollocationConfig):
         displaced = jnp.pad(displaced, [(0, 0)] * (displaced.ndim - 1) + [(0, 1)])
         anyway, wanted = _from_level(jnp.stack([feet, feet + displaced]), stepping * moment.pitch)
         centre = _mix(stepping[..., None], stand.sag, moment.spring) + specs.FOOT_RADIUS  # short of the lower leg's end
-        return kinematics.joint_angles(
-            _within_reach(anyway, wanted, length, length - centre), centre, leg_length=length
-        )
+        return kinematics.joint_angles(_within_reach(anyway, wanted, centre, self.hardware), centre, self.hardware)
 
 
 class _Stride(NamedTuple):
@@ -228,7 +226,7 @@ def _stand(hardware: specs.HardwareSpec) -> _Stand:
     sag = load * math.cos(specs.STAND_HIP) / hardware.spring_stiffness
     lower = hardware.leg_length - sag - specs.FOOT_RADIUS
     angles = np.reshape(specs.STAND_JOINTS, (4, 3))
-    feet = kinematics.foot_position(angles, np.full(4, sag + specs.FOOT_RADIUS), leg_length=hardware.leg_length)
+    feet = kinematics.foot_position(angles, np.full(4, sag + specs.FOOT_RADIUS), hardware)
     torque = load * math.sin(specs.STAND_HIP) * np.array([lower - hardware.leg_length, lower])
     return _Stand(feet, sag, specs.FOOT_RADIUS - float(feet[0, 2]), torque)
 
@@ -245,14 +243,18 @@ def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _Mo
 
 
 def _within_reach(
-    anyway: Float[Array, "... 4 3"], wanted: Float[Array, "... 4 3"], thigh: float, lower: Float[Array, "... 4"]
+    anyway: Float[Array, "... 4 3"],
+    wanted: Float[Array, "... 4 3"],
+    compression: Float[Array, "... 4"],
+    hardware: specs.HardwareSpec,
 ) -> Float[Array, "... 4 3"]:
     """Feet displaced from `anyway` towards `wanted`, from the trunk's centre, with no knee beyond its range.
 
     A displacement that takes more than half of what is left of the reach gets the other half only by and by; so no
     leg straightens in a jerk. Legs that have no reach left keep their length.
     """
-    hip = jnp.asarray(kinematics.LEG_ORIGINS, wanted.dtype)
+    thigh, lower = hardware.leg_length, hardware.leg_length - compression
+    hip = jnp.asarray(kinematics.leg_origins(hardware), wanted.dtype)
     now, then = (jnp.sqrt(jnp.sum((feet - hip) ** 2, axis=-1)) for feet in (anyway, wanted))
     straight = thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(specs.KNEE_RANGE[1]) + specs.THIGH_LATERAL**2
     half_left = jnp.maximum((jnp.sqrt(straight) - now) / 2.0, 1e-7)

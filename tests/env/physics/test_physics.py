@@ -15,6 +15,7 @@ from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.physics.interface import AGES, in_force
 from bp2_rl.errors import UserError
+from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import Impl
 
 ROBOTS, STEPS = 64, 100
@@ -46,7 +47,7 @@ def start(randomised: bool):
     state = jax.jit(jax.vmap(BP2Env().reset))(KEYS)
     if randomised:
         return state
-    nominal = randomization.nominal(BP2Env().mj_model.nbody, 0.9)
+    nominal = randomization.nominal(BP2Env().mj_model.nbody, IDEAL)
     nominal = jax.tree.map(lambda x: jnp.broadcast_to(x, (ROBOTS, *x.shape)), nominal)
     return state.replace(pipeline_state=state.pipeline_state.replace(randomization=nominal))
 
@@ -164,7 +165,7 @@ from bp2_rl.env.randomization import nominal
 
 assert jax.device_count() == 2
 env = BP2Env(impl="c")
-state = env.starts.at_rest(), nominal(env.mj_model.nbody, 0.9), 0.1 * jnp.sin(jnp.arange(12.0))
+state = env.starts.at_rest(), nominal(env.mj_model.nbody, env.config.hardware), 0.1 * jnp.sin(jnp.arange(12.0))
 physics, robot, change = jax.tree.map(lambda x: jnp.tile(x, (16,) + (1,) * x.ndim), state)
 change *= jnp.arange(16.0)[:, None] / 16
 

@@ -17,7 +17,7 @@ from bp2_rl.evaluation.benchmarks.convergence import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.rollout import JUDGE
+from bp2_rl.evaluation.runs.machine import JUDGE
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
 )
 from bp2_rl.evaluation.report import folder
 from bp2_rl.evaluation.runs.batch import BatchRun
+from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import CommandConfig, RandomizationConfig
 
 DT = 5e-3
@@ -107,7 +108,9 @@ def test_metrics_survive_strict_json():
 
 
 def test_the_ranges_are_said_in_words():
-    said = describe_randomization(dataclasses.replace(RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)))
+    said = describe_randomization(
+        dataclasses.replace(RandomizationConfig(), friction=(0.5, 1.0), latency=(0.0, 0.01)), IDEAL
+    )
     assert "friction 0.45 to 0.90" in said
     assert "latency 0 to 10 ms" in said
     assert "each body's mass by itself x 0.9 to 1.1" in said

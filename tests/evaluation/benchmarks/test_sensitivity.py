@@ -26,7 +26,16 @@ from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 ROBOT = RobotMetrics(
-    AS_ASSUMED, 15.0, 14.9, fell_at=None, stop_hits=0, time_100m=9.5, fell_in_sprint_at=None, lane_kept=True
+    AS_ASSUMED,
+    15.0,
+    14.9,
+    fell_at=None,
+    stop_hits=0,
+    leg_contact_time=0.0,
+    leg_depth=0.0,
+    time_100m=9.5,
+    fell_in_sprint_at=None,
+    lane_kept=True,
 )
 SLOW = dataclasses.replace(ROBOT, name="slow", top_speed=14.0, mean_speed=13.9, time_100m=20.0, lane_kept=False)
 FELL = dataclasses.replace(ROBOT, name="fell", top_speed=16.0, mean_speed=None, fell_at=8.0)

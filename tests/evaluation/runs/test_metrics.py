@@ -1,6 +1,7 @@
 """Every figure of merit against a run for which it is known in closed form."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -261,3 +262,21 @@ def test_metrics_survive_strict_json(make_run):
     for run in (make_run(), make_run(duration=0.5, fell_at=0.5)):
         m = measure(run)
         assert from_json(RunMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
+
+
+def test_legs_that_touch_are_counted_by_the_millisecond_solid_or_not(make_run):
+    """Both fore legs are swung inwards so far that they cross, for 0.3 s of 8 s."""
+    run = make_run(duration=8.0)
+    qpos = run.qpos.copy()
+    apart = measure(make_run(qpos=qpos))
+    assert (apart.leg_contact, apart.leg_contact_time, apart.leg_depth) == (0.0, 0.0, 0.0)
+    # Legs hang straight down: lines 0.32 m apart behind, feet of 20 mm; hips 0.16 m off the beams' end, 20 mm back.
+    assert apart.leg_clearance == pytest.approx(0.32 - 2 * 0.02, abs=1e-12)
+    assert apart.trunk_clearance == pytest.approx(math.hypot(0.02, 0.12) - 0.07 - 0.018, abs=1e-12)
+    qpos[1000:1300, [7, 11]] = 0.4, -0.4
+    for hardware in (HardwareSpec(), HardwareSpec(solid_legs=True)):
+        crossed = measure(make_run(qpos=qpos, hardware=hardware))
+        assert crossed.leg_contact_time == pytest.approx(0.3)
+        assert crossed.leg_contact == pytest.approx(300 / 8000)
+        assert crossed.leg_depth == pytest.approx(-crossed.leg_clearance)
+        assert crossed.leg_depth == pytest.approx(2 * 0.0145)  # the lower legs' axes meet

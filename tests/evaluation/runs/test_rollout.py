@@ -7,11 +7,10 @@ import pytest
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.machine import Machine, Numerics
 from bp2_rl.evaluation.runs.metrics import envelope_use
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import (
-    Numerics,
-    converged_model,
     foot_forces,
     rollout_mjx,
     rollout_mujoco,
@@ -21,7 +20,7 @@ from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
-from bp2_rl.robot.specs import GRAVITY, HardwareSpec
+from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
@@ -42,8 +41,8 @@ def kick(observation):
 
 
 def test_standing_start_is_at_rest_at_the_origin():
-    model = converged_model(STANDING)
-    data = standing_start(model, STANDING)
+    machine = standing_start(STANDING)
+    model, data = machine.model, machine.data
     rest = data.qpos.copy()
     stand, motors = model.key("stand").qpos[MOTOR_QPOS], motors_of(STANDING)
     for _ in range(1000):  # and it stays there
@@ -71,8 +70,8 @@ def test_feet_of_a_standing_robot_carry_its_weight():
 
 def test_foot_forces_are_those_that_mujoco_puts_on_the_feet():
     """Against the constraint forces: the ground is all that acts on the free trunk's six coordinates from outside."""
-    model = converged_model(STANDING)
-    data = standing_start(model, STANDING)
+    machine = standing_start(STANDING)
+    model, data = machine.model, machine.data
     data.qvel[:3] = (1.0, -0.5, -0.8)
     mujoco.mj_forward(model, data)
     force = foot_forces(model, data)
@@ -83,7 +82,7 @@ def test_foot_forces_are_those_that_mujoco_puts_on_the_feet():
 def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_them():
     """Every recorded step, repeated from its record alone, leads to the next record."""
     run = rollout_mujoco(no_action, Ramp((1.0, 0.0, 0.0), hold=0.1), TROTTING)
-    model = converged_model(TROTTING)
+    model = Machine(TROTTING).model
     data = mujoco.MjData(model)
     for k in range(0, len(run) - 1, 7):
         data.qpos[:], data.qvel[:], data.ctrl[:] = run.qpos[k], run.qvel[k], run.torque[k]
@@ -135,7 +134,7 @@ def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
     """Four steps of a quarter of a millisecond, each under the torque of its own start."""
     numerics = Numerics(steps=4, motors_each_step=True)
     run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=0.05), STANDING, numerics=numerics)
-    model, motors = converged_model(STANDING), motors_of(STANDING)
+    model, motors = Machine(STANDING).model, motors_of(STANDING)
     numerics.apply(model)
     data = mujoco.MjData(model)
     changes = []
@@ -155,7 +154,7 @@ def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
 
 def test_finer_motors_lag_no_less():
     """The drive's first-order lag is of continuous time: computed in quarters of a millisecond it takes as long."""
-    lagging = dataclasses.replace(STANDING, control=ControlConfig(mode="absolute", current_lag=0.02))
+    lagging = dataclasses.replace(STANDING, hardware=HardwareSpec(losses=Losses(current_lag=0.02)))
     schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
     held, fine = (
         rollout_mujoco(kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each))
@@ -187,7 +186,7 @@ def test_another_robot_runs_under_the_controller_of_the_assumed_one():
 
 
 def test_numerics_reach_the_model():
-    model = converged_model(STANDING)
+    model = Machine(STANDING).model
     Numerics(steps=2, iterations=7, line_search_iterations=9, tolerance=1e-3).apply(model)
     assert model.opt.timestep == 0.5e-3
     assert (model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance) == (7, 9, 1e-3)
@@ -214,8 +213,8 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
 
 def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a log file
-    model = converged_model(STANDING)
-    data = standing_start(model, STANDING)
+    machine = standing_start(STANDING)
+    model, data = machine.model, machine.data
     data.qvel[0] = np.nan
     mujoco.mj_step(model, data)
     assert fall(data.qpos, data.qvel, TerminationConfig()).happened

@@ -10,8 +10,9 @@ import pytest
 
 from bp2_rl.env.observations import measure
 from bp2_rl.errors import UserError
+from bp2_rl.evaluation.runs.machine import Machine
 from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.rollout import converged_model, rollout_mujoco, standing_start
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco, standing_start
 from bp2_rl.evaluation.runs.schedule import Course, Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.evaluation.runs.world import BEHIND, GRID, LEVEL, Push, World, sensed_pose
@@ -39,8 +40,8 @@ def stand(seconds=0.3, **given):
 
 def test_a_robot_in_flight_over_a_slope_falls_along_it():
     """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with its legs."""
-    model = converged_model(STANDING, World(slope=SLOPE))
-    data = standing_start(model, STANDING)
+    machine = standing_start(STANDING, World(slope=SLOPE))
+    model, data = machine.model, machine.data
     data.qpos[2] += 1.0
     mujoco.mj_forward(model, data)
     momentum = model.body_mass.sum() * np.array([-math.sin(SLOPE), 0.0, -math.cos(SLOPE)]) * GRAVITY
@@ -74,8 +75,8 @@ def test_rough_ground_has_the_heights_that_it_says():
     world = World(roughness=0.03, seed=1)
     heights = world.heights()
     assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
-    model = converged_model(STANDING, world)
-    data = mujoco.MjData(model)
+    machine = Machine(STANDING, world)
+    model, data = machine.model, machine.data
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
     row = heights.shape[0] // 2 + 20  # 2 m to the left
@@ -89,7 +90,7 @@ def test_rough_ground_has_the_heights_that_it_says():
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
     world = World(roughness=0.03)
-    rough, level = (standing_start(converged_model(STANDING, w), STANDING) for w in (world, LEVEL))
+    rough, level = (standing_start(STANDING, w).data for w in (world, LEVEL))
     # A sphere on a field of heights may touch two triangles: twice the friction holds the feet a few mrad otherwise.
     np.testing.assert_allclose(rough.qpos, level.qpos, atol=5e-3)
     force = np.sum(stand(world=world).foot_force[-1], axis=0)
@@ -106,8 +107,7 @@ def test_seeds_lay_other_ground():
 
 
 def test_a_push_is_a_jump_of_the_velocity_in_the_frame_of_the_heading():
-    model = converged_model(STANDING)
-    data = mujoco.MjData(model)
+    data = mujoco.MjData(load_model())
     yaw = 0.7
     data.qpos[3], data.qpos[6] = math.cos(yaw / 2), math.sin(yaw / 2)
     data.qvel[:] = 0.1

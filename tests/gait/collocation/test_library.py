@@ -130,9 +130,9 @@ def rate(gait, command):
     return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
 
 
-def centres(reference):
+def centres(reference, hardware=specs.IDEAL):
     """Centres of the feet from the trunk's centre in the heading frame, m."""
-    p = kinematics.foot_position(reference.joint_position, reference.spring_compression + specs.FOOT_RADIUS)
+    p = kinematics.foot_position(reference.joint_position, reference.spring_compression + specs.FOOT_RADIUS, hardware)
     c, s = np.cos(reference.pitch)[..., None], np.sin(reference.pitch)[..., None]
     return np.stack([c * p[..., 0] + s * p[..., 2], p[..., 1], c * p[..., 2] - s * p[..., 0]], axis=-1)
 
@@ -221,10 +221,11 @@ def test_beyond_the_greatest_speed_the_motion_stays(made):
 # --- On the ground -----------------------------------------------------------------------------------------------
 
 
-def test_a_stance_foot_moves_with_the_ground(made):
+@pytest.mark.parametrize("robot", [specs.IDEAL, specs.HardwareSpec(fore_track=0.45, hind_track=0.24)])
+def test_a_stance_foot_moves_with_the_ground(made, robot):
     """p' = -v - omega x p whatever the command, to the 4e-4 m/s by which blended strides vary in speed."""
-    now, before, after = around(made, WITHIN, PHASES)
-    foot, velocity = centres(now), (centres(after) - centres(before)) / 2e-6
+    now, before, after = around(dataclasses.replace(made, hardware=robot), WITHIN, PHASES)
+    foot, velocity = centres(now, robot), (centres(after, robot) - centres(before, robot)) / 2e-6
     vx, vy, yaw_rate = now.velocity[..., :1], WITHIN[:, 1:2], WITHIN[:, 2:]
     ground = np.stack([-vx + yaw_rate * foot[..., 1], -vy - yaw_rate * foot[..., 0]], axis=-1)
     stepping = np.hypot(*WITHIN[:, :2].T) > made.stepping_speed  # slower, every foot counts as standing

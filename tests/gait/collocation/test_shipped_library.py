@@ -73,3 +73,16 @@ def test_standing_feet_stand_on_level_ground(speed):
     assert np.abs(above[standing]).max() < 1e-3
     assert above[~standing].min() > -1e-3
     assert above[~standing].max() > 0.03
+
+
+@pytest.mark.parametrize("speed", [0.0, 6.0, 15.0])
+def test_a_robot_with_other_tracks_makes_the_same_motion_on_them(speed):
+    """A trot in the sagittal plane does not ask how wide the robot is. 1e-5: float32, near a straight knee."""
+    gait, narrow = CollocationGait(), CollocationGait(hardware=specs.HardwareSpec(fore_track=0.42, hind_track=0.24))
+    command = jnp.tile(jnp.array([speed, 0.0, 0.0]), (400, 1))
+    usual, reference = (jax.jit(each)(command, jnp.linspace(0.0, 1.0, 400)) for each in (gait, narrow))
+    for name in ("joint_position", "spring_compression", "height", "contact"):
+        np.testing.assert_allclose(getattr(reference, name), getattr(usual, name), rtol=0, atol=1e-5, err_msg=name)
+    joints = reference.joint_position.reshape(-1, 4, 3)
+    feet = kinematics.foot_position(joints, reference.spring_compression, narrow.hardware)
+    np.testing.assert_allclose(feet[..., 1], np.tile([-0.21, 0.21, -0.12, 0.12], (400, 1)), rtol=0, atol=1e-6)

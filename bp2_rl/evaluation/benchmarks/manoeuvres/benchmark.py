@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import jax
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import CHATTER_WINDOW, STOPPED, Measured, Outcome, Standing, Straight
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import SLOW_TIME, STAND, STEADY, TURN_TIME, Manoeuvre, all_manoeuvres
@@ -47,12 +47,13 @@ class ManoeuvreMetrics:
 
 def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Try them all."""
-    asked = all_manoeuvres(ramp, policy.card.env.hardware, setup.operator, setup.seed or 0)
+    robot = robot_of(policy, setup)
+    asked = all_manoeuvres(ramp, robot, setup.operator, setup.seed or 0)
     metrics = summarise(ramp.target[0], in_parallel(policy, asked))
-    said = conditions(policy, SCHEDULES, describe_simulator("mujoco"), setup.operator)
+    said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
-        subject=describe_command(policy, ramp.target[0]),
+        subject=describe_command(policy, setup, ramp.target[0]),
         backend="C MuJoCo",
         conditions=said | {"ground": GROUND, "rough ground's seed": f"{setup.seed or 0}", "measures": MEASURES},
         verdict=verdict(metrics),
@@ -164,12 +165,16 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     """A few figures that say most, then every manoeuvre."""
     groups, tries = metrics.groups, len(metrics.outcomes)
     return (
-        Row("Passed", f"{metrics.passed} of {tries}", "by the rules below"),
+        Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
         Row("Hardest stop", hardest(groups[STOP]), f"from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
         Row("Hardest launch", hardest(groups[LAUNCH]), "to the top, on friction 0.8"),
         Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
-        Row("Nobody steering", show(_astray(metrics), ".1f", "m"), f"the trunk's farthest edge, in {TRACK:g} m"),
+        Row(
+            "Nobody steering",
+            show(_astray(metrics), ".1f", "m"),
+            f"how far the trunk's edge strays in {TRACK:g} m",
+        ),
         *(
             Row(name, f"{sum(o.passed for o in group)} of {len(group)}", group[0].rule)
             for name, group in groups.items()

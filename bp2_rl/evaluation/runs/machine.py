@@ -1,0 +1,137 @@
+"""One robot in C MuJoCo, millisecond by millisecond: motors, losses and physics, converged, in float64."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.env.controller import motors_of
+from bp2_rl.evaluation.runs.world import LEVEL, World
+from bp2_rl.robot import losses, specs
+from bp2_rl.robot.actuator import bus_voltage, joint_torque, stall_torque, torque_limits
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, let_converge, load_model
+from bp2_rl.settings.env import EnvConfig
+
+DT = specs.PHYSICS_STEP
+OUTSIDE = 0.1  # Nm, beyond the envelope at a step's end, that is not worth another trial
+TRIALS = 12  # of a step, at most; two or three mostly do
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How C MuJoCo computes a millisecond; the defaults are how a run is judged."""
+
+    steps: int = 1  # physics steps
+    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
+    iterations: int = 100  # of the constraint solver, at most
+    line_search_iterations: int = 50  # likewise, in each of them
+    tolerance: float = 1e-10  # scaled residual at which the solver is done
+
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Set the model's options; the physics alone changes, not the robot."""
+        model.opt.timestep = DT / self.steps
+        let_converge(
+            model, iterations=self.iterations, line_search=self.line_search_iterations, tolerance=self.tolerance
+        )
+
+
+JUDGE = Numerics()
+
+
+class Machine:
+    """A robot and its state: `model`, `data`, and the motors that move it.
+
+    Its torque keeps to the envelope at the start of each step; of a robot whose hardware says so (`envelope`), at its
+    end as well, and so all the time: a step whose torque leaves the envelope is taken again with less.
+    """
+
+    def __init__(self, config: EnvConfig, world: World = LEVEL):
+        hardware = config.hardware
+        self.model = load_model(hardware, visual=False, scene=world.scene())
+        world.tilt(self.model)
+        JUDGE.apply(self.model)
+        self.data = mujoco.MjData(self.model)
+        self.motors = motors_of(config)
+        self.resistance = Resistance.from_hardware(hardware)
+        self._throughout = hardware.envelope == "throughout"
+        self._steepness = stall_torque(  # of the envelope's falling line, Nm s/rad
+            hardware.joint_peak_torque, hardware.joint_corner_speed, hardware.joint_no_load_speed
+        ) / hardware.joint_no_load_speed  # fmt: skip
+
+    def millisecond(
+        self,
+        q_target: Float[np.ndarray, "12"],
+        qd_target: Float[np.ndarray, "12"],
+        numerics: Numerics = JUDGE,
+    ) -> Float[np.ndarray, "12"]:
+        """Motors and physics from one sample to the next; returns the torque applied at the beginning, Nm."""
+        updates = numerics.steps if numerics.motors_each_step else 1
+        torques = []
+        for _ in range(updates):
+            torques.append(self.step(q_target, qd_target, DT / updates, numerics.steps // updates))
+        return torques[0]
+
+    def step(
+        self,
+        q_target: Float[np.ndarray, "12"],
+        qd_target: Float[np.ndarray, "12"],
+        seconds: float = DT,
+        steps: int = 1,
+    ) -> Float[np.ndarray, "12"]:
+        """The motors' torque, Nm, computed once and held for so many seconds and physics steps."""
+        data = self.data
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        before = data.ctrl.copy()
+        torque = joint_torque(self.motors, before, q, qd, q_target, qd_target, seconds)
+        if not self._throughout:
+            self._advance(torque, steps)
+            return torque
+        voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, data, start, _STATE)
+        for _ in range(TRIALS):
+            self._advance(torque, steps)
+            lower, upper = torque_limits(self.motors, data.qvel[MOTOR_QVEL], voltage)
+            beyond = torque - np.clip(torque, lower, upper)
+            if np.max(np.abs(beyond)) <= OUTSIDE:
+                break
+            # Less torque changes the speed at the end, too, and the limit with it: Newton's step, joint by joint.
+            torque = torque - beyond / (1.0 + self._steepness * seconds * self._mobility())
+            mujoco.mj_setState(self.model, data, start, _STATE)
+        else:
+            self._advance(torque, steps)
+        return torque
+
+    def settle(self, seconds: float, damping: float) -> None:
+        """Stand at the keyframe `stand` under the joint PD loop until still, then call that the origin.
+
+        Args:
+            seconds: how long.
+            damping: on everything that moves meanwhile, 1/s.
+        """
+        data = self.data
+        mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("stand").id)
+        stand, still = data.qpos[MOTOR_QPOS], np.zeros(specs.NUM_MOTORS)
+        for _ in range(round(seconds / DT)):
+            self.step(stand, still)
+            data.qvel *= 1.0 - damping * DT
+        data.qpos[:2] = 0.0
+        data.qvel[:] = 0.0
+        data.time = 0.0
+
+    def _advance(self, torque: Float[np.ndarray, "12"], steps: int) -> None:
+        data = self.data
+        data.ctrl[:] = torque
+        if self.resistance is not None:
+            data.qfrc_applied[:] = losses.generalized(losses.loss(self.resistance, data.qpos, data.qvel, torque))
+        mujoco.mj_step(self.model, data, nstep=steps)
+
+    def _mobility(self) -> Float[np.ndarray, "12"]:
+        """Acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
+        unit = np.zeros((specs.NUM_MOTORS, self.model.nv))
+        unit[np.arange(specs.NUM_MOTORS), MOTOR_QVEL] = 1.0
+        answer = np.empty_like(unit)
+        mujoco.mj_solveM(self.model, self.data, answer, unit)
+        return answer[np.arange(specs.NUM_MOTORS), MOTOR_QVEL]

@@ -1,0 +1,96 @@
+"""How much room there is between the legs, and between the legs and the trunk, in closed form.
+
+A leg is a thigh (hip to knee), a lower leg (knee to the foot's centre) and a foot, the trunk two beams: all of them
+points at most a radius away from a segment. They are the capsules of solid legs in the MuJoCo model, where shank and
+toe slide into each other and are one lower leg. NumPy and JAX alike, batched over leading axes, in the caller's
+precision.
+"""
+
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import SIDE, foot_position, leg_origins
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
+
+Array = Any  # NumPy or JAX
+
+_RADII = np.array([specs.THIGH_RADIUS, specs.LOWER_LEG_RADIUS, specs.FOOT_RADIUS])  # m
+_BEAM_STARTS = np.array([[specs.TRUNK_REACH, side * specs.TRUNK_LATERAL, 0.0] for side in (-1.0, 1.0)])  # m
+_BEAM_ENDS = _BEAM_STARTS * [-1.0, 1.0, 1.0]
+_FIRST, _SECOND = np.array(list(itertools.combinations(range(4), 2))).T  # the legs of each pair
+_SMALLEST = 1e-12  # m2, and m4: keeps segments that are points, and parallel ones, from dividing by zero
+
+
+class Clearance(NamedTuple):
+    """The least distances between surfaces, m; below 0 they overlap by so much."""
+
+    legs: Float[Any, "..."]  # of different legs
+    trunk: Float[Any, "..."]  # of a leg and the trunk; mostly at the hip, where a thigh is always close
+
+    @property
+    def least(self) -> Float[Any, "..."]:
+        """The lesser of both."""
+        xp = self.legs.__array_namespace__()
+        return xp.minimum(self.legs, self.trunk)
+
+
+def clearance(
+    joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec = IDEAL
+) -> Clearance:
+    """How close the closest two parts are, solid or not.
+
+    Args:
+        joints: rad, legs FR FL RR RL x (abad, hip, knee).
+        compression: of each leg's spring, m.
+        hardware: the robot, by its leg length and its tracks.
+    """
+    xp, dtype = joints.__array_namespace__(), joints.dtype
+    starts, ends = _segments(xp, joints, compression, hardware)
+    beams = [xp.asarray(x.T.reshape(3, *[1] * joints.ndim, 2), dtype) for x in (_BEAM_STARTS, _BEAM_ENDS)]
+    between_legs = segment_distance(
+        *(x[..., _FIRST, :, None] for x in (starts, ends)), *(x[..., _SECOND, None, :] for x in (starts, ends))
+    )
+    to_beams = segment_distance(starts[..., None], ends[..., None], *beams)
+    legs = between_legs - xp.asarray(np.add.outer(_RADII, _RADII), dtype)
+    trunk = to_beams - xp.asarray(_RADII[:, None] + specs.TRUNK_RADIUS, dtype)
+    return Clearance(xp.min(legs, axis=(-3, -2, -1)), xp.min(trunk, axis=(-3, -2, -1)))
+
+
+def segment_distance(
+    p: Float[Array, "3 ..."], p_end: Float[Array, "3 ..."], q: Float[Array, "3 ..."], q_end: Float[Array, "3 ..."]
+) -> Float[Array, "..."]:
+    """Least distance between the points of two segments, either of which may be a point, m; coordinates in front.
+
+    The point of the first line that is nearest to the second, kept within its segment; then the point of the second
+    that is nearest to that one, likewise; then again of the first (Ericson, Real-Time Collision Detection, 5.1.9).
+    """
+    xp = p.__array_namespace__()
+    along_p, along_q, between = p_end - p, q_end - q, p - q
+    a, b, e = _dot(along_p, along_p), _dot(along_p, along_q), _dot(along_q, along_q)
+    c, f = _dot(along_p, between), _dot(along_q, between)
+    s = xp.clip((b * f - c * e) / xp.maximum(a * e - b * b, _SMALLEST), 0.0, 1.0)
+    t = xp.clip((b * s + f) / xp.maximum(e, _SMALLEST), 0.0, 1.0)
+    s = xp.clip((b * t - c) / xp.maximum(a, _SMALLEST), 0.0, 1.0)
+    gap = between + s * along_p - t * along_q
+    return xp.sqrt(_dot(gap, gap))
+
+
+def _segments(
+    xp: Any, joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec
+) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
+    """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m; coordinates in front."""
+    abad, outwards = joints[..., 0], xp.asarray(SIDE * specs.THIGH_LATERAL, dtype=joints.dtype)
+    hips = xp.stack([xp.zeros_like(abad), outwards * xp.cos(abad), outwards * xp.sin(abad)], axis=-1)
+    hips = hips + xp.asarray(leg_origins(hardware), dtype=joints.dtype)
+    knees = foot_position(joints, hardware.leg_length, hardware)  # a lower leg without length ends there
+    feet = foot_position(joints, compression + specs.FOOT_RADIUS, hardware)
+    starts, ends = xp.stack([hips, knees, feet], axis=-2), xp.stack([knees, feet, feet], axis=-2)
+    return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
+
+
+def _dot(u: Float[Array, "3 ..."], v: Float[Array, "3 ..."]) -> Float[Array, "..."]:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]

@@ -1,0 +1,100 @@
+"""What moves against the robot: air, friction in joints and gears, and friction in the slides of the springs.
+
+Pure and batched; NumPy and JAX arrays alike, so that every engine applies the same forces. They act for a physics step
+as they are at its beginning. Friction opposes motion in full only where it cannot reverse it within the step; below
+that speed it is as viscous as brings the lightest inertia it can meet to rest, which keeps a step stable.
+
+    air        -1/2 rho CdA |u| u,  u = v - wind                                   on the trunk, horizontal
+    joint      -(c + (1 - e) |tau|) sigma(w) - b w                                 Coulomb, gear, viscous
+    slide      -f sigma(s')                                                        on the spring's coordinate
+    rebound    -d s'  where s < 0                                                  its stop's damping
+
+The gear's efficiency e is that of the torque: driving, the joint gets e tau of the motor's torque tau; braking, it
+feels (2 - e) tau, of which the motor gets the share 1 / (2 - e).
+"""
+
+from typing import Any
+
+from flax import struct
+from jaxtyping import Float
+
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+
+Parameter = Any  # a number, or an array that broadcasts against the robots
+
+
+class Resistance(struct.PyTreeNode):
+    """How strongly everything resists; numbers, or arrays over robots."""
+
+    drag: Parameter  # N s2/m2, 1/2 rho CdA
+    headwind: Parameter  # m/s, of air that blows towards -x
+    gear_loss: Parameter  # share of the motor's torque
+    joint_friction: Parameter  # Nm
+    joint_viscosity: Parameter  # Nm s/rad
+    spring_friction: Parameter  # N
+    rebound_damping: Parameter  # N s/m
+    joint_hold: Parameter  # Nm s/rad, friction per speed near rest
+    spring_hold: Parameter  # N s/m, likewise
+
+    @classmethod
+    def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
+        """That of this robot; None where nothing resists."""
+        losses = hardware.losses
+        resistance = cls(
+            drag=0.5 * specs.AIR_DENSITY * losses.drag_area,
+            headwind=losses.headwind,
+            gear_loss=1.0 - losses.gear_efficiency,
+            joint_friction=losses.joint_friction,
+            joint_viscosity=losses.joint_viscosity,
+            spring_friction=losses.spring_friction,
+            rebound_damping=hardware.rebound_damping,
+            joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
+            spring_hold=hardware.mass_scale * specs.TOE_MASS / specs.PHYSICS_STEP,
+        )
+        lossless = cls(0.0, resistance.headwind, 0.0, 0.0, 0.0, 0.0, 0.0, resistance.joint_hold, resistance.spring_hold)
+        return None if resistance == lossless else resistance
+
+
+class Loss(struct.PyTreeNode):
+    """The resisting forces by their cause."""
+
+    air: Float[Any, "... 3"]  # N, world frame
+    gear: Float[Any, "... 12"]  # Nm
+    joint: Float[Any, "... 12"]  # Nm
+    slide: Float[Any, "... 4"]  # N
+    rebound: Float[Any, "... 4"]  # N
+
+
+def loss(
+    resistance: Resistance, qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], torque: Float[Any, "... 12"]
+) -> Loss:
+    """The forces that resist in a state (MuJoCo's coordinates) under the motors' torque (Nm)."""
+    r, xp = resistance, qvel.__array_namespace__()
+    legs = qvel[..., 6:].reshape(*qvel.shape[:-1], 4, 4)
+    compression = qpos[..., 7:].reshape(*qpos.shape[:-1], 4, 4)[..., 3]
+    qd, rate = legs[..., :3].reshape(*qvel.shape[:-1], 12), legs[..., 3]
+    wind = qvel[..., :3] * xp.asarray([1.0, 1.0, 0.0], dtype=qvel.dtype)
+    wind = wind + xp.asarray([1.0, 0.0, 0.0], dtype=qvel.dtype) * r.headwind
+    air = -r.drag * xp.sqrt(xp.sum(wind * wind, axis=-1, keepdims=True)) * wind
+    # Coulomb's and the gear's share the friction that holds a joint at rest.
+    geared = r.gear_loss * xp.abs(torque)
+    most = r.joint_friction + geared
+    friction = -xp.clip(r.joint_hold * qd, -most, most)
+    share = geared / xp.where(most > 0.0, most, 1.0)
+    return Loss(
+        air=air,
+        gear=share * friction,
+        joint=(1.0 - share) * friction - r.joint_viscosity * qd,
+        slide=-xp.clip(r.spring_hold * rate, -r.spring_friction, r.spring_friction),
+        rebound=-r.rebound_damping * xp.where(compression < 0.0, rate, 0.0),
+    )
+
+
+def generalized(loss: Loss) -> Float[Any, "... 22"]:
+    """The forces on MuJoCo's coordinates, N and Nm: `qfrc_applied`."""
+    xp = loss.air.__array_namespace__()
+    batch = loss.air.shape[:-1]
+    joints = (loss.gear + loss.joint).reshape(*batch, 4, 3)
+    legs = xp.concat([joints, (loss.slide + loss.rebound)[..., None]], axis=-1).reshape(*batch, 16)
+    return xp.concat([loss.air, 0.0 * loss.air, legs], axis=-1)
