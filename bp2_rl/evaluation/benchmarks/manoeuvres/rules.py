@@ -96,7 +96,7 @@ class Pushed:
 class Running:
     """On bad ground, or with late motors."""
 
-    commanded_speed: float  # m/s
+    level: float  # m/s, best second of the same run on level ground
     speed: float | None  # m/s, best second; None for a run shorter than that
     distance: float  # m
 
@@ -204,12 +204,12 @@ def judge_push(run: Trajectory) -> Judged[Pushed]:
     return Judged(True, f"{offset:.1f} m", Pushed(offset))
 
 
-def judge_run(run: Trajectory, *, speed: float) -> Judged[Running]:
-    """Its best second reaches `SPEED_SHARE` of the speed."""
+def judge_run(run: Trajectory, *, level: float) -> Judged[Running]:
+    """Its best second reaches `SPEED_SHARE` of that on level ground."""
     best, distance = best_window(run, 1.0), float(track_position(run)[0][-1])
     if best is None:
-        return Judged(False, "-", Running(speed, None, distance))
-    return Judged(best.speed >= SPEED_SHARE * speed, f"{best.speed:.1f} m/s", Running(speed, best.speed, distance))
+        return Judged(False, "-", Running(level, None, distance))
+    return Judged(best.speed >= SPEED_SHARE * level, f"{best.speed:.1f} m/s", Running(level, best.speed, distance))
 
 
 def _smooth(run: Trajectory, values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:

@@ -16,6 +16,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     ManoeuvreMetrics,
     hardest,
     in_parallel,
+    level_speed,
     manoeuvres,
     ramp_to_manoeuvres,
     summarise,
@@ -33,12 +34,12 @@ from bp2_rl.evaluation.runs.schedule import Course, Ramp
 from bp2_rl.plotting import FALL
 from bp2_rl.robot.specs import BUILT, IDEAL
 
-TOP = Ramp((15.0, 0.0, 0.0))
+TOP, LEVEL_SPEED = Ramp((15.0, 0.0, 0.0)), 14.0
 
 
 @pytest.fixture(scope="module")
 def asked():
-    return all_manoeuvres(TOP, IDEAL, HEADING_HOLD, seed=3)
+    return all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, seed=3)
 
 
 def group(asked, name):
@@ -85,9 +86,19 @@ def test_pushes_come_from_eight_directions_at_speed(asked):
         np.testing.assert_allclose([math.hypot(push.left, push.forward) for push in pushes], size)
 
 
+def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(asked, make_policy, make_run, monkeypatch):
+    launches, runs = group(asked, "Launch, friction 0.8"), group(asked, "Slope")
+    assert all(launch.schedule.target[0] == 15.0 for launch in (*launches, *runs))
+    assert {m.judge.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
+    for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
+        run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
+        monkeypatch.setattr(module, "rollout_mujoco", lambda *_, run=run, **__: run)
+        assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(speed)
+
+
 def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
     operator = HeadingHold(heading_gain=3.0)
-    asked = all_manoeuvres(TOP, BUILT, operator, seed=3)
+    asked = all_manoeuvres(TOP, LEVEL_SPEED, BUILT, operator, seed=3)
     changed = {m.group: m for m in asked if m.hardware != BUILT}
     assert {name.split(",")[0] for name in changed} == {"Launch", "Latency"}
     assert [m.hardware.friction for m in group(asked, "Launch, friction 0.6")] == [0.6] * 5
@@ -137,7 +148,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     zeros = functools.partial(np.zeros, dtype=np.float32)
     layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
-    still = [m for m in all_manoeuvres(TOP, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
+    still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
     done = in_parallel(policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]

@@ -180,9 +180,9 @@ def test_a_push_leaves_an_offset(moving):
 
 
 def test_bad_ground_takes_no_more_than_a_tenth_of_the_speed(moving):
-    assert judge_run(moving(2.0, 9.1), speed=10.0).passed
-    assert not judge_run(moving(2.0, 8.9), speed=10.0).passed
-    short = judge_run(moving(0.5, 10.0), speed=10.0)
+    assert judge_run(moving(2.0, 9.1), level=10.0).passed
+    assert not judge_run(moving(2.0, 8.9), level=10.0).passed
+    short = judge_run(moving(0.5, 10.0), level=10.0)
     assert (short.passed, short.measured.speed) == (False, None)
 
 
