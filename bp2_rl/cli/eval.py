@@ -18,7 +18,7 @@ from bp2_rl.files import require_name
 from bp2_rl.robot.specs import RobotName
 
 DEFAULT_POLICY = "policies/default"
-BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "sensitivity", "all"]
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "losses", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +35,8 @@ class EvalConfig:
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
-    topspeed under finer physics. sensitivity: topspeed and sprint on robots other than the one assumed. all: one
-    after the other."""
+    topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
+    on robots other than the one assumed. all: one after the other."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""

@@ -1,6 +1,7 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
@@ -71,7 +72,10 @@ class BP2Env(envs.Env):
             physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
 
         fall = termination.fall(physics.qpos, physics.qvel, config.termination)
-        fall = fall._replace(exploded=fall.exploded | ~sound_action | ~jnp.all(jnp.isfinite(physics.torque)))
+        fall = fall._replace(
+            exploded=fall.exploded | ~sound_action | ~jnp.all(jnp.isfinite(physics.torque)),
+            tangled=termination.tangled(physics.qpos, config.termination, config.hardware),
+        )
         physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
         effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
@@ -127,7 +131,8 @@ class BP2Env(envs.Env):
         zero, false = jnp.zeros(()), jnp.zeros((), bool)
         heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
-        no_rewards, no_fall = dict.fromkeys(rewards.REWARD_TERMS, zero), Fall(false, false, false)
+        no_rewards = dict.fromkeys(rewards.REWARD_TERMS, zero)
+        no_fall = Fall(false, false, false, None if math.isinf(self.config.termination.max_overlap) else false)
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
             obs=self._observe(episode, feet, key_noise),

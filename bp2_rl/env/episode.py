@@ -9,7 +9,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env import commands, randomization
+from bp2_rl.env import commands, randomization, termination
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.physics.interface import Physics
@@ -86,7 +86,16 @@ class Starts:
         qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
         spread = config.velocity_noise
         qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
-        return qpos, jnp.where(standing, 0.0, qvel)
+        return self._untangled(qpos, jnp.where(standing, 0.0, qvel))
+
+    def _untangled(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
+        """The same where legs keep clear of each other; where they do not, each of them below its own hip."""
+        tangled = termination.tangled(qpos, self._config.termination, self._config.hardware)
+        if tangled is None:
+            return qpos, qvel
+        angles, rates = MOTOR_QPOS[0::3], MOTOR_QVEL[0::3]
+        straight = qpos.at[angles].set(0.0), qvel.at[rates].set(0.0)
+        return jnp.where(tangled, straight[0], qpos), jnp.where(tangled, straight[1], qvel)
 
 
 def _unmoved(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:

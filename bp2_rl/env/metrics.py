@@ -35,7 +35,9 @@ def metrics(step: Outcome) -> dict[str, Array]:
         inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
-    exploded, too_low, tilted = step.fall
+    exploded, too_low, tilted, tangled = step.fall
+    if tangled is not None:
+        named["fall/tangled"] = (tangled & ~tilted & ~too_low & ~exploded).astype(jnp.float32)
     return named | {
         "speed_error": error,
         "curriculum_level": step.level,

@@ -1,9 +1,13 @@
 """What a fall is: in training, in the judge's runs, and wherever else a robot may be down."""
 
+import math
 from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float
 
+from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import TerminationConfig
 
 
@@ -13,11 +17,13 @@ class Fall(NamedTuple):
     exploded: Bool[Any, "..."]  # its state is no longer that of a robot
     too_low: Bool[Any, "..."]
     tilted: Bool[Any, "..."]
+    tangled: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
 
     @property
     def happened(self) -> Bool[Any, "..."]:
         """Whether it is down for any reason."""
-        return self.exploded | self.too_low | self.tilted
+        down = self.exploded | self.too_low | self.tilted
+        return down if self.tangled is None else down | self.tangled
 
 
 def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: TerminationConfig) -> Fall:
@@ -27,3 +33,14 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
     sound = xp.all(xp.isfinite(qpos), axis=-1) & xp.all(xp.abs(qvel) <= config.max_speed, axis=-1)
     up = 1.0 - 2.0 * (qpos[..., 4] ** 2 + qpos[..., 5] ** 2)  # vertical part of the trunk's z axis
     return Fall(~sound, ~(qpos[..., 2] >= config.min_height), ~(up >= config.min_up))
+
+
+def tangled(qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec) -> Bool[Any, "..."] | None:
+    """Whether a leg is deeper in another, or in the trunk, than it may be; None if it may be as deep as it likes.
+
+    It stands for the contacts that training leaves out; the judge, who has them, lets legs run into each other.
+    """
+    if math.isinf(config.max_overlap):
+        return None
+    joints = qpos[..., MOTOR_QPOS].reshape(*qpos.shape[:-1], 4, 3)
+    return ~(clearance(joints, qpos[..., SPRING_QPOS], hardware).least >= -config.max_overlap)

@@ -89,8 +89,11 @@ class Actuator(struct.PyTreeNode):
         )
 
 
-def copper_loss(torque: Joints, no_load: Parameter, stall: Parameter) -> Joints:
-    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`."""
+def copper_loss(torque: Parameter, no_load: Parameter, stall: Parameter) -> Parameter:
+    """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`.
+
+    CasADi's numbers are welcome as well.
+    """
     return torque**2 * (no_load / stall)
 
 

@@ -15,6 +15,7 @@ bump of height `clearance`. As in the paper, every segment counts alike in the c
 the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
 """
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 
@@ -24,7 +25,8 @@ from jaxtyping import Float
 from bp2_rl.errors import UserError
 from bp2_rl.polynomials import hermite, parabola
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import stall_torque
+from bp2_rl.robot.actuator import copper_loss, stall_torque
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt import sagittal
 from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Problem, Scheme, Stride, contact_rows, motor_coordinates
@@ -34,6 +36,7 @@ from bp2_rl.trajopt.solution import Motion, NotSolved, Solution, resample
 
 # What a quantity is divided by inside the program.
 TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, FORCE, IMPULSE = 0.1, 1.0, 10.0, 1000.0, 100.0, 500.0, 10.0
+POWER = 1000.0
 SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
 INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # what CasADi makes of Ctrl-C within IPOPT
 SLACK = 0.03  # m, by which a spring may press into its stops
@@ -205,6 +208,8 @@ def transcribe(
             stall = stall_torque(peak, hardware.corner_speed, hardware.no_load_speed)
             program.at_least_zero(stall * (1.0 - speed_at / no_load) - torque_at, TORQUE)
             program.at_least_zero(stall * (1.0 + speed_at / no_load) + torque_at, TORQUE)
+            _limit_braking(program, hardware, gear, speed_at, torque_at)
+            _limit_bus(program, problem, no_load, stall, speed_at, torque_at)
         dt = T[i] / (points - 1)
         steps = ca.repmat(problem.torque_rate * dt, len(motors), points - 1)
         program.within(tau[i][:, 1:] - tau[i][:, :-1], steps, TORQUE)
@@ -292,6 +297,35 @@ def _motor_states(problem: Problem, T: ca.MX, qd: ca.MX, qdd: ca.MX, tau: ca.MX)
             speed = hermite(s, h, qd[:, :-1:2], qd[:, 2::2], qdd[:, :-1:2], qdd[:, 2::2])
             states.append((speed, parabola(s, left, middle, right)))
     return states
+
+
+def _limit_braking(program: Program, hardware: HardwareSpec, gear: ca.MX, speed: ca.MX, torque: ca.MX) -> None:
+    """Braking torque below a line that falls to zero at the braking speed, where there is one.
+
+    Beyond that speed the line asks for driving torque, so a motor whose braking ends before its no-load speed is
+    limited by more than it should be.
+    """
+    if math.isinf(hardware.braking_speed):
+        return
+    stall = stall_torque(hardware.peak_torque * gear, hardware.corner_speed, hardware.braking_speed)
+    share = speed * gear / hardware.braking_speed
+    program.at_least_zero(stall * (1.0 - share) + torque, TORQUE)
+    program.at_least_zero(stall * (1.0 + share) - torque, TORQUE)
+
+
+def _limit_bus(program: Program, problem: Problem, no_load: ca.MX, stall: ca.MX, speed: ca.MX, torque: ca.MX) -> None:
+    """Power of all motors together within the bus's limits, and driving torque within what its voltage leaves.
+
+    The voltage never rises: where power flows back, the envelope without sag, which holds anyway, is the narrower one.
+    """
+    losses, share = problem.hardware.losses, problem.share
+    power = ca.sum1(speed * torque + copper_loss(torque, no_load, stall))  # W
+    if not (math.isinf(losses.bus_power_out) and math.isinf(losses.bus_power_in)):
+        program.require(power, POWER, -share * losses.bus_power_in / POWER, share * losses.bus_power_out / POWER)
+    if losses.bus_sag > 0.0:
+        voltage = ca.repmat(1.0 - losses.bus_sag / share * power / 1e3, speed.shape[0], 1)
+        program.at_least_zero(stall * (voltage - speed / no_load) - torque, TORQUE)
+        program.at_least_zero(stall * (voltage + speed / no_load) + torque, TORQUE)
 
 
 def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX) -> ca.MX:

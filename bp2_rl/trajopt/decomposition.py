@@ -3,9 +3,10 @@ running", Eqs. continuous_dynamics, average force and force ratio).
 
 For every coordinate i
 
-    M_ii qdd_i + sum_{j != i} M_ij qdd_j + centrifugal_i + Coriolis_i + G_i = (B tau)_i + tau_p,i + (J^T F)_i
+    M_ii qdd_i + sum_{j != i} M_ij qdd_j + centrifugal_i + Coriolis_i + G_i = (B u)_i + tau_p,i + (J^T F)_i
 
-and at a touchdown, where velocities jump by dv and the ground gives the impulse Lambda,
+with u what gears and joints leave of the motors' torques; and at a touchdown, where velocities jump by dv and the
+ground gives the impulse Lambda,
 
     M_ii dv_i + sum_{j != i} M_ij dv_j = (J^T Lambda)_i .
 
@@ -136,7 +137,7 @@ def decompose(solution: Solution) -> Decomposition:
         _rows(model.centrifugal, q, v, p)[..., 0],
         _rows(model.coriolis, q, v, p)[..., 0],
         _rows(model.gravity, q, p)[..., 0],
-        tau @ np.eye(n)[motor_coordinates(legs)],
+        (tau - _rows(model.resistance, v, tau, p)[..., 0]) @ np.eye(n)[motor_coordinates(legs)],
         _rows(model.passive, q, v, p)[..., 0],
         np.einsum("kci,kc->ki", _rows(model.contact_jacobian, q, p), F),
     )

@@ -2,9 +2,11 @@
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
+from bp2_rl.errors import UserError
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import NotSolved, Solution
 from bp2_rl.workers import spawned
@@ -18,18 +20,39 @@ CHANGES: dict[str, dict[str, Any]] = {
     "rotor inertia doubled": {"rotor_inertia": 4e-4},
     "friction 0.6": {"friction": 0.6},
     "friction 1.2": {"friction": 1.2},
-    "stops half as stiff": {"spring_stop_stiffness": 15e3},
+    "stops half as stiff": {"spring_stop_stiffness": 15e3, "rebound_stiffness": 15e3},
     "spring travel 0.10 m": {"spring_travel": 0.10},
 }  # of the hardware, one at a time
 NO_SPEED_LIMIT = "joints faster than no-load"
+LOSSES: dict[str, tuple[str, ...]] = {
+    "air drag": ("drag_area", "headwind"),
+    "gear": ("gear_efficiency",),
+    "joint friction": ("joint_friction", "joint_viscosity"),
+    "slide friction": ("spring_friction",),
+    "bus power": ("bus_power_out", "bus_power_in"),
+    "bus sag": ("bus_sag",),
+    "braking limit": ("braking_speed",),
+    "rebound stop": ("rebound_stiffness", "rebound_damping"),
+    "ground friction": ("friction",),
+}
+"""What a robot loses that the model knows, and the fields of `HardwareSpec` and `Losses` that say how much."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Limit:
-    """The greatest speed of one variant; None where IPOPT found none."""
+    """The greatest speed of one variant, and the variant it is to be compared with; None where IPOPT found none."""
 
     variant: str
+    base: str
     solution: Solution | None
+
+
+@dataclasses.dataclass(frozen=True)
+class GreatestSpeeds:
+    """What is left of a search: greatest speed by variant, m/s; None where IPOPT found none."""
+
+    problem: Problem
+    speeds: dict[str, float | None]
 
 
 def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
@@ -39,19 +62,94 @@ def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
     """
     variants = {name: problem.on(**change) for name, change in CHANGES.items()}
     variants[NO_SPEED_LIMIT] = dataclasses.replace(problem, speed_margin=2.0)
+    base = next(iter(variants))
     with spawned(workers) as pool:
         searches = {pool.submit(_search, variant): name for name, variant in variants.items()}
         for search in concurrent.futures.as_completed(searches):
-            yield Limit(searches[search], search.result())
+            yield Limit(searches[search], base, _best(search.result()))
 
 
-def _search(problem: Problem) -> Solution | None:
+def loss_variants(robot: HardwareSpec) -> dict[str, tuple[str, HardwareSpec]]:
+    """The robot without any of its losses, that with each alone, the robot itself, and that without each: by name, with
+    the name of what to compare it with.
+
+    Raises:
+        UserError: the robot loses nothing that the model knows.
+    """
+    lost = [name for name, fields in LOSSES.items() if _with_fields(robot, IDEAL, fields) != robot]
+    if not lost:
+        raise UserError("--losses: this robot has none; choose --robot built, or set some of --hardware.losses")
+    ideal = _with_fields(robot, IDEAL, [field for fields in LOSSES.values() for field in fields])
+    alone = {f"ideal + {name}": ("ideal", _with_fields(ideal, robot, LOSSES[name])) for name in lost}
+    others = {f"built - {name}": ("built", _with_fields(robot, IDEAL, LOSSES[name])) for name in lost}
+    return {"ideal": ("ideal", ideal), **alone, "built": ("ideal", robot), **others}
+
+
+def losses_one_at_a_time(problem: Problem, workers: int = 2) -> Iterator[Limit]:
+    """The greatest speeds of `loss_variants` of the problem's robot, as they are found.
+
+    Of the robot with none and with all of its losses each is the best of several searches; of the others the better of
+    two that start from the one of these which is next to them: from its greatest speed and from its first solution.
+    """
+    variants = {
+        name: (base, dataclasses.replace(problem, hardware=robot))
+        for name, (base, robot) in loss_variants(problem.hardware).items()
+    }
+    with spawned(workers) as pool:
+        first = {name: pool.submit(_search, variants[name][1]) for name in ("ideal", "built")}
+        found = {name: search.result() for name, search in first.items()}
+        found["built"] += _spurt(variants["built"][1], _starts(found["ideal"]))
+        for name, solutions in found.items():
+            yield Limit(name, variants[name][0], _best(solutions))
+        searches = {
+            pool.submit(_spurt, variant, _starts(found[base])): (name, base)
+            for name, (base, variant) in variants.items()
+            if name not in found
+        }
+        for search in concurrent.futures.as_completed(searches):
+            yield Limit(*searches[search], _best(search.result()))
+
+
+def _search(problem: Problem) -> list[Solution]:
+    """The fastest solutions that those at two speeds lead to, each followed by the one it came from."""
     from bp2_rl.trajopt.collocation import fastest, solve
 
     found = []
     for speed in (problem.speed, 0.8 * problem.speed):
         try:
-            found.append(fastest(solve(problem.at(speed))))
+            cruise = solve(problem.at(speed))
+            found += [fastest(cruise), cruise]
         except NotSolved:
             continue
+    return found
+
+
+def _spurt(problem: Problem, starts: list[Solution]) -> list[Solution]:
+    """The fastest solutions that others' motions lead to."""
+    from bp2_rl.trajopt.collocation import fastest
+
+    found = []
+    for start in starts:
+        try:
+            found.append(fastest(dataclasses.replace(start, problem=problem.at(start.problem.speed))))
+        except NotSolved:
+            continue
+    return found
+
+
+def _starts(found: list[Solution]) -> list[Solution]:
+    """The fastest of what `_search` found, and what its first came from."""
+    best = _best(found)
+    return [] if best is None else [best, *found[1:2]]
+
+
+def _best(found: list[Solution]) -> Solution | None:
     return max(found, key=lambda solution: solution.problem.speed, default=None)
+
+
+def _with_fields(robot: HardwareSpec, other: HardwareSpec, names: Iterable[str]) -> HardwareSpec:
+    """The robot with some of another's fields, or its losses'."""
+    own = {field.name for field in dataclasses.fields(HardwareSpec)}
+    losses = {name: getattr(other.losses, name) for name in names if name not in own}
+    fields = {name: getattr(other, name) for name in names if name in own}
+    return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, **losses), **fields)

@@ -1,9 +1,10 @@
 """BP2 in the sagittal plane as a MuJoCo model: the same mechanics as `sagittal`, with no line of code in common.
 
-    M(q) a + h(q, v) = B tau + tau_p(q, v) + J(q)^T F,        h = C + G
+    M(q) a + h(q, v) = B u(tau, v) + tau_p(q, v) + J(q)^T F,        h = C + G
 
-MuJoCo gives M, h, the feet's Jacobian J and the derivative of it; the passive forces tau_p of springs and stops are
-closed forms. Coordinates, contact coordinates phi and the orders of all of them are those of `sagittal`.
+MuJoCo gives M, h, the feet's Jacobian J and the derivative of it; the passive forces tau_p of springs, stops and air,
+and what reaches the joints of the motors' torque, u, are closed forms. Coordinates, contact coordinates phi and the
+orders of all of them are those of `sagittal`.
 """
 
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from jaxtyping import Float
 
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.trajopt import machine
 from bp2_rl.trajopt.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
 
 Y_AXIS = (0.0, 1.0, 0.0)
@@ -24,7 +26,7 @@ class Terms(NamedTuple):
 
     mass: Float[np.ndarray, "n n"]  # M
     bias: Float[np.ndarray, " n"]  # h = C + G
-    passive: Float[np.ndarray, " n"]  # tau_p: springs, their damping and stops
+    passive: Float[np.ndarray, " n"]  # tau_p: springs, their damping, friction and stops, and drag
     contact: Float[np.ndarray, " c"]  # phi, m: (x, z) of each foot
     jacobian: Float[np.ndarray, "c n"]  # J
     convective: Float[np.ndarray, " c"]  # dJ/dt v, m/s2
@@ -41,6 +43,7 @@ class PlanarModel:
 
     def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float):
         self.hardware, self.foot_radius = hardware, foot_radius
+        self.share = len(legs) / len(specs.LEGS)  # of the robot that the model is
         self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
         self._model = _build_spec(legs, hardware).compile()
         self._data = mujoco.MjData(self._model)
@@ -64,28 +67,44 @@ class PlanarModel:
         return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
 
     def passive(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """tau_p: linear springs and dampers, and at either end of their travel a one-sided rounded stop."""
-        hardware, s = self.hardware, q[self.springs]
-        stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
+        """tau_p: linear springs and dampers, slides, one-sided rounded stops at both ends of travel, and drag."""
+        hardware, s, rate = self.hardware, q[self.springs], v[self.springs]
         force = np.zeros_like(q)
+        force[:1] = machine.drag(hardware, self.share, v[:1])
         force[self.springs] = (
-            hardware.spring_stop_stiffness * stops
+            hardware.rebound_stiffness * _hinge(-s)
+            - hardware.spring_stop_stiffness * _hinge(s - hardware.spring_travel)
             - hardware.spring_stiffness * s
-            - hardware.spring_damping * v[self.springs]
+            - self.damping(s) * rate
+            + machine.slide_friction(hardware, rate)
         )
         return force
+
+    def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
+        """Of springs at compressions s, N s/m: their own, and at no compression the rebound stop's."""
+        return self.hardware.spring_damping + self.hardware.rebound_damping * _hinge(-s) / np.hypot(s, STOP_ROUNDING)
+
+    def dissipation(
+        self, q: Float[np.ndarray, "k n"], v: Float[np.ndarray, "k n"], tau: Float[np.ndarray, "k motors"]
+    ) -> Float[np.ndarray, " k"]:
+        """Power that springs, slides, gears, joints and the air take, W, in k states; headwind may give some."""
+        rate, qd = v[:, self.springs], v[:, self.motors]
+        springs = self.damping(q[:, self.springs]) * rate**2 - machine.slide_friction(self.hardware, rate) * rate
+        joints = (tau - machine.joint_torque(self.hardware, qd, tau)) * qd
+        air = -machine.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
+        return np.sum(springs, axis=1) + np.sum(joints, axis=1) + air
 
     def accelerate(
         self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], tau: Float[np.ndarray, " motors"], rows: list[int]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
         """Acceleration, and forces (N) that keep the contact coordinates `rows` unaccelerated.
 
-        [M  -J^T] [a]   [B tau + tau_p - h]
+        [M  -J^T] [a]   [B u + tau_p - h]
         [J   0  ] [F] = [    -dJ/dt v     ]
         """
         terms = self.terms(q, v)
         push = terms.passive - terms.bias
-        push[self.motors] += tau
+        push[self.motors] += machine.joint_torque(self.hardware, v[self.motors], tau)
         return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
 
     def land(
@@ -170,6 +189,6 @@ def _solve_with_contact(
     return found[: len(mass)], found[len(mass) :]
 
 
-def _hinge(u: Float[np.ndarray, " springs"]) -> Float[np.ndarray, " springs"]:
+def _hinge(u: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
     """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
     return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

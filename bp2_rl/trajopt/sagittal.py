@@ -1,6 +1,6 @@
 """The hybrid model of BP2 in the sagittal plane (paper, Eqs. continuous_dynamics and hybrid), in CasADi.
 
-    M(q) a + C(q, v) + G(q) = B tau + tau_p(q, v) + J(q)^T F        in stance and flight
+    M(q) a + C(q, v) + G(q) = B (tau - tau_r(v, tau)) + tau_p(q, v) + J(q)^T F        in stance and flight
     M(q) (v+ - v-) = J(q)^T Lambda,  q+ = q-                        at touchdown
 
 Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and compression of the spring. They are
@@ -10,6 +10,11 @@ positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Corio
 Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A spring's stops push one
 way each, as in the MuJoCo model, but take hold over `STOP_ROUNDING`, as polynomials of some milliseconds cannot follow
 a corner.
+
+Of what a machine loses (`specs.Losses`) the model has the air's drag on the trunk, the friction of the springs' slides,
+both in tau_p, and what gears and joints take of a motor's torque tau, tau_r. Where they change sign, friction and
+gears' losses are as smooth as the stops (`JOINT_ROUNDING` and so on). It knows no current lag, no latency, no legs
+that collide and no soft ground.
 
 A foot is a sphere: it rolls. Its contact coordinates are phi = (x_c - r alpha, z_c - r) with the sphere's centre c and
 the lower leg's angle alpha, so phi fixed is rolling without slip; `foot_radius = 0` is the paper's point foot.
@@ -28,7 +33,16 @@ from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.problem import PER_LEG, STOP_ROUNDING, TRUNK, motor_coordinates, spring_coordinates
+from bp2_rl.trajopt.problem import (
+    GEAR_ROUNDING,
+    JOINT_ROUNDING,
+    PER_LEG,
+    SLIDE_ROUNDING,
+    STOP_ROUNDING,
+    TRUNK,
+    motor_coordinates,
+    spring_coordinates,
+)
 
 try:
     import casadi as ca
@@ -51,11 +65,12 @@ class SagittalModel:
     centrifugal: ca.Function  # (q, v, p) -> n
     coriolis: ca.Function  # (q, v, p) -> n
     gravity: ca.Function  # (q, p) -> G, n
-    passive: ca.Function  # (q, v, p) -> tau_p, n: springs, their damping and stops
+    passive: ca.Function  # (q, v, p) -> tau_p, n: springs, their damping, friction and stops, and drag
+    resistance: ca.Function  # (v, tau, p) -> tau_r, u: what gears and joints take of the motors' torques
     contact: ca.Function  # (q, p) -> phi, c
     contact_jacobian: ca.Function  # (q, p) -> J, c x n
     contact_acceleration: ca.Function  # (q, v, a, p) -> d2 phi / dt2, c
-    residual: ca.Function  # (q, v, a, tau, F, p) -> M a + C + G - B tau - tau_p - J^T F, n
+    residual: ca.Function  # (q, v, a, tau, F, p) -> M a + C + G - B (tau - tau_r) - tau_p - J^T F, n
     impact: ca.Function  # (q, v before, v after, Lambda, p) -> M (v+ - v-) - J^T Lambda, n
 
 
@@ -102,11 +117,23 @@ def build_model(
         alone[i] = v[i]
         centrifugal += C(q, alone, p)
 
+    # What a robot does not lose is zero, and CasADi leaves it out.
+    losses = hardware.losses
     passive = ca.SX.zeros(n)
+    air = v[0] + losses.headwind
+    passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
     for spring in spring_coordinates(legs).tolist():
         s, rate = q[spring], v[spring]
         stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
         passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
+        # The stop at no compression may be another part.
+        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _hinge(-s)
+        passive[spring] -= hardware.rebound_damping * _hinge_slope(-s) * rate
+        passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
+
+    turning, load = ca.tanh(v[motors] / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
+    resistance = (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning
+    resistance += losses.joint_viscosity * v[motors]
 
     phi = ca.vertcat(*(_contact(legs, leg, q, leg_length, foot_radius) for leg in range(len(legs))))
     J = ca.jacobian(phi, q)
@@ -119,11 +146,14 @@ def build_model(
         coriolis=ca.Function("coriolis", [q, v, p], [Jdot_v - centrifugal]),
         gravity=ca.Function("G", [q, p], [weight]),
         passive=ca.Function("passive", [q, v, p], [passive]),
+        resistance=ca.Function("resistance", [v, tau, p], [resistance]),
         contact=ca.Function("phi", [q, p], [phi]),
         contact_jacobian=ca.Function("J", [q, p], [J]),
         contact_acceleration=ca.Function("phi_dd", [q, v, a, p], [J @ a + ca.jtimes(J @ v, q, v)]),
         residual=ca.Function(
-            "residual", [q, v, a, tau, force, p], [M @ a + Jdot_v + weight - B @ tau - passive - J.T @ force]
+            "residual",
+            [q, v, a, tau, force, p],
+            [M @ a + Jdot_v + weight - B @ (tau - resistance) - passive - J.T @ force],
         ),
         impact=ca.Function("impact", [q, v, v_after, impulse, p], [M @ (v_after - v) - J.T @ impulse]),
     )
@@ -158,3 +188,8 @@ def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[Pl
 def _hinge(u: ca.SX) -> ca.SX:
     """max(u, 0) with its corner rounded."""
     return (u + ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
+
+
+def _hinge_slope(u: ca.SX) -> ca.SX:
+    """The derivative of `_hinge`: from 0 to 1 around u = 0."""
+    return (1.0 + u / ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

@@ -18,9 +18,10 @@ from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.rewards import REWARD_TERMS
 from bp2_rl.robot import specs
+from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
+from bp2_rl.settings.env import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig, TerminationConfig
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -250,6 +251,20 @@ def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
     assert np.all(np.asarray(after.done) == 1.0)
     assert np.all(np.asarray(after.metrics[cause]) == 1.0)
     assert np.all(np.asarray(after.metrics["reward/terminal"]) == -1.0)
+
+
+def test_no_episode_begins_with_legs_in_each_other():
+    """Noise of 0.5 rad would put some robots' there; they have their legs below their hips instead."""
+    config = EnvConfig(
+        hardware=HardwareSpec(hind_track=0.28),
+        reset=ResetConfig(joint_noise=0.5, standing_fraction=0.0),
+        termination=TerminationConfig(max_overlap=0.0),
+    )
+    qpos = np.asarray(physics(jax.jit(jax.vmap(BP2Env(config).reset))(KEYS)).qpos)
+    gaps = clearance(qpos[:, MOTOR_QPOS].reshape(-1, 4, 3), qpos[:, SPRING_QPOS], config.hardware).least
+    assert gaps.min() >= 0.0
+    moved = (qpos[:, MOTOR_QPOS[0::3]] == 0.0).all(axis=1)
+    assert 0 < moved.sum() < ROBOTS
 
 
 def test_the_reward_is_the_sum_of_the_tables_rows(start, step):

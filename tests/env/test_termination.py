@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.env.termination import fall
+from bp2_rl.env.termination import fall, tangled
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import TerminationConfig
 
 CONFIG = TerminationConfig()
@@ -46,9 +47,9 @@ def test_falls(changes, cause):
 def test_a_batch_on_jax_is_judged_as_each_state_by_itself():
     states = [state(**changes) for changes, _ in CASES]
     qpos, qvel = (jnp.asarray(np.stack(x), jnp.float32) for x in zip(*states, strict=True))
-    expected = np.transpose([fall(*each, CONFIG) for each in states])
-    np.testing.assert_array_equal(fall(qpos, qvel, CONFIG), expected)
-    np.testing.assert_array_equal(jax.vmap(lambda q, v: fall(q, v, CONFIG))(qpos, qvel), expected)
+    expected = np.transpose([fall(*each, CONFIG)[:3] for each in states])
+    np.testing.assert_array_equal(fall(qpos, qvel, CONFIG)[:3], expected)
+    np.testing.assert_array_equal(jax.vmap(lambda q, v: fall(q, v, CONFIG))(qpos, qvel)[:3], expected)
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 3.0])
@@ -64,3 +65,19 @@ def test_the_tilt_does_not_depend_on_where_the_robot_looks(turn):
     )
     assert not fall(qpos, qvel, TerminationConfig(min_up=0.82)).happened
     assert fall(qpos, qvel, TerminationConfig(min_up=0.83)).tilted
+
+
+@pytest.mark.parametrize(("max_overlap", "ends"), [(0.028, True), (0.030, False), (math.inf, None)])
+def test_legs_may_be_in_each_other_by_so_much(max_overlap, ends):
+    """Lower legs of 14.5 mm whose axes meet are 29 mm in each other."""
+    qpos, _ = state()
+    qpos[[7, 11]] = 0.4, -0.4
+    config = TerminationConfig(max_overlap=max_overlap)
+    assert tangled(qpos, config, HardwareSpec()) == ends
+    assert ends is None or tangled(np.full(23, math.nan), config, HardwareSpec())  # NaN is no way out
+
+
+def test_a_fall_asks_after_legs_only_where_it_was_told_to():
+    judged = fall(*state(), CONFIG)
+    assert not judged.happened
+    assert judged._replace(tangled=np.bool_(True)).happened

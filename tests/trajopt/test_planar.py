@@ -1,15 +1,18 @@
 """The planar MuJoCo model against the CasADi one that trajectories are solved with, and against the whole robot."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import IDEAL, LEGS, HardwareSpec
-from bp2_rl.trajopt import sagittal
+from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec
+from bp2_rl.trajopt import machine, sagittal
 from bp2_rl.trajopt.planar import STOP_ROUNDING, PlanarModel
 
 CHANGED = HardwareSpec(gear_ratio=7.0, leg_length=0.33, spring_stiffness=4500.0, spring_travel=0.1, mass_scale=1.1)
+WINDY = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, headwind=3.0))
 
 
 def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
@@ -25,7 +28,7 @@ def random_state(rng: np.random.Generator, legs: int) -> tuple[np.ndarray, np.nd
     return np.concatenate([trunk, leg.ravel()]), rng.normal(scale=10.0, size=n)
 
 
-@pytest.mark.parametrize("hardware", [IDEAL, CHANGED], ids=["bp2", "changed"])
+@pytest.mark.parametrize("hardware", [IDEAL, CHANGED, WINDY], ids=["bp2", "changed", "built"])
 @pytest.mark.parametrize(("legs", "radius"), [(LEGS, 0.02), (LEGS, 0.0), (("F", "H"), 0.02)])
 def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
     planar = PlanarModel(legs, hardware, radius)
@@ -33,8 +36,8 @@ def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
     rng = np.random.default_rng(0)
     for _ in range(20):
         q, v = random_state(rng, len(legs))
-        terms = planar.terms(q, v)
-        mass, centrifugal, coriolis, gravity, passive, contact, jacobian, convective = (
+        terms, tau, qd = planar.terms(q, v), rng.normal(scale=50.0, size=2 * len(legs)), v[planar.motors]
+        mass, centrifugal, coriolis, gravity, passive, contact, jacobian, convective, resistance = (
             np.array(term)
             for term in (
                 casadi.mass(q, p),
@@ -45,6 +48,7 @@ def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
                 casadi.contact(q, p),
                 casadi.contact_jacobian(q, p),
                 casadi.contact_acceleration(q, v, 0.0 * v, p),
+                casadi.resistance(v, tau, p),
             )
         )
         assert_equal(terms.mass, mass)
@@ -53,6 +57,7 @@ def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
         assert_equal(terms.contact, contact[:, 0])
         assert_equal(terms.jacobian, jacobian)
         assert_equal(terms.convective, convective[:, 0])
+        assert_equal(machine.joint_torque(hardware, qd, tau), tau - resistance[:, 0])
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, CHANGED], ids=["bp2", "changed"])

@@ -7,7 +7,7 @@ from typing import Annotated
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, parse_on_robot
 from bp2_rl.errors import UserError
 from bp2_rl.trajopt.problem import Problem, Starts
 from bp2_rl.trajopt.solution import save_solution, speed_name
@@ -18,6 +18,7 @@ class Arguments:
     """Find the best trajectory at one speed, verify it, and keep it with its picture."""
 
     problem: Annotated[Problem, Flat] = Problem()
+    robot: Robot = "ideal"
     starts: Starts = 3
     """guesses to start from; the cheapest solution is kept"""
     refine: Annotated[int, Within(0, 500)] = 32
@@ -33,7 +34,7 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _solve(app.parse(Arguments, argv, "bp2 trajopt solve")))
+    return app.run(lambda: _solve(parse_on_robot(Arguments, argv, "bp2 trajopt solve")))
 
 
 def _solve(arguments: Arguments) -> None:

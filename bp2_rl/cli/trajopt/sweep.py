@@ -9,7 +9,7 @@ import numpy as np
 from bp2_rl.bounds import check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
 from bp2_rl.errors import UserError
 from bp2_rl.trajopt.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
 
@@ -22,6 +22,7 @@ class Arguments:
     """
 
     problem: Annotated[Problem, Flat] = Problem()
+    robot: Robot = "ideal"
     slowest: Speed = 1.0
     """m/s"""
     fastest: Speed = 13.2
@@ -51,7 +52,7 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _sweep(app.parse(Arguments, argv, "bp2 trajopt sweep")))
+    return app.run(lambda: _sweep(parse_on_robot(Arguments, argv, "bp2 trajopt sweep")))
 
 
 def _sweep(arguments: Arguments) -> None:

@@ -1,11 +1,26 @@
 """What a report shows of a single run: rows, tables, pictures and the results for a card."""
 
+import dataclasses
 from typing import Any
 
 from bp2_rl.evaluation.benchmarks.outcome import Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.figures import FIGURES
-from bp2_rl.evaluation.runs.metrics import RunMetrics
+from bp2_rl.evaluation.runs.metrics import Account, RunMetrics
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+
+ENERGY = {
+    "copper": "windings",
+    "gears": "gears",
+    "joints": "joint friction",
+    "slides": "spring slides",
+    "dampers": "spring dampers and rebound stops",
+    "air": "air",
+    "ground": "ground, impacts and slip",
+    "stops": "joint limits",
+    "legs": "legs against each other",
+    "stored": "stored: motion, height, springs",
+    "integration": "lost by steps of 1 ms (no loss of the robot's)",
+}
 
 
 def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
@@ -38,6 +53,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Electrical cost", show(m.electrical_cost_of_transport, ".2f"), "likewise, with copper losses"),
         Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
         Row("Electrical power", f"{m.electrical_power:.0f} W", "likewise, with copper losses"),
+        *(account_rows(m.account) if m.account else ()),
         Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m"),
         Row("Motor demand", show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
     )
@@ -53,8 +69,35 @@ def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Peak joint speed", f"{fastest.peak_speed:.1f} rad/s", fastest.name),
         Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
         Row("On the envelope", f"{metrics.on_envelope:.1%}", "motor samples within 1 % of a limit"),
-        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples, once a ms; must be 0"),
+        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples at the start of each ms; must be 0"),
     )
+
+
+def account_rows(account: Account) -> tuple[Row, ...]:
+    """The bus, the ground and the stops over the steady window."""
+    p, g = account.power, account.ground
+    beyond = f"furthest at any time; {p.beyond_share:.1%} of samples by more than 1 Nm"
+    landing = f"down, and {show(g.landing_forward, '.1f', 'm/s')} forward, mean"
+    return (
+        Row("Beyond the envelope", f"{p.beyond:.1f} Nm", beyond),
+        Row("Peak power in a ms", f"{p.motor_peak:.0f} W", "of one motor, mechanical, mean of a ms"),
+        Row("Bus power", f"{p.mean:.0f} W", f"mean; at most {p.peak:.0f} W, {p.burst:.0f} W over 50 ms"),
+        Row("Recharging", f"{p.recharge:.0f} W", "at most"),
+        Row("Foot depth", f"{1e3 * g.depth:.1f} mm", "in the ground, at most"),
+        Row("Slip", show(g.slip, ".2f", "m/s"), f"median in stance; 95 % below {show(g.slip_95, '.1f', 'm/s')}"),
+        Row("Contact breaks", show(g.breaks, ".1f"), "a stance, mean"),
+        Row("Soles land at", show(g.landing_down, ".1f", "m/s"), landing),
+        Row("Springs top out", f"{g.top_outs:.0f}/s", f"onto the rebound stop, at {g.top_out_speed:.1f} m/s at most"),
+        Row("Beyond joint range", f"{g.limit_share:.1%}", f"of the time, by {g.limit_depth:.3f} rad at most"),
+    )
+
+
+def energy_table(account: Account) -> Table:
+    """Where the bus's energy goes."""
+    p = account.power
+    shares = {**p.lost, "stored": p.stored, "integration": p.integration}
+    lines = [(ENERGY[cause], f"{watts:.0f}", f"{watts / p.mean:.1%}") for cause, watts in shares.items()]
+    return Table("Where the energy goes, steady window", ("Cause", "Power [W]", "Share of the bus"), lines)
 
 
 def leg_rows(metrics: RunMetrics) -> tuple[Row, ...]:
@@ -96,7 +139,8 @@ def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
         "On the stop",
         "Stop hits",
     )
-    return Table("Motors", motor_head, motors), Table("Legs", leg_head, legs)
+    tables = Table("Motors", motor_head, motors), Table("Legs", leg_head, legs)
+    return (energy_table(metrics.account), *tables) if metrics.account else tables
 
 
 def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
@@ -141,6 +185,7 @@ def run_results(metrics: RunMetrics) -> dict[str, Any]:
             "electrical_cost_of_transport": m.electrical_cost_of_transport,
             "electrical_power": m.electrical_power,
             "froude_number": m.froude_number,
+            **(dataclasses.asdict(m.account) if m.account else {}),
         }
     )
 

@@ -38,9 +38,10 @@ TILES = "Without a fall", "Least top speed", "Greatest top speed", "Fastest 100 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """The robot that the policy is for, and others, each with one property changed."""
 
-    def changed(**properties: float) -> HardwareSpec:
-        return dataclasses.replace(assumed, **properties)
+    def changed(**properties: float | bool) -> HardwareSpec:
+        return dataclasses.replace(assumed, **properties)  # pyright: ignore[reportArgumentType]
 
+    other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
     return {
         AS_ASSUMED: assumed,
         "friction 0.6": changed(friction=0.6),
@@ -55,6 +56,10 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "peak torque 100 Nm": changed(peak_torque=100.0),
         "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
+        other_legs: changed(solid_legs=not assumed.solid_legs),
+        "hind track -20 mm": changed(hind_track=assumed.hind_track - 0.020),
+        "hind track -40 mm": changed(hind_track=assumed.hind_track - 0.040),
+        "fore track +10 mm": changed(fore_track=assumed.fore_track + 0.010),
     }
 
 
@@ -256,7 +261,7 @@ def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
 @styled
 def sensitivity_figure(metrics: SensitivityMetrics) -> Figure:
     """Speeds and times of all robots, one below the other."""
-    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.1 + 0.3 * len(metrics.robots)), layout="constrained")
     speed, time = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1))
     robots = metrics.robots
     _draw_speeds(speed, robots)

@@ -51,6 +51,49 @@ class LegMetrics:
 
 
 @dataclasses.dataclass(frozen=True)
+class PowerMetrics:
+    """The bus, and where its energy went, over the whole of a run or a part of it; W."""
+
+    mean: float  # what flowed out, less what flowed back
+    peak: float  # in any millisecond
+    burst: float  # greatest mean over 50 ms
+    second: float | None  # greatest mean over a second; None in a shorter run
+    recharge: float  # greatest flow back in any millisecond, as a positive number
+    motor_peak: float  # of one motor, mechanical, mean of a millisecond
+    beyond: float  # Nm, furthest that any torque was outside the envelope at either end of a millisecond; 0: never
+    beyond_share: float  # of motor samples, by more than 1 Nm
+    lost: dict[str, float]  # mean, by cause: see `account.CAUSES`
+    stored: float  # mean, in motion, height and springs
+    integration: float  # mean, what steps of a millisecond lose or gain by themselves
+    closure: float  # greatest error of the balance in any millisecond, over the greatest term
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundMetrics:
+    """What happens under the feet, and at the ends of the springs' and the joints' travel."""
+
+    depth: float  # m, deepest that a foot was in the ground
+    slip: float | None  # m/s, median of soles in stance; None without a stance
+    slip_95: float | None  # m/s, which 95 % of the time is not exceeded
+    slip_distance: float | None  # m a stance, mean
+    breaks: float | None  # losses of contact within a stance, mean
+    landing_down: float | None  # m/s, mean of soles just before they touch
+    landing_forward: float | None  # m/s, likewise
+    top_outs: float  # times a second that a spring, all together, comes onto its rebound stop
+    top_out_speed: float  # m/s, greatest at which it does
+    limit_share: float  # share of time with any joint beyond its range
+    limit_depth: float  # rad, furthest
+
+
+@dataclasses.dataclass(frozen=True)
+class Account:
+    """What `account` finds: both of the steady window."""
+
+    power: PowerMetrics
+    ground: GroundMetrics
+
+
+@dataclasses.dataclass(frozen=True)
 class RunMetrics:
     """Everything the table shows and metrics.json holds.
 
@@ -94,6 +137,7 @@ class RunMetrics:
     outside_envelope: int  # samples of any motor outside its limits: must be 0
     motors: tuple[MotorMetrics, ...]
     legs: tuple[LegMetrics, ...]
+    account: Account | None = None  # where it was asked for
 
 
 def measure(run: Trajectory) -> RunMetrics:
@@ -239,7 +283,9 @@ class EnvelopeUse(NamedTuple):
 
 def envelope_use(run: Trajectory) -> EnvelopeUse:
     """Compare every applied torque with the torque-speed envelope at the same instant."""
-    low, high = actuator.torque_limits(actuator.Actuator.from_hardware(run.hardware), run.joint_velocity)
+    motors, qd = actuator.Actuator.from_hardware(run.hardware), run.joint_velocity
+    before = np.concatenate([run.torque[:1], run.torque[:-1]])
+    low, high = actuator.torque_limits(motors, qd, actuator.bus_voltage(motors, before, qd))
     margin = np.minimum(high - run.torque, run.torque - low)
     peak = run.hardware.joint_peak_torque
     return EnvelopeUse(near=margin <= NEAR_ENVELOPE * peak, outside=margin < -ROUNDING * peak)

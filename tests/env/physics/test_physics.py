@@ -15,8 +15,8 @@ from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.physics.interface import AGES, in_force
 from bp2_rl.errors import UserError
-from bp2_rl.robot.specs import IDEAL
-from bp2_rl.settings.env import Impl
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 
 ROBOTS, STEPS = 64, 100
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -117,6 +117,25 @@ def test_latency_chooses_the_newest_target_that_has_got_through():
     chosen = [[0, 1, 1, 1, 2, 2], [0, 0, 1, 1, 1, 2], [0, 0, 1, 1, 1, 2], [0, 0, 0, 1, 1, 2], [0, 0, 0, 1, 1, 2]]
     assert [list(in_force(ages, latency)) for ages in AGES] == chosen
     assert [list(in_force(jnp.asarray(ages), jnp.asarray(latency))) for ages in AGES] == chosen
+
+
+def test_legs_in_each_other_end_an_episode_whoever_simulates_it(impl):
+    """Robot 3 stands with crossed fore legs; no other robot's legs touch."""
+    hardware = HardwareSpec(hind_track=0.28, solid_legs=True)
+    config = EnvConfig(hardware=hardware, termination=TerminationConfig(max_overlap=0.005))
+    env = BP2Env(config)
+    state = jax.jit(jax.vmap(env.reset))(KEYS)
+    crossed = (
+        physics(state).qpos.at[3].set(env.starts.at_rest().qpos.at[jnp.array([7, 11])].set(jnp.array([0.4, -0.4])))
+    )
+    still = physics(state).qvel.at[3].set(0.0)
+    tangle = state.pipeline_state.replace(physics=physics(state).replace(qpos=crossed, qvel=still))
+    state = state.replace(pipeline_state=tangle)
+    for engine in ("jax", impl):
+        after = jax.jit(jax.vmap(BP2Env(config, impl=engine, num_robots=ROBOTS).step))(state, jnp.zeros((ROBOTS, 12)))
+        np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/tangled"]), [3])
+        assert after.done[3] == 1.0
+    assert "fall/tangled" not in start(True).metrics
 
 
 # --- C MuJoCo, called from XLA -------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from bp2_rl.evaluation.runs.rollout import (
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids, load_model
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 
@@ -260,3 +260,15 @@ def test_a_run_ends_with_the_first_sample_beyond_the_finish(trot_in_both):
         assert run.fell_at is None
         assert run.qpos[-2, 0] < half_way <= run.qpos[-1, 0]
         np.testing.assert_array_equal(run.foot_force, whole.foot_force[: len(run)])
+
+
+def test_forces_of_legs_on_legs_are_not_the_grounds():
+    """In the air, feet of the fore legs in each other."""
+    model = load_model(HardwareSpec(solid_legs=True), visual=False)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    data.qpos[2], data.qpos[[7, 11]] = 2.0, (0.36, -0.36)
+    mujoco.mj_forward(model, data)
+    feet = set(foot_geom_ids(model))
+    assert any(pair <= feet for pair in ({*pair} for pair in zip(*data.contact.geom.T, strict=True)))
+    np.testing.assert_array_equal(foot_forces(model, data), 0.0)

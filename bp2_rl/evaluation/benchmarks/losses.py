@@ -1,0 +1,271 @@
+"""What each loss costs: the same policy from the ideal robot to the built one, a loss at a time.
+
+Every loss is tried alone on the ideal robot, and left out alone from the built one; then they are added one to the
+other, which is the waterfall. What is left between the built robot and what BP2 did is named, and not explained.
+"""
+
+import dataclasses
+import json
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bp2_rl.assets import asset_path
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.conditions import (
+    OWN,
+    conditions,
+    describe_command,
+    describe_ramp,
+    describe_simulator,
+    name_of,
+    robot_of,
+)
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.runs.metrics import measure
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.learning.policy import Policy
+from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
+
+LOSSES_HOLD = 6.0  # s
+OPTIMISER = "reference_motions/greatest_speeds.json"
+"""What `bp2 trajopt limits --losses --robot built` found, under the names used here."""
+STEPS: dict[str, tuple[str, ...]] = {
+    "air": ("losses.drag_area", "losses.headwind"),
+    "gears": ("losses.gear_efficiency",),
+    "joint friction": ("losses.joint_friction", "losses.joint_viscosity"),
+    "spring slides": ("losses.spring_friction",),
+    "bus power": ("losses.bus_power_out", "losses.bus_power_in"),
+    "bus sag": ("losses.bus_sag",),
+    "torque lag": ("losses.current_lag",),
+    "latency": ("losses.latency",),
+    "envelope throughout": ("envelope", "braking_speed"),
+    "ground": ("friction", "contact_time", "contact_damping"),
+    "stops": ("rebound_stiffness", "rebound_damping", "joint_stop_time"),
+    "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
+}
+"""Properties of the hardware that change together."""
+TILES = "Ideal robot", "Built robot", "Costliest alone", "Unexplained to the treadmill", "Unexplained outdoors"
+
+
+@dataclasses.dataclass(frozen=True)
+class Tried:
+    """How one robot ran."""
+
+    speed: float  # m/s, mean while held, or up to the fall
+    fell_at: float | None  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Loss:
+    """One loss: its price in three ways; m/s, mean speed held."""
+
+    name: str
+    alone: Tried  # on the ideal robot
+    without: Tried  # on the built one without it
+    added: Tried  # on the ideal robot with this one and all before it
+    optimiser: float | None  # m/s, greatest speed of the optimiser's ideal robot with this loss alone
+
+
+@dataclasses.dataclass(frozen=True)
+class LossesMetrics:
+    """All losses in the order of the waterfall."""
+
+    commanded_speed: float  # m/s
+    ideal: Tried
+    built: Tried
+    losses: tuple[Loss, ...]
+    optimiser: tuple[float, float] | None  # m/s, greatest speeds of its ideal and its built robot
+
+
+def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Run all robots and compare."""
+    built = robot_of(policy, setup)
+    if built == IDEAL:
+        raise UserError("--benchmark losses compares with the ideal robot: leave out --robot ideal")
+
+    def run(robot: HardwareSpec) -> Tried:
+        ran = measure(rollout_mujoco(policy, ramp, policy.card.env, operator=setup.operator, hardware=robot))
+        return Tried(ran.mean_speed, ran.fell_at)
+
+    found = greatest_speeds() if name_of(built) != OWN else {}
+    rows, robot = [], IDEAL
+    ideal = added = run(IDEAL)
+    for name, fields in STEPS.items():
+        changed = with_fields(robot, built, fields)
+        alone, without = with_fields(IDEAL, built, fields), with_fields(built, IDEAL, fields)
+        added = run(changed) if changed != robot else added
+        robot = changed
+        rows.append(Loss(name, run(alone), run(without), added, found.get(name)))
+    pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
+    metrics = LossesMetrics(ramp.target[0], ideal, added if robot == built else run(built), tuple(rows), pair)
+    return Evaluation(
+        benchmark="losses",
+        subject=describe_command(policy, setup, ramp.target[0]),
+        backend="C MuJoCo",
+        conditions=conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", built), setup),
+        verdict=verdict(metrics),
+        good=metrics.built.fell_at is None,
+        rows=losses_rows(metrics),
+        tiles=TILES,
+        pictures=(Picture("losses", CAPTION, losses_figure(metrics)),),
+        metrics=metrics,
+        results=losses_results(metrics),
+        tables=(loss_table(metrics),),
+    )
+
+
+def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
+    """The schedule."""
+    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LOSSES_HOLD))
+
+
+def with_fields(robot: HardwareSpec, other: HardwareSpec, fields: tuple[str, ...]) -> HardwareSpec:
+    """A robot with these fields of another; `losses.x` is one of its losses."""
+    own = {field: getattr(other, field) for field in fields if "." not in field}
+    nested = {name: getattr(other.losses, name) for _, dot, name in (f.partition(".") for f in fields) if dot}
+    return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, **nested), **own)
+
+
+def greatest_speeds() -> dict[str, float]:
+    """What the optimiser found, by loss alone, and `ideal` and `built`; m/s. Empty where it was not asked."""
+    path = asset_path(OPTIMISER)
+    return json.loads(path.read_text())["speeds"] if path.is_file() else {}
+
+
+# --- What is shown -------------------------------------------------------------------------------------------
+
+CAPTION = (
+    "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with that loss "
+    "alone; beside it what BP2 itself ran, and what is left that nothing in the model explains."
+)
+
+
+def verdict(metrics: LossesMetrics) -> str:
+    """The comparison in one sentence."""
+    if metrics.built.fell_at is not None:
+        return f"The built robot fell at {metrics.built.fell_at:.2f} s."
+    return (
+        f"{metrics.ideal.speed:.2f} m/s on the ideal robot, {metrics.built.speed:.2f} m/s on the built one; BP2 ran "
+        f"{specs.TREADMILL_TOP_SPEED:g} m/s on a treadmill and {specs.OUTDOOR_TOP_SPEED:g} m/s outdoors."
+    )
+
+
+def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
+    """The figures of merit for a reader, each with what it means."""
+    costliest = max(metrics.losses, key=lambda loss: price(metrics.ideal, loss.alone))
+    rest = "built robot less what BP2 ran: nothing in the model explains it"
+    optimiser = metrics.optimiser or (None, None)
+    return (
+        Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
+        Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "likewise"),
+        Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
+        Row("Unexplained to the treadmill", _signed(metrics.built.speed - specs.TREADMILL_TOP_SPEED), rest),
+        Row("Unexplained outdoors", _signed(metrics.built.speed - specs.OUTDOOR_TOP_SPEED), rest),
+        Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
+        Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "likewise"),
+    )
+
+
+def price(before: Tried, after: Tried) -> float:
+    """What a loss costs, m/s; all of the speed where the robot falls."""
+    return before.speed if after.fell_at is not None else before.speed - after.speed
+
+
+def loss_table(metrics: LossesMetrics) -> Table:
+    """Every loss."""
+    head = "Loss", "Alone [m/s]", "Cost", "All but this [m/s]", "Gain", "Added in turn [m/s]", "Optimiser, alone [m/s]"
+    return Table(
+        "Losses",
+        head,
+        [
+            (
+                loss.name,
+                _speed(loss.alone),
+                _signed(loss.alone.speed - metrics.ideal.speed),
+                _speed(loss.without),
+                _signed(loss.without.speed - metrics.built.speed),
+                _speed(loss.added),
+                show(loss.optimiser, ".2f"),
+            )
+            for loss in metrics.losses
+        ],
+    )
+
+
+def _speed(tried: Tried) -> str:
+    return f"{tried.speed:.2f}" if tried.fell_at is None else f"fell {show_fall(tried.fell_at)}"
+
+
+def _signed(speed: float) -> str:
+    return f"{speed:+.2f} m/s"
+
+
+def losses_results(metrics: LossesMetrics) -> dict[str, Any]:
+    """What a policy's card says."""
+
+    def upright(tried: Tried) -> float | None:
+        return None if tried.fell_at is not None else tried.speed
+
+    return rounded(
+        {
+            "commanded_speed": metrics.commanded_speed,
+            "ideal": upright(metrics.ideal),
+            "built": upright(metrics.built),
+            "alone": {loss.name: upright(loss.alone) for loss in metrics.losses},
+            "without": {loss.name: upright(loss.without) for loss in metrics.losses},
+        }
+    )
+
+
+@styled
+def losses_figure(metrics: LossesMetrics) -> Figure:
+    """The waterfall, read from top to bottom."""
+    figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
+    axes = figure.subplots()
+    names = [
+        "ideal robot",
+        *(loss.name for loss in metrics.losses),
+        "built robot",
+        "BP2 on a treadmill",
+        "BP2 outdoors",
+    ]
+    _draw_total(axes, 0, metrics.ideal.speed, FRONT)
+    before = metrics.ideal.speed
+    for place, loss in enumerate(metrics.losses, 1):
+        after = loss.added.speed
+        axes.barh(place, after - before, left=before, height=0.62, color=FALL if after < before else "#7FB3A0")
+        axes.plot([before, before], [place - 1, place], color=QUIET, linewidth=0.7, zorder=0.8)
+        if loss.alone.fell_at is None:
+            axes.plot(loss.alone.speed, place, "o", ms=5, mfc="white", mec=INK, mew=1.0)
+        axes.text(max(before, after) + 0.08, place, f"{after - before:+.2f}", va="center", fontsize=8.5)
+        before = after
+    end = len(metrics.losses) + 1
+    _draw_total(axes, end, metrics.built.speed, FRONT)
+    for place, speed in ((end + 1, specs.TREADMILL_TOP_SPEED), (end + 2, specs.OUTDOOR_TOP_SPEED)):
+        _draw_total(axes, place, speed, INK)
+        gap = metrics.built.speed - speed
+        axes.barh(place, gap, left=speed, height=0.62, color="none", edgecolor=QUIET, hatch="////", linewidth=0.8)
+        axes.text(max(speed, metrics.built.speed) + 0.08, place, f"unexplained {gap:+.2f}", va="center", fontsize=8.5)
+    axes.plot([], [], "o", ms=5, mfc="white", mec=INK, label="that loss alone, on the ideal robot")
+    axes.legend(loc="upper left", frameon=False)
+    speeds = [metrics.ideal.speed, specs.OUTDOOR_TOP_SPEED, *(loss.added.speed for loss in metrics.losses)]
+    axes.set(
+        yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6), xlabel="Mean speed held [m/s]",
+        xlim=(min(speeds) - 2.2, max(speeds) + 1.2), title="From the ideal robot to the built one, and to BP2",
+    )  # fmt: skip
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="y", visible=False)
+    return figure
+
+
+def _draw_total(axes: Axes, place: int, speed: float, color: str) -> None:
+    axes.barh(place, speed, height=0.62, color=color)
+    axes.axvline(speed, color=FAINT, linewidth=0.8, zorder=0.5)
+    axes.text(speed - 0.08, place, f"{speed:.2f}", va="center", ha="right", color="white", fontweight="bold")
