@@ -18,7 +18,7 @@ from bp2_rl.files import require_name
 from bp2_rl.robot.specs import RobotName
 
 DEFAULT_POLICY = "policies/default"
-BenchmarkName = Literal["topspeed", "sprint", "robustness", "convergence", "losses", "sensitivity", "all"]
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "losses", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,8 +34,9 @@ class EvalConfig:
     """The same, as a flag."""
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
-    robots at 10.74 m/s. convergence: topspeed under finer physics. losses: what each loss costs, alone and
-    together. sensitivity: topspeed and sprint on robots other than the one assumed. all: one after the other."""
+    robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
+    topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
+    on robots other than the one assumed. all: one after the other."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
@@ -50,7 +51,7 @@ class EvalConfig:
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the robots are drawn from; by default 0. Of robustness."""
+    """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""

@@ -5,6 +5,7 @@ hip and knee and the compression of the spring; `qvel` is the trunk's linear vel
 velocity (body frame), then the same 16 coordinates. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,7 @@ def load_model(
     visual: bool = True,
     feet_only: bool = False,
     foot_sensors: bool = False,
+    scene: Callable[[mujoco.MjSpec], None] | None = None,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
     """BP2 on flat ground as a compiled model.
@@ -50,7 +52,7 @@ def load_model(
     `visual=False` leaves out what physics does not need (looks, sensors, lights, cameras) and `feet_only` the collision
     of trunk and floor and, if the legs are solid, of legs with each other and the trunk; both make MJX faster. What is
     left changes no leg's physics. `foot_sensors` adds the position of each foot (m, world) to what the sensors report,
-    in the order of the legs.
+    in the order of the legs. `scene` changes the ground, last of all.
 
     Raises:
         ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
@@ -69,6 +71,8 @@ def load_model(
             position = spec.add_sensor(name=f"{name}_position")
             position.type, position.objtype = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_GEOM
             position.objname = name
+    if scene is not None:
+        scene(spec)
     try:
         model = spec.compile()
     except ValueError as error:

@@ -148,7 +148,7 @@ class Losses:
     joint_viscosity: Annotated[float, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
     spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
     current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
-    latency: Annotated[float, Within(0.0, 0.010)] = 0.0  # s, from an observation to the joint target it leads to
+    latency: Annotated[float, Within(0.0, 0.020)] = 0.0  # s, from an observation to the joint target it leads to
     bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")  # W, from battery to motors
     bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")  # W, from motors to battery
     bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0  # share of the voltage that is lost per kW out

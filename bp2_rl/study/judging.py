@@ -9,7 +9,8 @@ import jax
 from bp2_rl.config import load_config, save_config
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.folders import folder_names
 from bp2_rl.learning.loop import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy

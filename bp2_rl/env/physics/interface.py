@@ -16,8 +16,14 @@ from bp2_rl.env.controller import Targets
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 
-AGES = np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(3))
-"""How long ago the targets of `target_history` were issued when each physics step begins, s."""
+
+def ages(targets: int) -> Float[np.ndarray, "5 targets"]:
+    """How long ago each of the last so many targets was issued when each physics step begins, s, newest first."""
+    return np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(targets))
+
+
+AGES = ages(3)
+"""Those of `target_history`."""
 
 
 class Physics(struct.PyTreeNode):
@@ -48,7 +54,7 @@ class Simulator(Protocol):
         ...
 
 
-def in_force(ages: Float[Any, "3"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
+def in_force(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
     """Which of the targets of these ages the joints follow: the newest that has got through the latency (s).
 
     NumPy and JAX arrays alike.

@@ -6,7 +6,8 @@ import mujoco
 from bp2_rl.config import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mjx, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import BUILT, ROBOTS, HardwareSpec
 

@@ -17,7 +17,8 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.machine import JUDGE, Numerics
 from bp2_rl.evaluation.runs.metrics import RIPPLE, measure
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled

@@ -26,7 +26,8 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs

@@ -6,13 +6,14 @@ from typing import NamedTuple
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
+from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
 from bp2_rl.evaluation.benchmarks.sprint import race, sprint
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
-from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 
 ALL = "all"
@@ -36,6 +37,7 @@ BENCHMARKS = {
         robustness,
         ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator"),
     ),
+    "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("robot", "speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
     "losses": Benchmark(ramp_to_losses, losses, ("robot", "speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),

@@ -17,7 +17,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, round
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.batch import BatchRun, rollout_batch
 from bp2_rl.evaluation.runs.metrics import RIPPLE
-from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.robot import specs

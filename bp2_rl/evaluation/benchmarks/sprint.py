@@ -28,7 +28,7 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     run_tables,
 )
 from bp2_rl.evaluation.runs.metrics import RIPPLE, RunMetrics, measure
-from bp2_rl.evaluation.runs.rollout import Ramp
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, mark_level, moving_mean, styled

@@ -16,7 +16,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.runs.account import account
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure, steady_window
-from bp2_rl.evaluation.runs.rollout import ACCELERATION, Ramp
+from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
 from bp2_rl.learning.policy import Policy
 
 TOPSPEED_HOLD = 20.0  # s

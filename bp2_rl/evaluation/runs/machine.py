@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.controller import motors_of
+from bp2_rl.evaluation.runs.world import LEVEL, World
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import bus_voltage, joint_torque, stall_torque, torque_limits
 from bp2_rl.robot.losses import Resistance
@@ -47,9 +48,10 @@ class Machine:
     end as well, and so all the time: a step whose torque leaves the envelope is taken again with less.
     """
 
-    def __init__(self, config: EnvConfig):
+    def __init__(self, config: EnvConfig, world: World = LEVEL):
         hardware = config.hardware
-        self.model = load_model(hardware, visual=False)
+        self.model = load_model(hardware, visual=False, scene=world.scene())
+        world.tilt(self.model)
         JUDGE.apply(self.model)
         self.data = mujoco.MjData(self.model)
         self.motors = motors_of(config)

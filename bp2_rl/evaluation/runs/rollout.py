@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +17,16 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.bounds import Positive, check_bounds
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.observations import measure
+from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.machine import JUDGE, Machine, Numerics
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
+from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NQ, NU, NV, foot_geom_ids, load_model
@@ -34,60 +36,9 @@ from bp2_rl.settings.env import EnvConfig
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
 
-ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 SETTLING_TIME = 4.0  # s of standing before the clock starts
 SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
 DT = specs.PHYSICS_STEP
-
-
-# --- What the robot is asked to do ---------------------------------------------------------------------------
-
-
-@runtime_checkable
-class Schedule(Protocol):
-    """A velocity command over time."""
-
-    @property
-    def duration(self) -> float:
-        """Length of the run, s."""
-        ...
-
-    @property
-    def steady_from(self) -> float:
-        """Time from which the command no longer changes, s."""
-        ...
-
-    def command(self, time: float) -> Float[np.ndarray, "3"]:
-        """Forward and leftward velocity (m/s) and yaw rate (rad/s) at a time."""
-        ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Ramp:
-    """From rest to a target at constant acceleration, then hold."""
-
-    target: tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
-    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
-    hold: Positive = 20.0  # s
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        check_bounds(self, "ramp.")
-
-    @property
-    def steady_from(self) -> float:
-        """When the target is reached, s; a pure turn has no ramp."""
-        return math.hypot(*self.target[:2]) / self.acceleration
-
-    @property
-    def duration(self) -> float:
-        """Ramp and hold, s."""
-        return self.steady_from + self.hold
-
-    def command(self, time: float) -> Float[np.ndarray, "3"]:
-        """The command at a time."""
-        share = min(time / self.steady_from, 1.0) if self.steady_from > 0 else 1.0
-        return share * np.array(self.target)
 
 
 # --- The simulators ------------------------------------------------------------------------------------------
@@ -103,18 +54,23 @@ def rollout_mujoco(
     finish: float = math.inf,
     numerics: Numerics = JUDGE,
     hardware: HardwareSpec | None = None,
+    world: World = LEVEL,
+    gyro_bias: float = 0.0,
 ) -> Trajectory:
     """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
     and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
-    controller take it for.
+    controller take it for. Joint targets act after its latency; until the first does, it stands. `gyro_bias` (rad/s) is
+    that of the gyro from which the operator has the heading.
     """
     robot = dataclasses.replace(config, hardware=hardware or config.hardware)
-    machine = standing_start(robot)
+    machine = standing_start(robot, world)
     model, data = machine.model, machine.data
     numerics.apply(model)
+    behind = _control_steps_behind(robot.hardware.losses.latency)
+    issued = [(np.array(specs.STAND_JOINTS), np.zeros(NU))] * len(behind)  # before the start
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
 
@@ -122,9 +78,13 @@ def rollout_mujoco(
         control = _compiled_control_step(policy, config, operator)
         state, command = Controller(config).init(), commands[0].astype(np.float32)
         for k, scheduled in enumerate(commands[1:]):
-            state, target, _, next_command = control(state, command, data.qpos, data.qvel, scheduled)
-            position, velocity = np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)
-            for step in range(k * specs.SUBSTEPS, (k + 1) * specs.SUBSTEPS):
+            sensed = sensed_pose(data.qpos, world, gyro_bias, k * specs.CONTROL_STEP)
+            state, target, _, next_command = control(state, command, sensed, data.qvel, scheduled)
+            issued.append((np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)))
+            for substep, late in enumerate(behind):
+                step = k * specs.SUBSTEPS + substep
+                position, velocity = issued[-1 - late]
+                world.push(data, step)
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
                 recording.target[step], recording.command[step] = position, command
                 recording.torque[step] = machine.millisecond(position, velocity, numerics)
@@ -209,9 +169,9 @@ def mjx_run(
 # --- Parts that both share -----------------------------------------------------------------------------------
 
 
-def standing_start(config: EnvConfig) -> Machine:
+def standing_start(config: EnvConfig, world: World = LEVEL) -> Machine:
     """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
-    machine = Machine(config)
+    machine = Machine(config, world)
     machine.settle(SETTLING_TIME, SETTLING_DAMPING)
     return machine
 
@@ -228,6 +188,12 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
             mujoco.mj_contactForce(model, data, i, wrench)
             forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
     return forces
+
+
+def _control_steps_behind(latency: float) -> list[int]:
+    """How many control steps ago the target was issued that acts in each ms of a control step."""
+    longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
+    return [int(in_force(age, np.array(latency))) for age in ages(longest)]
 
 
 def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:

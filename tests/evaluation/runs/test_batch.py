@@ -11,7 +11,8 @@ from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
 from bp2_rl.evaluation.runs import rollout
 from bp2_rl.evaluation.runs.batch import rollout_batch
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 

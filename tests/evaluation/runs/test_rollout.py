@@ -1,5 +1,4 @@
 import dataclasses
-import math
 
 import jax.numpy as jnp
 import mujoco
@@ -8,17 +7,16 @@ import pytest
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.termination import fall
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.runs.machine import Machine, Numerics
 from bp2_rl.evaluation.runs.metrics import envelope_use
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import (
-    Ramp,
     foot_forces,
     rollout_mjx,
     rollout_mujoco,
     standing_start,
 )
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids, load_model
@@ -37,40 +35,6 @@ def no_action(observation):
 def kick(observation):
     """The largest action there is, left and right in turn: whatever it does to the robot, it is rough."""
     return 100.0 * jnp.sign(observation[..., 5:17])
-
-
-# --- Schedules -------------------------------------------------------------------------------------------------
-
-
-def test_ramp_reaches_its_target_at_the_acceleration_and_holds_it():
-    ramp = Ramp((6.0, 0.0, 0.0), acceleration=2.4, hold=20.0)
-    assert ramp.steady_from == pytest.approx(2.5)
-    assert ramp.duration == pytest.approx(22.5)
-    np.testing.assert_allclose(ramp.command(0.0), 0.0)
-    np.testing.assert_allclose(ramp.command(1.0), (2.4, 0.0, 0.0))
-    np.testing.assert_allclose(ramp.command(2.5), (6.0, 0.0, 0.0))
-    np.testing.assert_allclose(ramp.command(22.5), (6.0, 0.0, 0.0))
-
-
-def test_ramp_goes_straight_to_a_sideways_target():
-    ramp = Ramp((3.0, -4.0, 0.5), acceleration=2.0)
-    assert ramp.steady_from == pytest.approx(2.5)
-    np.testing.assert_allclose(ramp.command(1.25), (1.5, -2.0, 0.25))
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"target": (math.nan, 0.0, 0.0)},
-        {"acceleration": 0.0},
-        {"acceleration": -1.0},
-        {"hold": 0.0},
-        {"hold": math.inf},
-    ],
-)
-def test_impossible_ramps_are_refused(wrong):
-    with pytest.raises(UserError):
-        Ramp(**({"target": (1.0, 0.0, 0.0)} | wrong))
 
 
 # --- C MuJoCo ----------------------------------------------------------------------------------------------------

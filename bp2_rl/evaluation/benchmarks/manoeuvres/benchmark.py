@@ -1,0 +1,252 @@
+"""What a policy cannot do yet: braking, launches, turns, slow motion, standing, straightness, pushes, bad ground.
+
+Every manoeuvre has a rule that a reader would expect a running robot to keep; a robot that falls fails.
+"""
+
+import dataclasses
+import functools
+import itertools
+import os
+from collections.abc import Iterable, Sequence
+
+import jax
+
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import CHATTER_WINDOW, STOPPED, Measured, Outcome, Standing, Straight
+from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
+    SLOW_TIME,
+    STAND,
+    STEADY,
+    TURN_TIME,
+    Manoeuvre,
+    all_manoeuvres,
+    dash_of,
+)
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
+from bp2_rl.evaluation.benchmarks.sprint import TRACK
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
+from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
+from bp2_rl.evaluation.runs.world import EVEN, GRID
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.workers import spawned
+
+TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
+
+
+@dataclasses.dataclass(frozen=True)
+class ManoeuvreMetrics:
+    """All tries."""
+
+    level_speed: float  # m/s, best second at the top speed's command, on level ground
+    passed: int
+    fell: int
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def groups(self) -> dict[str, tuple[Outcome, ...]]:
+        """By what was tried."""
+        return {name: tuple(group) for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)}
+
+
+def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
+    """Try them all."""
+    robot = robot_of(policy, setup)
+    level = level_speed(policy, ramp, robot, setup.operator)
+    asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
+    metrics = summarise(level, in_parallel(policy, asked))
+    said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
+    return Evaluation(
+        benchmark="manoeuvres",
+        subject=describe_command(policy, setup, ramp.target[0]),
+        backend="C MuJoCo",
+        conditions=said | {"ground": GROUND, "rough ground's seed": f"{setup.seed or 0}", "measures": MEASURES},
+        verdict=verdict(metrics),
+        good=metrics.passed == len(metrics.outcomes),
+        rows=manoeuvre_rows(metrics),
+        tiles=TILES,
+        pictures=(Picture("manoeuvres", CAPTION, manoeuvres_figure(metrics.outcomes)),),
+        metrics=metrics,
+        results=manoeuvre_results(metrics),
+        tables=(manoeuvre_table(metrics),),
+    )
+
+
+def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
+    """The launch to what counts as the top speed."""
+    return ramp_to_topspeed(policy, setup)
+
+
+# --- How they are run ----------------------------------------------------------------------------------------
+
+
+def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
+    """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
+    run = rollout_mujoco(
+        policy, dash_of(ramp), policy.card.env, operator=operator, name="level", finish=TRACK, hardware=robot
+    )
+    best = best_window(run, 1.0)
+    return ramp.target[0] if run.fell_at is not None or best is None else best.speed
+
+
+def in_parallel(policy: Policy, asked: Sequence[Manoeuvre]) -> list[Outcome]:
+    """Run them on all processors, dealt out in turn."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = min(cores, len(asked))
+    with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
+        hands = [pool.submit(try_all, policy, asked[worker::workers]) for worker in range(workers)]
+        done = [hand.result() for hand in hands]
+    return [done[i % workers][i // workers] for i in range(len(asked))]
+
+
+def try_all(policy: Policy, asked: Iterable[Manoeuvre]) -> list[Outcome]:
+    """One after the other: the controller is compiled once for each operator."""
+    return [try_one(policy, manoeuvre) for manoeuvre in asked]
+
+
+def try_one(policy: Policy, manoeuvre: Manoeuvre) -> Outcome:
+    """Run it, and judge the run; a robot that falls fails."""
+    run = rollout_mujoco(
+        policy,
+        manoeuvre.schedule,
+        policy.card.env,
+        operator=manoeuvre.operator,
+        name=f"{manoeuvre.group}, {manoeuvre.asked}",
+        finish=manoeuvre.finish,
+        hardware=manoeuvre.hardware,
+        world=manoeuvre.world,
+        gyro_bias=manoeuvre.gyro_bias,
+    )
+    judged, fell = manoeuvre.judge(run), run.fell_at is not None
+    return Outcome(
+        group=manoeuvre.group,
+        asked=manoeuvre.asked,
+        rule=manoeuvre.rule,
+        did=FELL if fell else judged.said,
+        passed=judged.passed and not fell,
+        fell_at=run.fell_at,
+        measured=judged.measured,
+    )
+
+
+def _begin(cache: str | None) -> None:
+    """Make of a worker what the command has made of itself."""
+    jax.config.update("jax_platforms", "cpu")
+    jax.config.update("jax_compilation_cache_dir", cache)
+
+
+# --- What is shown -------------------------------------------------------------------------------------------
+
+
+FELL = "fell"
+STOP, LAUNCH = f"Brake from {specs.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
+SCHEDULES = (
+    f"commands rise at {ACCELERATION:g} m/s² where nothing else is said; the top is the command of the card's "
+    f"top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at "
+    f"{specs.OUTDOOR_TOP_SPEED:g} m/s; straightness, ground and latency: {TRACK:g} m at the top"
+)
+GROUND = (
+    "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
+    f"ground: heights drawn evenly at points {GRID:g} m apart, straight between them, the figure from lowest to "
+    f"highest, even for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
+)
+MEASURES = (
+    f"speeds are {RIPPLE:g}-s means, slower than {STOPPED:g} m/s is at rest; yaw rates are means of "
+    f"{TURN_TIME:g} s, on the spot of {SLOW_TIME:g} s; chatter: root mean square of torque that varies faster than in "
+    f"{CHATTER_WINDOW:g} s; a gyro's heading is off by its bias x time"
+)
+
+
+def summarise(level_speed: float, outcomes: Sequence[Outcome]) -> ManoeuvreMetrics:
+    """Count."""
+    passed, fell = (sum(flags) for flags in zip(*((o.passed, o.fell_at is not None) for o in outcomes), strict=True))
+    return ManoeuvreMetrics(level_speed, passed, fell, tuple(outcomes))
+
+
+def verdict(metrics: ManoeuvreMetrics) -> str:
+    """The sheet in one sentence."""
+    falls = "without a fall" if metrics.fell == 0 else f"{metrics.fell} falls"
+    return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
+
+
+def hardest(outcomes: Iterable[Outcome]) -> str:
+    """The hardest try that passed along with all gentler ones."""
+    passed = list(itertools.takewhile(lambda outcome: outcome.passed, outcomes))
+    return passed[-1].asked if passed else NOT_MEASURED
+
+
+def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
+    """A few figures that say most, then every manoeuvre."""
+    groups, tries = metrics.groups, len(metrics.outcomes)
+    return (
+        Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
+        Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
+        Row("Hardest stop", hardest(groups[STOP]), f"from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
+        Row("Hardest launch", hardest(groups[LAUNCH]), "to the top, on friction 0.8"),
+        Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
+        Row(
+            "Nobody steering",
+            show(_astray(metrics), ".1f", "m"),
+            f"how far the trunk's edge strays within {TRACK:g} m",
+        ),
+        *(
+            Row(name, f"{sum(o.passed for o in group)} of {len(group)}", group[0].rule)
+            for name, group in groups.items()
+        ),
+    )
+
+
+def manoeuvre_table(metrics: ManoeuvreMetrics) -> Table:
+    """Every try."""
+    head = "Manoeuvre", "Asked", "Did", "Fall", "Passed", "Measured, in SI units"
+    return Table(
+        "Manoeuvres",
+        head,
+        [
+            (o.group, o.asked, o.did, show(o.fell_at, ".2f", "s"), "yes" if o.passed else "NO", _in_words(o.measured))
+            for o in metrics.outcomes
+        ],
+        words=True,
+    )
+
+
+def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
+    """What a policy's card says of them: how many of each passed, and what each try did."""
+    groups = metrics.groups
+    return rounded(
+        {
+            "level_speed": metrics.level_speed,
+            "passed": metrics.passed,
+            "of": len(metrics.outcomes),
+            "fell": metrics.fell,
+            "creep": _creep(metrics),
+            "astray": _astray(metrics),
+            "passes": {name: _share(group) for name, group in groups.items()},
+            "did": {name: {o.asked: o.did for o in group} for name, group in groups.items()},
+        }
+    )
+
+
+def _share(group: Sequence[Outcome]) -> str:
+    return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
+
+
+def _creep(metrics: ManoeuvreMetrics) -> float | None:
+    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, Standing)), None)
+
+
+def _astray(metrics: ManoeuvreMetrics) -> float | None:
+    """Without an operator, m."""
+    last = [o.measured for o in metrics.outcomes if isinstance(o.measured, Straight)][-1]
+    return last.reach
+
+
+def _in_words(measured: Measured) -> str:
+    values = vars(measured).items()
+    return ", ".join(f"{name.replace('_', ' ')} {show(value, '.3g')}" for name, value in values)
