@@ -89,7 +89,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
-        subject=f"{robots} {name} robots, {policy.card.stage} policy, {ramp.target[0]:g} m/s commanded",
+        subject=f"{robots} {name} robots, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend="MJX" if setup.backend == "mjx" else "C MuJoCo",
         conditions=said
         | {

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from bp2_rl.evaluation.benchmarks.outcome import Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.figures import FIGURES
 from bp2_rl.evaluation.runs.metrics import Account, RunMetrics
 from bp2_rl.evaluation.runs.trajectory import Trajectory
@@ -69,7 +69,7 @@ def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Peak joint speed", f"{fastest.peak_speed:.1f} rad/s", fastest.name),
         Row("Peak motor power", f"{hardest.peak_power:.0f} W", f"{hardest.name}, driving"),
         Row("On the envelope", f"{metrics.on_envelope:.1%}", "motor samples within 1 % of a limit"),
-        Row("Outside the envelope", f"{metrics.outside_envelope}", "motor samples at the start of each ms; must be 0"),
+        Row("Outside the envelope", f"{metrics.outside_envelope}", "samples at the start of each ms; must be 0"),
     )
 
 
@@ -96,7 +96,10 @@ def energy_table(account: Account) -> Table:
     """Where the bus's energy goes."""
     p = account.power
     shares = {**p.lost, "stored": p.stored, "integration": p.integration}
-    lines = [(ENERGY[cause], f"{watts:.0f}", f"{watts / p.mean:.1%}") for cause, watts in shares.items()]
+    lines = [
+        (ENERGY[cause], f"{watts:.0f}", f"{watts / p.mean:.1%}" if p.mean > 0.0 else NOT_MEASURED)
+        for cause, watts in shares.items()
+    ]
     return Table("Where the energy goes, steady window", ("Cause", "Power [W]", "Share of the bus"), lines)
 
 

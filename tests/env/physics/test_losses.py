@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from functools import cache
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -15,15 +16,16 @@ from bp2_rl.env.controller import Targets
 from bp2_rl.evaluation.runs.machine import Machine
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, HardwareSpec, Losses
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import EnvConfig, Impl
 
-ENGINES = ["judge", "c", "jax"]
+Engine = Impl | Literal["judge"]
+ENGINES: list[Engine] = ["judge", "c", "jax"]
 HEAVY_ROTORS = 0.1  # kg m2 at the motor, 7.2 at the joint: beside it a leg weighs little
 LEG_INERTIA = 0.14  # kg m2, of a bent leg about its hip
 
 
 @cache
-def compiled(hardware: HardwareSpec, impl: str):
+def compiled(hardware: HardwareSpec, impl: Impl):
     env = BP2Env(EnvConfig(hardware=hardware), impl=impl)
 
     def control_step(physics, robot):

@@ -49,7 +49,7 @@ def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
 def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, assert_fits):
     asked = []
 
-    def rollout(policy, schedule, config, *, operator, name, numerics):
+    def rollout(policy, schedule, config, *, operator, name, numerics, hardware):
         asked.append((schedule, numerics))
         return runs[name]
 

@@ -53,7 +53,7 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
-        backend="mjx", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1, operator=HeadingHold(1.0)
+        backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1, operator=HeadingHold(1.0)
     )
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)

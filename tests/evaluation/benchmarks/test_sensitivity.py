@@ -85,7 +85,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         return fast if finish else fast.between(0.0, 7.0)
 
     monkeypatch.setattr(module, "rollout_mujoco", rollout)
-    policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0)
+    policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0, robot="ideal")
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)
     for finish, acceleration in ((None, 2.4), (100.0, 3.5)):
