@@ -76,7 +76,7 @@ def describe(policy: Policy) -> str:
 
 def describe_command(policy: Policy, setup: Setup, speed: float) -> str:
     """Who runs at which command, for titles."""
-    return f"{policy.card.stage} policy, {name_of(robot_of(policy, setup))} robot, told {speed:g} m/s"
+    return f"{policy.card.stage} policy, {name_of(robot_of(policy, setup))} robot, {speed:g} m/s"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:

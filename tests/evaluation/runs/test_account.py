@@ -8,7 +8,8 @@ import pytest
 
 from bp2_rl.evaluation.runs.account import CAUSES, account, before_contact, beyond_envelope, replay
 from bp2_rl.evaluation.runs.machine import OUTSIDE, Machine
-from bp2_rl.evaluation.runs.rollout import Ramp, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.robot.actuator import bus_power, torque_limits
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
