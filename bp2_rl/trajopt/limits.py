@@ -2,11 +2,12 @@
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.variants import differing, with_parts
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import NotSolved, Solution
 from bp2_rl.workers import spawned
@@ -24,18 +25,11 @@ CHANGES: dict[str, dict[str, Any]] = {
     "spring travel 0.10 m": {"spring_travel": 0.10},
 }  # of the hardware, one at a time
 NO_SPEED_LIMIT = "joints faster than no-load"
-LOSSES: dict[str, tuple[str, ...]] = {
-    "air drag": ("drag_area", "headwind"),
-    "gear": ("gear_efficiency",),
-    "joint friction": ("joint_friction", "joint_viscosity"),
-    "slide friction": ("spring_friction",),
-    "bus power": ("bus_power_out", "bus_power_in"),
-    "bus sag": ("bus_sag",),
-    "braking limit": ("braking_speed",),
-    "rebound stop": ("rebound_stiffness", "rebound_damping"),
-    "ground friction": ("friction",),
-}
-"""What a robot loses that the model knows, and the fields of `HardwareSpec` and `Losses` that say how much."""
+KNOWN = (
+    *("air", "gears", "joint friction", "spring slides", "bus power", "bus sag", "braking limit", "rebound stop"),
+    "ground friction",
+)
+"""The parts of a robot that the model knows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,12 +70,12 @@ def loss_variants(robot: HardwareSpec) -> dict[str, tuple[str, HardwareSpec]]:
     Raises:
         UserError: the robot loses nothing that the model knows.
     """
-    lost = [name for name, fields in LOSSES.items() if _with_fields(robot, IDEAL, fields) != robot]
+    lost = [part for part in differing(robot, IDEAL) if part in KNOWN]
     if not lost:
         raise UserError("--losses: this robot has none; choose --robot built, or set some of --hardware.losses")
-    ideal = _with_fields(robot, IDEAL, [field for fields in LOSSES.values() for field in fields])
-    alone = {f"ideal + {name}": ("ideal", _with_fields(ideal, robot, LOSSES[name])) for name in lost}
-    others = {f"built - {name}": ("built", _with_fields(robot, IDEAL, LOSSES[name])) for name in lost}
+    ideal = with_parts(robot, IDEAL, KNOWN)
+    alone = {f"ideal + {part}": ("ideal", with_parts(ideal, robot, [part])) for part in lost}
+    others = {f"built - {part}": ("built", with_parts(robot, IDEAL, [part])) for part in lost}
     return {"ideal": ("ideal", ideal), **alone, "built": ("ideal", robot), **others}
 
 
@@ -145,11 +139,3 @@ def _starts(found: list[Solution]) -> list[Solution]:
 
 def _best(found: list[Solution]) -> Solution | None:
     return max(found, key=lambda solution: solution.problem.speed, default=None)
-
-
-def _with_fields(robot: HardwareSpec, other: HardwareSpec, names: Iterable[str]) -> HardwareSpec:
-    """The robot with some of another's fields, or its losses'."""
-    own = {field.name for field in dataclasses.fields(HardwareSpec)}
-    losses = {name: getattr(other.losses, name) for name in names if name not in own}
-    fields = {name: getattr(other, name) for name in names if name in own}
-    return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, **losses), **fields)

@@ -9,10 +9,11 @@ import pytest
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec, Losses
+from bp2_rl.robot.variants import PARTS
 from bp2_rl.trajopt import machine, sagittal
 from bp2_rl.trajopt.collocation import solve, transcribe
 from bp2_rl.trajopt.guess import cold_guess
-from bp2_rl.trajopt.limits import LOSSES, loss_variants
+from bp2_rl.trajopt.limits import loss_variants
 from bp2_rl.trajopt.planar import PlanarModel
 from bp2_rl.trajopt.problem import Problem, motor_coordinates
 from bp2_rl.trajopt.sagittal import ca
@@ -191,9 +192,9 @@ def test_each_loss_is_added_alone_and_taken_away_alone():
     assert ideal.losses == Losses(current_lag=BUILT.losses.current_lag, latency=BUILT.losses.latency)
     assert (ideal.friction, ideal.rebound_stiffness) == (IDEAL.friction, IDEAL.rebound_stiffness)
     assert variants["built"] == BUILT
-    assert variants["ideal + gear"].losses == dataclasses.replace(ideal.losses, gear_efficiency=0.92)
+    assert variants["ideal + gears"].losses == dataclasses.replace(ideal.losses, gear_efficiency=0.92)
     assert variants["built - ground friction"] == dataclasses.replace(BUILT, friction=IDEAL.friction)
-    parts = [name for name in LOSSES if f"ideal + {name}" in variants]
+    parts = [name for name in PARTS if f"ideal + {name}" in variants]
     assert [*variants] == ["ideal", *(f"ideal + {p}" for p in parts), "built", *(f"built - {p}" for p in parts)]
     with pytest.raises(UserError, match="choose --robot built"):
         loss_variants(IDEAL)

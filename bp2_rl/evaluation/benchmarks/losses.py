@@ -6,13 +6,12 @@ other, which is the waterfall. What is left between the built robot and what BP2
 
 import dataclasses
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.assets import asset_path
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import (
     OWN,
     conditions,
@@ -26,32 +25,28 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import measure
+from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.variants import differing, with_parts
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
-"""What `bp2 trajopt limits --losses --robot built` found, under the names used here."""
-STEPS: dict[str, tuple[str, ...]] = {
-    "air": ("losses.drag_area", "losses.headwind"),
-    "gears": ("losses.gear_efficiency",),
-    "joint friction": ("losses.joint_friction", "losses.joint_viscosity"),
-    "spring slides": ("losses.spring_friction",),
-    "bus power": ("losses.bus_power_out", "losses.bus_power_in"),
-    "bus sag": ("losses.bus_sag",),
-    "torque lag": ("losses.current_lag",),
-    "latency": ("losses.latency",),
-    "envelope throughout": ("envelope", "braking_speed"),
-    "ground": ("friction", "contact_time", "contact_damping"),
-    "stops": ("rebound_stiffness", "rebound_damping", "joint_stop_time"),
-    "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
-}
-"""Properties of the hardware that change together."""
+"""What `bp2 trajopt limits --losses --robot built` found, a robot's parts by the names of `robot.variants`."""
 TILES = "Ideal robot", "Built robot", "Costliest alone", "Unexplained to the treadmill", "Unexplained outdoors"
+
+
+class Try(NamedTuple):
+    """One run."""
+
+    ramp: Ramp
+    operator: HeadingHold
+    robot: HardwareSpec
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,24 +82,21 @@ class LossesMetrics:
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all robots and compare."""
     built = robot_of(policy, setup)
-    if built == IDEAL:
-        raise UserError("--benchmark losses compares with the ideal robot: leave out --robot ideal")
-
-    def run(robot: HardwareSpec) -> Tried:
-        ran = measure(rollout_mujoco(policy, ramp, policy.card.env, operator=setup.operator, hardware=robot))
-        return Tried(ran.mean_speed, ran.fell_at)
-
+    parts = differing(IDEAL, built)
+    added, robots = IDEAL, [IDEAL, built]
+    for part in parts:
+        added = with_parts(added, built, [part])
+        robots += [with_parts(IDEAL, built, [part]), with_parts(built, IDEAL, [part]), added]
+    different = list(dict.fromkeys(robots))
+    ran = in_parallel(try_one, policy, [Try(ramp, setup.operator, robot) for robot in different])
+    tried = dict(zip(different, ran, strict=True))
     found = greatest_speeds() if name_of(built) != OWN else {}
-    rows, robot = [], IDEAL
-    ideal = added = run(IDEAL)
-    for name, fields in STEPS.items():
-        changed = with_fields(robot, built, fields)
-        alone, without = with_fields(IDEAL, built, fields), with_fields(built, IDEAL, fields)
-        added = run(changed) if changed != robot else added
-        robot = changed
-        rows.append(Loss(name, run(alone), run(without), added, found.get(name)))
+    rows = []
+    for i, part in enumerate(parts):
+        alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
+        rows.append(Loss(part, alone, without, added, found.get(f"ideal + {part}")))
     pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
-    metrics = LossesMetrics(ramp.target[0], ideal, added if robot == built else run(built), tuple(rows), pair)
+    metrics = LossesMetrics(ramp.target[0], tried[IDEAL], tried[built], tuple(rows), pair)
     return Evaluation(
         benchmark="losses",
         subject=describe_command(policy, setup, ramp.target[0]),
@@ -121,20 +113,20 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
+def try_one(policy: Policy, one: Try) -> Tried:
+    """Run it."""
+    run = rollout_mujoco(policy, one.ramp, policy.card.env, operator=one.operator, hardware=one.robot)
+    ran = measure(run)
+    return Tried(ran.mean_speed, ran.fell_at)
+
+
 def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
     """The schedule."""
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LOSSES_HOLD))
 
 
-def with_fields(robot: HardwareSpec, other: HardwareSpec, fields: tuple[str, ...]) -> HardwareSpec:
-    """A robot with these fields of another; `losses.x` is one of its losses."""
-    own = {field: getattr(other, field) for field in fields if "." not in field}
-    nested = {name: getattr(other.losses, name) for _, dot, name in (f.partition(".") for f in fields) if dot}
-    return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, **nested), **own)
-
-
 def greatest_speeds() -> dict[str, float]:
-    """What the optimiser found, by loss alone, and `ideal` and `built`; m/s. Empty where it was not asked."""
+    """What the optimiser found: `ideal`, `ideal + part`, `built`; m/s. Empty where it was not asked."""
     path = asset_path(OPTIMISER)
     return json.loads(path.read_text())["speeds"] if path.is_file() else {}
 
@@ -143,7 +135,8 @@ def greatest_speeds() -> dict[str, float]:
 
 CAPTION = (
     "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with that loss "
-    "alone; beside it what BP2 itself ran, and what is left that nothing in the model explains."
+    "alone; below, what BP2 itself ran, and what is left that nothing in the model explains. The axis does not begin at "
+    "0."
 )
 
 
@@ -244,7 +237,8 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         axes.plot([before, before], [place - 1, place], color=QUIET, linewidth=0.7, zorder=0.8)
         if loss.alone.fell_at is None:
             axes.plot(loss.alone.speed, place, "o", ms=5, mfc="white", mec=INK, mew=1.0)
-        axes.text(max(before, after) + 0.08, place, f"{after - before:+.2f}", va="center", fontsize=8.5)
+        change = round(after - before, 2) + 0.0
+        axes.text(min(before, after) - 0.08, place, f"{change:+.2f}", va="center", ha="right", fontsize=8.5)
         before = after
     end = len(metrics.losses) + 1
     _draw_total(axes, end, metrics.built.speed, FRONT)
@@ -254,7 +248,7 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         axes.barh(place, gap, left=speed, height=0.62, color="none", edgecolor=QUIET, hatch="////", linewidth=0.8)
         axes.text(max(speed, metrics.built.speed) + 0.08, place, f"unexplained {gap:+.2f}", va="center", fontsize=8.5)
     axes.plot([], [], "o", ms=5, mfc="white", mec=INK, label="that loss alone, on the ideal robot")
-    axes.legend(loc="upper left", frameon=False)
+    axes.legend(loc="center left", frameon=False)
     speeds = [metrics.ideal.speed, specs.OUTDOOR_TOP_SPEED, *(loss.added.speed for loss in metrics.losses)]
     axes.set(
         yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6), xlabel="Mean speed held [m/s]",

@@ -39,7 +39,7 @@ BENCHMARKS = {
     ),
     "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("robot", "speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
-    "losses": Benchmark(ramp_to_losses, losses, ("robot", "speed", "acceleration", "hold", "operator")),
+    "losses": Benchmark(ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),
 }
 

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.env.controller import Controller, motors_of
+from bp2_rl.env.controller import Controller, Targets, motors_of
 from bp2_rl.env.observations import measure
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
@@ -146,22 +146,27 @@ def mjx_run(
     motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
     physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
     control = _control_step(policy, config, operator)
+    behind = jnp.array(_control_steps_behind(hardware.losses.latency))
+    before = Targets(jnp.array(specs.STAND_JOINTS), jnp.zeros(NU))
 
     def control_period(carry, scheduled):
-        state, command, robot = carry
+        state, command, robot, issued = carry
         state, targets, _, next_command = control(state, command, robot.qpos, robot.qvel, scheduled)
+        issued = jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), targets, issued)
 
-        def physics_step(robot, _):
-            after, _ = physics.millisecond(physics.model, motors, resistance, robot, targets)
-            return after, (robot.qpos, robot.qvel, after.torque, targets.position, command)
+        def physics_step(robot, late):
+            now = jax.tree.map(lambda x: x[late], issued)
+            after, _ = physics.millisecond(physics.model, motors, resistance, robot, now)
+            return after, (robot.qpos, robot.qvel, after.torque, now.position, command)
 
-        robot, samples = jax.lax.scan(physics_step, robot, length=specs.SUBSTEPS)
-        return (state, next_command, robot), samples
+        robot, samples = jax.lax.scan(physics_step, robot, behind)
+        return (state, next_command, robot, issued), samples
 
     def run(state, qpos, qvel, torque, commands):
         qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
         robot = Remembered(qpos, qvel, jnp.zeros_like(qvel), torque)
-        return jax.lax.scan(control_period, (state, commands[0], robot), commands[1:])[1]
+        issued = jax.tree.map(lambda x: jnp.tile(x, (len(behind), 1)), before)
+        return jax.lax.scan(control_period, (state, commands[0], robot, issued), commands[1:])[1]
 
     return run
 

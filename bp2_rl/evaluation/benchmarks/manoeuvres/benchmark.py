@@ -4,12 +4,8 @@ Every manoeuvre has a rule that a reader would expect a running robot to keep; a
 """
 
 import dataclasses
-import functools
 import itertools
-import os
 from collections.abc import Iterable, Sequence
-
-import jax
 
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
@@ -29,13 +25,13 @@ from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
 from bp2_rl.evaluation.runs.world import EVEN, GRID
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.workers import spawned
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
 
@@ -60,7 +56,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robot = robot_of(policy, setup)
     level = level_speed(policy, ramp, robot, setup.operator)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
-    metrics = summarise(level, in_parallel(policy, asked))
+    metrics = summarise(level, in_parallel(try_one, policy, asked))
     said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
@@ -95,21 +91,6 @@ def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: Headi
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 
 
-def in_parallel(policy: Policy, asked: Sequence[Manoeuvre]) -> list[Outcome]:
-    """Run them on all processors, dealt out in turn."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = min(cores, len(asked))
-    with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
-        hands = [pool.submit(try_all, policy, asked[worker::workers]) for worker in range(workers)]
-        done = [hand.result() for hand in hands]
-    return [done[i % workers][i // workers] for i in range(len(asked))]
-
-
-def try_all(policy: Policy, asked: Iterable[Manoeuvre]) -> list[Outcome]:
-    """One after the other: the controller is compiled once for each operator."""
-    return [try_one(policy, manoeuvre) for manoeuvre in asked]
-
-
 def try_one(policy: Policy, manoeuvre: Manoeuvre) -> Outcome:
     """Run it, and judge the run; a robot that falls fails."""
     run = rollout_mujoco(
@@ -133,12 +114,6 @@ def try_one(policy: Policy, manoeuvre: Manoeuvre) -> Outcome:
         fell_at=run.fell_at,
         measured=judged.measured,
     )
-
-
-def _begin(cache: str | None) -> None:
-    """Make of a worker what the command has made of itself."""
-    jax.config.update("jax_platforms", "cpu")
-    jax.config.update("jax_compilation_cache_dir", cache)
 
 
 # --- What is shown -------------------------------------------------------------------------------------------

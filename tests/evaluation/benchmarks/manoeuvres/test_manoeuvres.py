@@ -150,7 +150,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
-    done = in_parallel(policy, short)
+    done = in_parallel(try_one, policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
 
 
@@ -158,8 +158,8 @@ def test_workers_give_the_outcomes_in_order(make_policy):
 
 
 def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits, tmp_path):
-    def run_here(policy, asked):
-        return [try_one(policy, manoeuvre) for manoeuvre in asked]
+    def run_here(run, policy, asked):
+        return [run(policy, manoeuvre) for manoeuvre in asked]
 
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
     monkeypatch.setattr(module, "in_parallel", run_here)

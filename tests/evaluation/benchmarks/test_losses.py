@@ -1,0 +1,74 @@
+import dataclasses
+
+import pytest
+
+from bp2_rl.config import from_json, to_json
+from bp2_rl.evaluation.benchmarks import losses as module
+from bp2_rl.evaluation.benchmarks.losses import (
+    LossesMetrics,
+    Tried,
+    greatest_speeds,
+    losses,
+    price,
+    ramp_to_losses,
+    try_one,
+)
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec, Losses
+from bp2_rl.robot.variants import PARTS, differing, with_parts
+
+
+def test_all_parts_together_make_the_other_robot():
+    assert with_parts(IDEAL, BUILT, PARTS) == BUILT
+    assert with_parts(BUILT, IDEAL, PARTS) == IDEAL
+    assert differing(IDEAL, IDEAL) == ()
+    assert set(differing(IDEAL, BUILT)) == set(PARTS) - {"braking limit"}
+
+
+def test_every_loss_belongs_to_one_part():
+    fields = [field for part in PARTS.values() for field in part]
+    assert len(set(fields)) == len(fields)
+    assert {f"losses.{field.name}" for field in dataclasses.fields(Losses)} <= set(fields)
+    assert {field for field in fields if "." not in field} <= {f.name for f in dataclasses.fields(HardwareSpec)}
+
+
+def test_a_loss_of_a_robot_that_falls_costs_all_its_speed():
+    assert price(Tried(15.0, None), Tried(14.2, None)) == pytest.approx(0.8)
+    assert price(Tried(15.0, None), Tried(14.2, 3.0)) == 15.0
+
+
+def test_the_optimiser_was_asked_for_the_same_parts():
+    found = greatest_speeds()
+    assert {name.partition(" + ")[2] for name in found if "+" in name} <= set(PARTS)
+    assert found["built"] < found["ideal"] + 1e-9
+
+
+def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monkeypatch, assert_fits):
+    """A robot that loses a tenth of a m/s for every part in which it is not ideal."""
+    asked = []
+
+    def rollout(policy, schedule, config, *, operator, hardware):
+        asked.append(hardware)
+        slower = len(differing(IDEAL, hardware)) / 10
+        return make_run(duration=12.0, speed=10.0 - slower, acceleration=5.0)
+
+    monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    policy, setup = make_policy(), Setup(speed=10.0)
+    evaluation = losses(policy, ramp_to_losses(policy, setup), setup)
+    metrics, parts = evaluation.metrics, differing(IDEAL, BUILT)
+    # With all but the last is as added up to it, the first added is alone, and the last added is the built robot.
+    assert len(asked) == len(set(asked)) == 3 * len(parts) - 1
+    assert [loss.name for loss in metrics.losses] == list(parts)
+    ideal, built = metrics.ideal.speed, metrics.built.speed
+    assert ideal - built == pytest.approx(len(parts) / 10, abs=0.01)
+    for i, loss in enumerate(metrics.losses, 1):
+        assert ideal - loss.alone.speed == pytest.approx(0.1, abs=0.01)
+        assert loss.without.speed - built == pytest.approx(0.1, abs=0.01)
+        assert ideal - loss.added.speed == pytest.approx(i / 10, abs=0.02)
+    assert metrics.losses[0].optimiser == greatest_speeds()["ideal + air"]
+    assert evaluation.good
+    assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
+    assert from_json(LossesMetrics, to_json(metrics)) == metrics
+    assert_fits(evaluation)
+    assert try_one(policy, module.Try(ramp_to_losses(policy, setup), setup.operator, IDEAL)) == metrics.ideal
