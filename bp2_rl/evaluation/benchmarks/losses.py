@@ -38,7 +38,7 @@ from bp2_rl.robot.variants import differing, with_parts
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
 """What `bp2 trajopt limits --losses --robot built` found, a robot's parts by the names of `robot.variants`."""
-TILES = "Ideal robot", "Built robot", "Costliest alone", "Unexplained to the treadmill", "Unexplained outdoors"
+TILES = "Ideal robot", "Built robot", "Costliest alone", "Over the treadmill", "Over outdoors"
 
 
 class Try(NamedTuple):
@@ -135,8 +135,8 @@ def greatest_speeds() -> dict[str, float]:
 
 CAPTION = (
     "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with that loss "
-    "alone; below, what BP2 itself ran, and what is left that nothing in the model explains. The axis does not begin at "
-    "0."
+    "alone; below, what BP2 itself ran, and what is left that nothing in the model explains. The axis does not "
+    "begin at 0."
 )
 
 
@@ -153,14 +153,14 @@ def verdict(metrics: LossesMetrics) -> str:
 def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     costliest = max(metrics.losses, key=lambda loss: price(metrics.ideal, loss.alone))
-    rest = "built robot less what BP2 ran: nothing in the model explains it"
+    rest = "built robot less BP2: unexplained"
     optimiser = metrics.optimiser or (None, None)
     return (
         Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
         Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "likewise"),
         Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
-        Row("Unexplained to the treadmill", _signed(metrics.built.speed - specs.TREADMILL_TOP_SPEED), rest),
-        Row("Unexplained outdoors", _signed(metrics.built.speed - specs.OUTDOOR_TOP_SPEED), rest),
+        Row("Over the treadmill", _signed(metrics.built.speed - specs.TREADMILL_TOP_SPEED), rest),
+        Row("Over outdoors", _signed(metrics.built.speed - specs.OUTDOOR_TOP_SPEED), rest),
         Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
         Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "likewise"),
     )
