@@ -144,10 +144,8 @@ def verdict(metrics: LossesMetrics) -> str:
     """The comparison in one sentence."""
     if metrics.built.fell_at is not None:
         return f"The built robot fell at {metrics.built.fell_at:.2f} s."
-    return (
-        f"{metrics.ideal.speed:.2f} m/s on the ideal robot, {metrics.built.speed:.2f} m/s on the built one; BP2 ran "
-        f"{specs.TREADMILL_TOP_SPEED:g} m/s on a treadmill and {specs.OUTDOOR_TOP_SPEED:g} m/s outdoors."
-    )
+    ran = f"BP2: {specs.TREADMILL_TOP_SPEED:g} and {specs.OUTDOOR_TOP_SPEED:g} m/s"
+    return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s; {ran}."
 
 
 def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
