@@ -223,9 +223,10 @@ def _continue(defaults: TrainConfig, parent: Path, robot: RobotName | None) -> T
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
+    env = on_robot(old.env, robot) if robot and old.env.hardware != ROBOTS[robot] else old.env
     return dataclasses.replace(
         defaults,
-        env=dataclasses.replace(on_robot(old.env, robot) if robot else old.env, reward=defaults.env.reward),
+        env=dataclasses.replace(env, reward=defaults.env.reward),
         ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}),
     )
 

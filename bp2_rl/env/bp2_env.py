@@ -1,7 +1,6 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +13,10 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.physics.c import CPhysics
-from bp2_rl.env.physics.interface import Effort, Simulator
+from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
+from bp2_rl.errors import UserError
 from bp2_rl.gait.reference import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
@@ -40,6 +40,11 @@ class BP2Env(envs.Env):
 
     def __init__(self, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1):
         self.config = config = config or EnvConfig()
+        if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
+            raise UserError(
+                f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
+                "are remembered for so long; more is the judge's alone"
+            )
         self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)
         self.simulate = _simulator(impl, self.mj_model, config, num_robots)
@@ -132,7 +137,7 @@ class BP2Env(envs.Env):
         heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
         no_rewards = dict.fromkeys(rewards.REWARD_TERMS, zero)
-        no_fall = Fall(false, false, false, None if math.isinf(self.config.termination.max_overlap) else false)
+        no_fall = Fall(false, false, false, false if self.config.hardware.solid_legs else None)
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
             obs=self._observe(episode, feet, key_noise),

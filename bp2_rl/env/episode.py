@@ -89,7 +89,7 @@ class Starts:
         return self._untangled(qpos, jnp.where(standing, 0.0, qvel))
 
     def _untangled(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
-        """The same where legs keep clear of each other; where they do not, each of them below its own hip."""
+        """The same where legs keep clear of each other; where they do not, each in the plane of its own hip."""
         tangled = termination.tangled(qpos, self._config.termination, self._config.hardware)
         if tangled is None:
             return qpos, qvel

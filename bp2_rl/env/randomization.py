@@ -63,7 +63,7 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
         # By a key of its own: one more split would draw other robots than before there were losses.
-        losses=uniform(jax.random.fold_in(key, len(LOSSES)), (len(LOSSES),), config.losses),
+        losses=uniform(jax.random.fold_in(key, 7), (len(LOSSES),), config.losses),
     )
 
 
@@ -118,7 +118,8 @@ def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actu
 
 def randomize_resistance(resistance: Resistance, randomization: Randomization) -> Resistance:
     """The resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
-    air, gear, joints, slides = (randomization.losses[..., i, None] for i in range(4))
+    names = "air", "gear", "joints", "slides"
+    air, gear, joints, slides = (randomization.losses[..., LOSSES.index(name), None] for name in names)
     return resistance.replace(
         drag=resistance.drag * air,
         gear_loss=resistance.gear_loss * gear,

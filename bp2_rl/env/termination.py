@@ -1,6 +1,5 @@
 """What a fall is: in training, in the judge's runs, and wherever else a robot may be down."""
 
-import math
 from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float
@@ -36,11 +35,11 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
 
 
 def tangled(qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec) -> Bool[Any, "..."] | None:
-    """Whether a leg is deeper in another, or in the trunk, than it may be; None if it may be as deep as it likes.
+    """Whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
 
     It stands for the contacts that training leaves out; the judge, who has them, lets legs run into each other.
     """
-    if math.isinf(config.max_overlap):
+    if not hardware.solid_legs:
         return None
     joints = qpos[..., MOTOR_QPOS].reshape(*qpos.shape[:-1], 4, 3)
     return ~(clearance(joints, qpos[..., SPRING_QPOS], hardware).least >= -config.max_overlap)

@@ -142,7 +142,7 @@ def joint_torque(
     torque = previous_torque + xp.clip(step, -largest_step, largest_step)
     lower, upper = torque_limits(actuator, qd, bus_voltage(actuator, previous_torque, qd))
     torque = xp.clip(torque, lower, upper)
-    return torque if actuator.bus is None else _share_bus(actuator, torque, xp.clip(0.0 * qd, lower, upper), qd)
+    return torque if actuator.bus is None else share_bus(actuator, torque, xp.clip(0.0 * qd, lower, upper), qd)
 
 
 def bus_power(actuator: Actuator, torque: Joints, qd: Joints) -> Float[Any, "..."]:
@@ -158,9 +158,13 @@ def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
     return xp.clip(1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0)[..., None]
 
 
-def _share_bus(actuator: Actuator, torque: Joints, least: Joints, qd: Joints) -> Joints:
-    """The torques, all the same share of the way from the `least` possible ones, so that the bus can feed them."""
-    assert actuator.bus is not None
+def share_bus(actuator: Actuator, torque: Joints, least: Joints, qd: Joints) -> Joints:
+    """The torques, all the same share of the way from the `least` possible ones, so that the bus can feed them.
+
+    Those themselves where the bus gives and takes everything.
+    """
+    if actuator.bus is None:
+        return torque
     xp, r, way = qd.__array_namespace__(), _resistance(actuator), torque - least
     # The power is p0 + p1 s + p2 s^2 at a share s.
     p0 = bus_power(actuator, least, qd)

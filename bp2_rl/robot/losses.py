@@ -24,6 +24,10 @@ from bp2_rl.robot.specs import HardwareSpec
 Parameter = Any  # a number, or an array that broadcasts against the robots
 
 
+LEAST_TOE = 0.2
+"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges."""
+
+
 class Resistance(struct.PyTreeNode):
     """How strongly everything resists; numbers, or arrays over robots."""
 
@@ -50,7 +54,7 @@ class Resistance(struct.PyTreeNode):
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
             joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
-            spring_hold=hardware.mass_scale * specs.TOE_MASS / specs.PHYSICS_STEP,
+            spring_hold=hardware.mass_scale * LEAST_TOE / specs.PHYSICS_STEP,
         )
         lossless = cls(0.0, resistance.headwind, 0.0, 0.0, 0.0, 0.0, 0.0, resistance.joint_hold, resistance.spring_hold)
         return None if resistance == lossless else resistance
@@ -77,7 +81,7 @@ def loss(
     wind = qvel[..., :3] * xp.asarray([1.0, 1.0, 0.0], dtype=qvel.dtype)
     wind = wind + xp.asarray([1.0, 0.0, 0.0], dtype=qvel.dtype) * r.headwind
     air = -r.drag * xp.sqrt(xp.sum(wind * wind, axis=-1, keepdims=True)) * wind
-    # Coulomb's and the gear's share the friction that holds a joint at rest.
+    # Coulomb's and the gear's share what slows a joint near rest.
     geared = r.gear_loss * xp.abs(torque)
     most = r.joint_friction + geared
     friction = -xp.clip(r.joint_hold * qd, -most, most)

@@ -138,7 +138,7 @@ def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
-        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = toe - specs.RODS_BELOW_KNEE
+        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - specs.RODS_BELOW_KNEE, specs.LOWER_LEG_RADIUS)
     for key in spec.keys:
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)

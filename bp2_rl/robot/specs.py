@@ -148,7 +148,8 @@ class Losses:
     joint_viscosity: Annotated[float, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
     spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
     current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
-    latency: Annotated[float, Within(0.0, 0.020)] = 0.0  # s, from an observation to the joint target it leads to
+    latency: Annotated[float, Within(0.0, 0.020)] = 0.0
+    """s, from an observation to the joint target it leads to; training draws `randomization.latency` in its place"""
     bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")  # W, from battery to motors
     bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")  # W, from motors to battery
     bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0  # share of the voltage that is lost per kW out
@@ -167,14 +168,15 @@ class HardwareSpec:
     """m, of the thigh and of the uncompressed lower leg alike"""
     fore_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = FORE_TRACK  # m, between the fore legs' planes
     hind_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = HIND_TRACK  # m, likewise behind
-    solid_legs: bool = False  # legs collide with each other and with the trunk
+    solid_legs: bool = False
+    """legs collide with each other and with the trunk in the judge; in training they end the episode instead"""
     spring_stiffness: Annotated[float, Within(100.0, 1e7)] = SPRING_STIFFNESS  # N/m
     spring_damping: Annotated[float, Within(0.0, 1e5)] = SPRING_DAMPING  # N s/m
     spring_travel: Annotated[float, Within(0.0, 10.0)] = SPRING_TRAVEL  # m, at which the stop begins to push
     spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
     rebound_stiffness: Annotated[float, Within(0.0, 1e8)] = SPRING_STOP_STIFFNESS
     """N/m, of the stop at no compression that keeps the toe from flying off, on top of the spring's"""
-    rebound_damping: Annotated[float, Within(0.0, 1e5)] = 0.0  # N s/m, of that stop
+    rebound_damping: Annotated[float, Within(0.0, 300.0)] = 0.0  # N s/m, of that stop; more is no stable step
     joint_stop_time: Annotated[float, Within(0.002, 1.0)] = 0.02
     """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically damped"""
     rotor_inertia: Annotated[float, Within(0.0, 0.1)] = ROTOR_INERTIA  # kg m2, motor side
@@ -184,7 +186,7 @@ class HardwareSpec:
     braking_speed: Annotated[float, Within(0.1, 1e4, infinite=True)] = float("inf")
     """rad/s likewise, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
     envelope: Literal["start", "throughout"] = "start"
-    """when in a millisecond torque keeps to the envelope: at its start only, or all the time"""
+    """when in a millisecond torque keeps to the envelope: at its start only, or, in the judge, all the time"""
     mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
     friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION
     contact_time: Annotated[float, Within(0.002, 1.0)] = CONTACT_TIME
@@ -242,28 +244,28 @@ IDEAL = HardwareSpec()
 """BP2 without losses, on legs that pass through each other: what the paper's numbers alone make of it."""
 
 BUILT = HardwareSpec(
-    hind_track=0.28,
+    hind_track=0.28,  # the widest at which fore and hind legs hardly ever meet
     solid_legs=True,
-    rebound_stiffness=150e3,
-    rebound_damping=100.0,
-    joint_stop_time=0.005,
-    envelope="throughout",
-    friction=0.8,
-    contact_time=0.003,
+    rebound_stiffness=150e3,  # a polyurethane buffer 20 mm deep ...
+    rebound_damping=100.0,  # ... that gives back half of a hit
+    joint_stop_time=0.005,  # a hard stop
+    envelope="throughout",  # a drive's current loop is ten times as fast as the force loop
+    friction=0.8,  # rubber on a dry track
+    contact_time=0.003,  # rubber sole and track in series, some 300 kN/m
     losses=Losses(
-        drag_area=0.2,
-        gear_efficiency=0.92,
-        joint_friction=2.0,
-        joint_viscosity=0.05,
-        spring_friction=20.0,
-        current_lag=0.002,
-        latency=0.005,
-        bus_power_out=8e3,
-        bus_power_in=3e3,
-        bus_sag=0.0125,
+        drag_area=0.2,  # 0.44 m x 0.3 m and four legs, at a drag coefficient of about 1
+        gear_efficiency=0.92,  # a planetary stage of 8.5:1
+        joint_friction=2.0,  # seals, bearings and cogging behind the gear
+        joint_viscosity=0.05,  # grease
+        spring_friction=20.0,  # a bushing under a leg's side load
+        current_lag=0.002,  # drive and bus
+        latency=0.005,  # one control step
+        bus_power_out=8e3,  # a pack of about 1 kWh for seconds
+        bus_power_in=3e3,  # cells are charged at less than half of what they give
+        bus_sag=0.0125,  # a tenth at full load
     ),
 )
-"""BP2 as a machine that one could build."""
+"""BP2 as a machine that one could build: all of it ASSUMED, with published values in docs/notes/reality.md."""
 
 RobotName = Literal["ideal", "built"]
 ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}

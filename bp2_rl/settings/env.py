@@ -104,8 +104,9 @@ class TerminationConfig:
     min_height: Amount = 0.3  # m, trunk centre
     min_up: BelowOne = 0.8  # vertical part of the body's z axis: 37 deg of tilt
     max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0  # rad/s or m/s in any coordinate: the physics has exploded
-    max_overlap: Annotated[float, Within(0.0, 1.0, infinite=True)] = float("inf")
-    """m, depth of a leg in another or in the trunk; training has no contacts of legs, and ends an episode instead"""
+    max_overlap: Annotated[float, Within(0.0, 1.0)] = 0.005
+    """m, depth of a leg in another or in the trunk, where legs are solid: what soft contacts give way by in the judge.
+    Training has no contacts of legs, and ends an episode instead"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """What `imitation` and `relaxed`, `smoke`, `cpu` and `gpu` mean: configs, never code paths."""
 
 import dataclasses
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -51,16 +50,13 @@ FRICTION: dict[RobotName, Range] = {"ideal": (0.55, 1.22), "built": (0.62, 1.38)
 """Factors for ground of 0.5 to 1.1."""
 MILD_FRICTION: dict[RobotName, Range] = {"ideal": (0.67, 1.22), "built": (0.75, 1.38)}
 """Likewise of 0.6 to 1.1."""
-MAX_OVERLAP: dict[RobotName, float] = {"ideal": math.inf, "built": 0.005}
-"""m: what soft contacts give way by in the judge."""
 LOSSES: dict[RobotName, Range] = {"ideal": (1.0, 1.0), "built": (0.8, 1.2)}
 
 
 def on_robot(env: EnvConfig, robot: RobotName) -> EnvConfig:
     """The environment with this robot, drawn around it as widely as what is assumed of it is uncertain."""
     drawn = dataclasses.replace(env.randomization, friction=FRICTION[robot], losses=LOSSES[robot])
-    falls = dataclasses.replace(env.termination, max_overlap=MAX_OVERLAP[robot])
-    return dataclasses.replace(env, hardware=ROBOTS[robot], randomization=drawn, termination=falls)
+    return dataclasses.replace(env, hardware=ROBOTS[robot], randomization=drawn)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -175,14 +175,14 @@ class _Recipe:
 
     preset: Preset
     steps: tuple[int, int]
-    robot: RobotName
     settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
+    robot: RobotName = "ideal"  # that of studies from before there were others
 
 
 def _claim(plan: Plan, folder: Path) -> None:
     """What the folder holds already must have been trained by the same recipe."""
     settings = tuple(config_hash(make_config(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
-    claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, plan.robot, settings), "a study")
+    claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings, plan.robot), "a study")
 
 
 def _is_finished(run_dir: Path) -> bool:

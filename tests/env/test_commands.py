@@ -156,7 +156,6 @@ NAN, INF = float("nan"), float("inf")
         ("commands.limit_fraction", -0.5),
         ("control.action_scale", 0.0),
         ("control.action_limit", -1.0),
-        ("hardware.losses.current_lag", -1.0),
         ("control.torque_rate", -1.0),
         ("control.torque_rate", -INF),
         ("curriculum.start_speed", 0.0),
@@ -165,6 +164,7 @@ NAN, INF = float("nan"), float("inf")
         ("curriculum.raise_by", NAN),
         ("curriculum.near", 1.0),
         ("hardware.rotor_inertia", 1e308),
+        ("hardware.rebound_damping", 1000.0),
         ("randomization.friction", (0.0, 0.0)),
         ("randomization.friction", (1.0, 0.5)),
         ("randomization.joint_velocity_noise", NAN),
@@ -182,6 +182,17 @@ def test_impossible_settings_are_refused_by_name(named, value):
     with pytest.raises(UserError, match=rf"^{named}\b.*") as error:
         EnvConfig(**{group: dataclasses.replace(getattr(EnvConfig(), group), **{field: value})})
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("field", "value"), [("current_lag", -1.0), ("gear_efficiency", 0.0), ("latency", 0.05)])
+def test_impossible_losses_are_refused_by_name(field, value):
+    with pytest.raises(UserError, match=rf"^hardware\.losses\.{field} must be "):
+        HardwareSpec(losses=Losses(**{field: value}))
+
+
+def test_a_latency_beyond_what_training_remembers_is_refused():
+    with pytest.raises(UserError, match=r"^hardware\.losses\.latency \(0\.015 s\) must be at most 0\.01 s in training"):
+        BP2Env(EnvConfig(hardware=HardwareSpec(losses=Losses(latency=0.015))))
 
 
 def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():

@@ -256,7 +256,7 @@ def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
 def test_no_episode_begins_with_legs_in_each_other():
     """Noise of 0.5 rad would put some robots' there; they have their legs below their hips instead."""
     config = EnvConfig(
-        hardware=HardwareSpec(hind_track=0.28),
+        hardware=HardwareSpec(hind_track=0.28, solid_legs=True),
         reset=ResetConfig(joint_noise=0.5, standing_fraction=0.0),
         termination=TerminationConfig(max_overlap=0.0),
     )

@@ -39,7 +39,7 @@ def test_a_card_of_before_is_the_card_of_the_same_environment(old_policy):
 
 
 def test_settings_of_before_are_those_of_today():
-    assert load_run_config(BEFORE) == make_config("imitation", "smoke")
+    assert load_run_config(BEFORE) == make_config("imitation", "smoke", robot="ideal")
 
 
 def test_the_speeds_at_which_gaits_begin_to_step_keep_their_values(old_policy):

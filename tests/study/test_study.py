@@ -138,7 +138,7 @@ def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch)
     run(folder)
     with pytest.raises(UserError, match="holds a study with another steps "):
         run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
-    monkeypatch.setattr(training, "make_config", lambda stage, preset: make_config(stage, "cpu"))
+    monkeypatch.setattr(training, "make_config", lambda stage, preset, robot: make_config(stage, "cpu", robot=robot))
     with pytest.raises(UserError, match="holds a study with another settings "):
         run(folder)
 

@@ -24,6 +24,7 @@ def ages(targets: int) -> Float[np.ndarray, "5 targets"]:
 
 AGES = ages(3)
 """Those of `target_history`."""
+LONGEST_LATENCY = float(AGES[0, -1])  # s, for which a target is remembered
 
 
 class Physics(struct.PyTreeNode):

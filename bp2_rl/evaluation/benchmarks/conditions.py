@@ -9,7 +9,7 @@ from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.specs import BUILT, ROBOTS, HardwareSpec
+from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 
 OWN = "card's own"
 BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}
@@ -118,10 +118,10 @@ def describe_operator(operator: HeadingHold) -> str:
 
 def describe_simulator(backend: str, hardware: HardwareSpec) -> str:
     """The physics of a single run in one line."""
-    held = describe_limits(hardware)
+    held = describe_limits(hardware if backend == "mujoco" else IDEAL)
     return {
         "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 "
         "Hz, no noise, full strength",
         "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
-        f"{held}; policy at 200 Hz, no noise",
+        f"{held}; legs pass through each other; policy at 200 Hz, no noise",
     }[backend]

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.assets import asset_path
+from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import (
     OWN,
     conditions,
@@ -33,7 +34,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
-from bp2_rl.robot.variants import differing, with_parts
+from bp2_rl.robot.variants import PARTS, differing, with_parts
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
@@ -83,10 +84,11 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all robots and compare."""
     built = robot_of(policy, setup)
     parts = differing(IDEAL, built)
-    added, robots = IDEAL, [IDEAL, built]
+    added = ideal = with_parts(built, IDEAL, PARTS)
+    robots = [ideal, built]
     for part in parts:
         added = with_parts(added, built, [part])
-        robots += [with_parts(IDEAL, built, [part]), with_parts(built, IDEAL, [part]), added]
+        robots += [with_parts(ideal, built, [part]), with_parts(built, ideal, [part]), added]
     different = list(dict.fromkeys(robots))
     ran = in_parallel(try_one, policy, [Try(ramp, setup.operator, robot) for robot in different])
     tried = dict(zip(different, ran, strict=True))
@@ -96,7 +98,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
         rows.append(Loss(part, alone, without, added, found.get(f"ideal + {part}")))
     pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
-    metrics = LossesMetrics(ramp.target[0], tried[IDEAL], tried[built], tuple(rows), pair)
+    metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair)
     return Evaluation(
         benchmark="losses",
         subject=describe_command(policy, setup, ramp.target[0]),
@@ -121,7 +123,13 @@ def try_one(policy: Policy, one: Try) -> Tried:
 
 
 def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule."""
+    """The schedule.
+
+    Raises:
+        UserError: the robot loses nothing.
+    """
+    if not differing(IDEAL, robot_of(policy, setup)):
+        raise UserError("--benchmark losses: the robot of this policy's card has no losses to leave out")
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LOSSES_HOLD))
 
 
@@ -142,8 +150,9 @@ CAPTION = (
 
 def verdict(metrics: LossesMetrics) -> str:
     """The comparison in one sentence."""
-    if metrics.built.fell_at is not None:
-        return f"The built robot fell at {metrics.built.fell_at:.2f} s."
+    for name, tried in (("ideal", metrics.ideal), ("built", metrics.built)):
+        if tried.fell_at is not None:
+            return f"The {name} robot fell at {tried.fell_at:.2f} s."
     ran = f"BP2: {specs.TREADMILL_TOP_SPEED:g} and {specs.OUTDOOR_TOP_SPEED:g} m/s"
     return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s; {ran}."
 
@@ -179,9 +188,9 @@ def loss_table(metrics: LossesMetrics) -> Table:
             (
                 loss.name,
                 _speed(loss.alone),
-                _signed(loss.alone.speed - metrics.ideal.speed),
+                _signed(-price(metrics.ideal, loss.alone)),
                 _speed(loss.without),
-                _signed(loss.without.speed - metrics.built.speed),
+                _signed(-price(metrics.built, loss.without)),
                 _speed(loss.added),
                 show(loss.optimiser, ".2f"),
             )
@@ -235,8 +244,8 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         axes.plot([before, before], [place - 1, place], color=QUIET, linewidth=0.7, zorder=0.8)
         if loss.alone.fell_at is None:
             axes.plot(loss.alone.speed, place, "o", ms=5, mfc="white", mec=INK, mew=1.0)
-        change = round(after - before, 2) + 0.0
-        axes.text(min(before, after) - 0.08, place, f"{change:+.2f}", va="center", ha="right", fontsize=8.5)
+        change = "fell" if loss.added.fell_at is not None else f"{round(after - before, 2) + 0.0:+.2f}"
+        axes.text(min(before, after) - 0.08, place, change, va="center", ha="right", fontsize=8.5)
         before = after
     end = len(metrics.losses) + 1
     _draw_total(axes, end, metrics.built.speed, FRONT)

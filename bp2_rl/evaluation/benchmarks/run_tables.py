@@ -1,6 +1,5 @@
 """What a report shows of a single run: rows, tables, pictures and the results for a card."""
 
-import dataclasses
 from typing import Any
 
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
@@ -82,7 +81,7 @@ def account_rows(account: Account) -> tuple[Row, ...]:
         Row("Beyond the envelope", f"{p.beyond:.1f} Nm", beyond),
         Row("Peak power in a ms", f"{p.motor_peak:.0f} W", "of one motor, mechanical, mean of a ms"),
         Row("Bus power", f"{p.mean:.0f} W", f"mean; at most {p.peak:.0f} W, {p.burst:.0f} W over 50 ms"),
-        Row("Recharging", f"{p.recharge:.0f} W", "at most"),
+        Row("Recharging", f"{p.recharge:.0f} W", "at most, what a brake resistor burns included"),
         Row("Foot depth", f"{1e3 * g.depth:.1f} mm", "in the ground, at most"),
         Row("Slip", show(g.slip, ".2f", "m/s"), f"median in stance; 95 % below {show(g.slip_95, '.1f', 'm/s')}"),
         Row("Contact breaks", show(g.breaks, ".1f"), "a stance, mean"),
@@ -188,9 +187,27 @@ def run_results(metrics: RunMetrics) -> dict[str, Any]:
             "electrical_cost_of_transport": m.electrical_cost_of_transport,
             "electrical_power": m.electrical_power,
             "froude_number": m.froude_number,
-            **(dataclasses.asdict(m.account) if m.account else {}),
+            **(_account_results(m.account) if m.account else {}),
         }
     )
+
+
+def _account_results(account: Account) -> dict[str, Any]:
+    p, g = account.power, account.ground
+    return {
+        "beyond_envelope": p.beyond,
+        "bus_power": p.mean,
+        "peak_bus_power": p.peak,
+        "peak_recharging": p.recharge,
+        "foot_depth": g.depth,
+        "slip": g.slip,
+        "contact_breaks": g.breaks,
+        "landing_speed_down": g.landing_down,
+        "landing_speed_forward": g.landing_forward,
+        "top_outs_per_second": g.top_outs,
+        "top_out_speed": g.top_out_speed,
+        "beyond_joint_range": g.limit_share,
+    }
 
 
 def _mean_gait(metrics: RunMetrics) -> tuple[float | None, float]:

@@ -4,7 +4,7 @@ Physics and motors change; the policy, its reference motion and its controller s
 """
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +21,8 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
+from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
@@ -42,15 +44,27 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         return dataclasses.replace(assumed, **properties)  # pyright: ignore[reportArgumentType]
 
     other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
-    return {
-        AS_ASSUMED: assumed,
+
+    def stops(factor: float) -> HardwareSpec:
+        compression, rebound = factor * assumed.spring_stop_stiffness, factor * assumed.rebound_stiffness
+        return dataclasses.replace(assumed, spring_stop_stiffness=compression, rebound_stiffness=rebound)
+
+    others = {
         "friction 0.6": changed(friction=0.6),
         "friction 0.8": changed(friction=0.8),
         "friction 1.1": changed(friction=1.1),
-        "spring stop x 2": changed(spring_stop_stiffness=2.0 * assumed.spring_stop_stiffness),
-        "spring stop x 10": changed(spring_stop_stiffness=10.0 * assumed.spring_stop_stiffness),
+        "ground's contact 2 ms": changed(contact_time=0.002),
+        "ground's contact 5 ms": changed(contact_time=0.005),
+        "ground that bounces": changed(contact_damping=0.5),
+        "spring stops x 2": stops(2.0),
+        "spring stops x 10": stops(10.0),
+        "rebound undamped": changed(rebound_damping=0.0),
         "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
         "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
+        "joint stops 20 ms": changed(joint_stop_time=0.020),
+        "joint stops 5 ms": changed(joint_stop_time=0.005),
+        "no braking at 30 rad/s": changed(braking_speed=30.0),
+        "braking as driving": changed(braking_speed=assumed.no_load_speed),
         "rotor inertia x 0.5": changed(rotor_inertia=0.5 * assumed.rotor_inertia),
         "rotor inertia x 2": changed(rotor_inertia=2.0 * assumed.rotor_inertia),
         "peak torque 100 Nm": changed(peak_torque=100.0),
@@ -58,9 +72,20 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
         other_legs: changed(solid_legs=not assumed.solid_legs),
         "hind track -20 mm": changed(hind_track=assumed.hind_track - 0.020),
-        "hind track -40 mm": changed(hind_track=assumed.hind_track - 0.040),
+        "hind track +20 mm": changed(hind_track=assumed.hind_track + 0.020),
         "fore track +10 mm": changed(fore_track=assumed.fore_track + 0.010),
     }
+    return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
+
+
+class Try(NamedTuple):
+    """One robot, and how it is run."""
+
+    ramp: Ramp
+    sprint: Ramp
+    operator: HeadingHold
+    name: str
+    hardware: HardwareSpec
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,15 +122,9 @@ class SensitivityMetrics:
 
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
-    config, sprint, robot = policy.card.env, race(policy, setup), robot_of(policy, setup)
-
-    def run(name: str, hardware: HardwareSpec) -> RobotMetrics:
-        given = {"operator": setup.operator, "name": name, "hardware": hardware}
-        held = rollout_mujoco(policy, ramp, config, **given)
-        raced = rollout_mujoco(policy, sprint, config, finish=TRACK, **given)
-        return measure_robot(name, measure(held), measure_sprint(raced, sprint.acceleration))
-
-    metrics = compare(ramp.target[0], [run(*robot) for robot in robots_of(robot).items()])
+    sprint, robot = race(policy, setup), robot_of(policy, setup)
+    tries = [Try(ramp, sprint, setup.operator, *other) for other in robots_of(robot).items()]
+    metrics = compare(ramp.target[0], in_parallel(try_one, policy, tries))
     said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="sensitivity",
@@ -121,6 +140,14 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         results=sensitivity_results(metrics),
         tables=(robot_table(metrics),),
     )
+
+
+def try_one(policy: Policy, one: Try) -> RobotMetrics:
+    """Hold it at top speed, and race it."""
+    given = {"operator": one.operator, "name": one.name, "hardware": one.hardware}
+    held = rollout_mujoco(policy, one.ramp, policy.card.env, **given)
+    raced = rollout_mujoco(policy, one.sprint, policy.card.env, finish=TRACK, **given)
+    return measure_robot(one.name, measure(held), measure_sprint(raced, one.sprint.acceleration))
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:

@@ -79,6 +79,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
             applied[k],
         )
         mujoco.mj_forward(model, data)
+        energy[k] = np.sum(data.energy)
         mujoco.mj_mulM(model, data, force["momentum"][k], change[k] / run.dt)
         force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
         force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]  # implicit, as the integrator has it

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.runs.world import LEVEL, World
 from bp2_rl.robot import losses, specs
-from bp2_rl.robot.actuator import bus_voltage, joint_torque, stall_torque, torque_limits
+from bp2_rl.robot.actuator import bus_voltage, joint_torque, share_bus, stall_torque, torque_limits
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
@@ -83,7 +83,7 @@ class Machine:
     ) -> Float[np.ndarray, "12"]:
         """The motors' torque, Nm, computed once and held for so many seconds and physics steps."""
         data = self.data
-        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
+        q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL].copy()
         before = data.ctrl.copy()
         torque = joint_torque(self.motors, before, q, qd, q_target, qd_target, seconds)
         if not self._throughout:
@@ -91,6 +91,7 @@ class Machine:
             return torque
         voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, data, start, _STATE)
+        least = np.clip(0.0 * qd, *torque_limits(self.motors, qd, voltage))
         for _ in range(TRIALS):
             self._advance(torque, steps)
             lower, upper = torque_limits(self.motors, data.qvel[MOTOR_QVEL], voltage)
@@ -99,6 +100,7 @@ class Machine:
                 break
             # Less torque changes the speed at the end, too, and the limit with it: Newton's step, joint by joint.
             torque = torque - beyond / (1.0 + self._steepness * seconds * self._mobility())
+            torque = share_bus(self.motors, torque, least, qd)  # with less driving torque more flows back
             mujoco.mj_setState(self.model, data, start, _STATE)
         else:
             self._advance(torque, steps)

@@ -146,7 +146,8 @@ def mjx_run(
     motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
     physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
     control = _control_step(policy, config, operator)
-    behind = jnp.array(_control_steps_behind(hardware.losses.latency))
+    late = _control_steps_behind(hardware.losses.latency)
+    behind, longest = jnp.array(late), max(late) + 1
     before = Targets(jnp.array(specs.STAND_JOINTS), jnp.zeros(NU))
 
     def control_period(carry, scheduled):
@@ -165,7 +166,7 @@ def mjx_run(
     def run(state, qpos, qvel, torque, commands):
         qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
         robot = Remembered(qpos, qvel, jnp.zeros_like(qvel), torque)
-        issued = jax.tree.map(lambda x: jnp.tile(x, (len(behind), 1)), before)
+        issued = jax.tree.map(lambda x: jnp.tile(x, (longest, 1)), before)
         return jax.lax.scan(control_period, (state, commands[0], robot, issued), commands[1:])[1]
 
     return run

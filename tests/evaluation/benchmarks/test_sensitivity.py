@@ -23,7 +23,7 @@ from bp2_rl.evaluation.benchmarks.sensitivity import (
     verdict,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 
 ROBOT = RobotMetrics(
     AS_ASSUMED,
@@ -47,8 +47,10 @@ def test_each_other_robot_differs_in_one_property():
     assert robots.pop(AS_ASSUMED) == IDEAL
     for name, robot in robots.items():
         changed = [f.name for f in dataclasses.fields(HardwareSpec) if getattr(robot, f.name) != getattr(IDEAL, f.name)]
-        assert len(changed) == 1, name
-    assert robots["spring stop x 10"].spring_stop_stiffness == 300e3
+        assert len(changed) == (2 if "spring stops" in name else 1), name
+    assert robots["spring stops x 10"].spring_stop_stiffness == robots["spring stops x 10"].rebound_stiffness == 300e3
+    assert "joint stops 20 ms" not in robots  # as assumed
+    assert "friction 0.8" not in robots_of(BUILT)
     assert robots["spring travel -10 mm"].spring_travel == pytest.approx(0.12)
     assert robots["mass +10 %"].mass_scale == pytest.approx(1.1)
 
@@ -85,6 +87,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         return fast if finish else fast.between(0.0, 7.0)
 
     monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
     policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0, robot="ideal")
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)

@@ -3,6 +3,7 @@
 import dataclasses
 from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -36,6 +37,7 @@ def test_energy_closes_in_every_millisecond(hardware):
     assert set(power.lost) == set(CAUSES)
     whole = power.mean - sum(power.lost.values()) - power.stored - power.integration
     assert abs(whole) < 0.02 * power.mean  # the ledger's last millisecond has no energy after it
+    assert power.stored > 10.0  # 36 kg were brought to 2 m/s in a second
     lossless = {"gears", "joints", "slides", "air"}
     if hardware is IDEAL:
         assert all(power.lost[cause] == 0.0 for cause in lossless)
@@ -59,6 +61,23 @@ def test_a_loss_that_was_not_booked_is_missed(forgotten):
     """The same run, booked as if its robot were another: the balance no longer closes."""
     run = dataclasses.replace(trot(), hardware=dataclasses.replace(BUILT, **forgotten))
     assert account(run).power.closure > 1e-5
+
+
+def test_energy_is_of_motion_height_and_springs():
+    """Against one half v' M v, m g h of the bodies, and one half k s^2 of the springs within their travel."""
+    run = trot(IDEAL)
+    ledger, _ = replay(run)
+    machine = Machine(EnvConfig())
+    model, data = machine.model, machine.data
+    for k in (0, 400, 760):
+        data.qpos[:], data.qvel[:] = run.qpos[k], run.qvel[k]
+        mujoco.mj_forward(model, data)
+        momentum = np.zeros(22)
+        mujoco.mj_mulM(model, data, momentum, data.qvel)
+        springs = np.where(run.spring_compression[k] < 0.0, 36e3, 6e3) * run.spring_compression[k] ** 2
+        height = float(np.sum(model.body_mass * data.xipos[:, 2]))
+        expected = 0.5 * data.qvel @ momentum + 9.81 * height + 0.5 * np.sum(springs)
+        assert ledger.energy[k] == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_bus_is_what_the_motors_draw():

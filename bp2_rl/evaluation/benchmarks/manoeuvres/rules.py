@@ -140,6 +140,8 @@ def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judg
     measured = Braking(deceleration, before, float(np.min(speed)), distance, allowed)
     if distance is None:
         return Judged(False, "no stop", measured)
+    if speed[-1] >= STOPPED:
+        return Judged(False, "moves again", measured)
     return Judged(distance <= allowed, f"{distance:.0f} m", measured)
 
 
@@ -152,11 +154,12 @@ def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judge
     return Judged(time is not None, said, Launching(acceleration, run.hardware.friction, time, greatest))
 
 
-def judge_turn(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:
-    """It turns as fast as it is told, within `YAW_ERROR`; measured `since` (s)."""
+def judge_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Judged[Turning]:
+    """It turns as fast as it is told, within `YAW_ERROR`, at `SPEED_SHARE` of the speed (m/s); measured `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
-    return Judged(abs(share - 1.0) <= YAW_ERROR, f"{share:.0%}", measured)
+    kept = measured.speed is not None and measured.speed >= SPEED_SHARE * speed
+    return Judged(abs(share - 1.0) <= YAW_ERROR and kept, f"{share:.0%}", measured)
 
 
 def judge_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:

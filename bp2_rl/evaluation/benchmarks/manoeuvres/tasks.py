@@ -130,8 +130,8 @@ def _turns(of: Make) -> Iterator[Manoeuvre]:
             yield of(
                 f"Turn at {speed:g} m/s",
                 f"{lateral:g} m/s²",
-                f"yaw rate within {rules.YAW_ERROR:.0%}",
-                functools.partial(rules.judge_turn, yaw_rate=yaw_rate, since=run.duration),
+                f"yaw rate within {rules.YAW_ERROR:.0%}, at {rules.SPEED_SHARE:.0%} of the speed",
+                functools.partial(rules.judge_turn, yaw_rate=yaw_rate, since=run.duration, speed=speed),
                 run.hold(TURN_TIME),
             )
 
