@@ -67,6 +67,8 @@ class RobustnessMetrics:
     offset: Quantiles | None  # m, over robots, of each one's greatest distance from the line
     greatest_offset: float | None  # m
     fallen_at: tuple[float, ...]  # s, in order
+    legs_touch: int  # robots with a leg in another or in the trunk at some control step
+    leg_depth: float  # m, greatest
     robots: tuple[Robot, ...]
 
 
@@ -125,7 +127,7 @@ def describe_fleet_simulator(backend: str) -> str:
     mjx = f"MJX {mujoco.__version__} on JAX {jax.__version__}"
     engine = mjx if backend == "mjx" else f"C MuJoCo {mujoco.__version__}"
     return (
-        f"{engine}, 1 kHz, in the environment of training: legs that are solid end a run where they are in each other, "
+        f"{engine}, 1 kHz, in the environment of training: legs pass through each other, "
         "and torques keep to the envelope at the start of each ms; policy at 200 Hz"
     )
 
@@ -182,6 +184,8 @@ def measure_fleet(run: BatchRun) -> RobustnessMetrics:
         offset=quantiles(offsets[upright]),
         greatest_offset=float(np.max(offsets[upright])) if count else None,
         fallen_at=tuple(float(time) for time in np.sort(run.fell_at[~upright])),
+        legs_touch=int(np.sum(run.leg_room <= 0.0)),
+        leg_depth=max(-float(np.min(run.leg_room)), 0.0),
         robots=robots,
     )
 
@@ -223,6 +227,7 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("Worst off the line", show(m.greatest_offset, ".2f", "m"), "greatest of the upright"),
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "likewise"),
+        Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
     )
 
 
@@ -240,6 +245,8 @@ def fleet_results(metrics: RobustnessMetrics) -> dict[str, object]:
             "mean_speed_5_to_95": speed and (speed.low, speed.high),
             "lane_offset": offset and offset.median,
             "greatest_lane_offset": m.greatest_offset,
+            "legs_touch": m.legs_touch,
+            "leg_depth": m.leg_depth,
         }
     )
 

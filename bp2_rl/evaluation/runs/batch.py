@@ -22,6 +22,8 @@ from bp2_rl.evaluation.runs.rollout import ActionFunction, sampled_commands
 from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot import specs
+from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 
 Array = Any  # numpy or jax array
@@ -36,6 +38,7 @@ class BatchRun:
     speed: Float[np.ndarray, "T N"]  # m/s, forward in the heading frame
     offset: Float[np.ndarray, "T N"]  # m, to the left of the line through the start
     fell_at: Float[np.ndarray, " N"]  # s; inf for robots that did not fall
+    leg_room: Float[np.ndarray, " N"]  # m, least between legs or of a leg and the trunk, before a fall
     robots: dict[str, Float[np.ndarray, " N"]]  # what was drawn: friction, latency (s), mass (kg), strength
     steady_from: float  # s, from when the command is held
 
@@ -63,8 +66,11 @@ def rollout_batch(
         operator: the outer loop that keeps each robot on its line.
         impl: `c`, C MuJoCo on the host's processors, or `jax`, MJX.
     """
+    hardware = config.hardware
     config = dataclasses.replace(
         config,
+        # In this environment solid legs would end a run; it tells how deep they are in each other instead.
+        hardware=dataclasses.replace(hardware, solid_legs=False),
         randomization=randomization or RandomizationConfig(),
         reset=ResetConfig(standing_fraction=1.0, joint_noise=0.0),
     )
@@ -83,7 +89,9 @@ def rollout_batch(
         after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         physics = after.physics
         speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
-        return state, (speed, physics.qpos[:, 1], state.done)
+        joints = physics.qpos[:, MOTOR_QPOS].reshape(-1, 4, 3)
+        room = clearance(joints, physics.qpos[:, SPRING_QPOS], hardware).least
+        return state, (speed, physics.qpos[:, 1], state.done, room)
 
     @jax.jit
     def run(keys, commands):
@@ -91,15 +99,17 @@ def rollout_batch(
         robots: Any = start.pipeline_state
         return robots.randomization, jax.lax.scan(control_step, start, commands[1:])[1]
 
-    drawn, (speed, offset, down) = jax.device_get(run(keys, jnp.asarray(commands, jnp.float32)))
+    drawn, (speed, offset, down, room) = jax.device_get(run(keys, jnp.asarray(commands, jnp.float32)))
     steps = len(commands) - 1
     time = specs.CONTROL_STEP * np.arange(1, steps + 1)
+    up = np.cumsum(down, axis=0) == 0
     return BatchRun(
         time=time,
         command=commands[1:, 0],
         speed=np.asarray(speed, np.float64),
         offset=np.asarray(offset, np.float64),
         fell_at=np.where(np.any(down, axis=0), time[np.argmax(down, axis=0)], math.inf),
+        leg_room=np.min(np.where(up, np.asarray(room, np.float64), math.inf), axis=0),
         robots={
             "friction": np.asarray(drawn.friction, np.float64),
             "latency": np.asarray(drawn.latency, np.float64),

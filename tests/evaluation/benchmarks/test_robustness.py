@@ -45,6 +45,7 @@ def make_fleet(speeds, fell_at=None, duration=4.0) -> BatchRun:
         speed=rise[:, None] * speeds,
         offset=0.1 * np.sin(time)[:, None] * np.arange(count),
         fell_at=np.full(count, np.inf) if fell_at is None else np.asarray(fell_at, float),
+        leg_room=np.linspace(-0.002, 0.03, count),
         robots={
             "friction": np.linspace(0.5, 1.1, count),
             "latency": np.linspace(0.0, 0.01, count),
@@ -100,6 +101,11 @@ def test_a_fleet_of_which_none_stands_has_no_speed():
     assert (m.upright, m.mean_speed, m.offset, m.greatest_offset) == (0, None, None, None)
     assert m.fallen_at == (0.25, 0.5)
     assert {row.label: row.value for row in fleet_rows(m)}["Mean speed"] == "-"
+
+
+def test_robots_whose_legs_touch_are_counted():
+    m = measure_fleet(make_fleet([9.0, 9.5, 9.2]))
+    assert (m.legs_touch, m.leg_depth) == (1, pytest.approx(0.002))
 
 
 def test_metrics_survive_strict_json():
