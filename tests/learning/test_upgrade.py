@@ -14,6 +14,7 @@ from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.run import load_run_config
+from bp2_rl.robot.specs import Losses
 from bp2_rl.settings.env import EnvConfig, upgrade
 from bp2_rl.settings.training import TrainConfig, make_config
 
@@ -48,6 +49,17 @@ def test_the_speeds_at_which_gaits_begin_to_step_keep_their_values(old_policy):
     (old_policy / "card.json").write_text(json.dumps(card))
     env = load_policy(old_policy).card.env
     assert (env.library.stepping_speed, env.gait.stepping_speed) == (0.37, 0.2)
+
+
+def test_the_lag_and_the_stops_of_before_are_those_of_the_hardware(old_policy):
+    card = json.loads((old_policy / "card.json").read_text())
+    card["env"]["control"]["current_lag"] = 0.004
+    for part in (card["env"], card["env"]["gait"], card["env"]["library"]):
+        part["hardware"]["spring_stop_stiffness"] = 45e3
+    (old_policy / "card.json").write_text(json.dumps(card))
+    hardware = load_policy(old_policy).card.env.hardware
+    assert hardware.losses == Losses(current_lag=0.004)
+    assert (hardware.spring_stop_stiffness, hardware.rebound_stiffness) == (45e3, 45e3)
 
 
 def test_settings_of_today_stay_as_they_are():
