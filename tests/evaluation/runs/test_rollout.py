@@ -272,3 +272,16 @@ def test_forces_of_legs_on_legs_are_not_the_grounds():
     feet = set(foot_geom_ids(model))
     assert any(pair <= feet for pair in ({*pair} for pair in zip(*data.contact.geom.T, strict=True)))
     np.testing.assert_array_equal(foot_forces(model, data), 0.0)
+
+
+def test_targets_act_late_in_both_simulators():
+    """7 ms late: until then it stands, and each target acts from the seventh ms after it was issued."""
+    late = HardwareSpec(losses=Losses(latency=0.007))
+    schedule = Ramp((0.5, 0.0, 0.0), acceleration=50.0, hold=0.03)
+    judged, simulated = (run(kick, schedule, STANDING, hardware=late) for run in (rollout_mujoco, rollout_mjx))
+    prompt = rollout_mujoco(kick, schedule, STANDING)
+    np.testing.assert_allclose(simulated.target, judged.target, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(judged.target[:7], np.tile(judged.target[0], (7, 1)))
+    np.testing.assert_array_equal(judged.target[7], prompt.target[0])
+    changes = np.flatnonzero(np.any(np.diff(judged.target, axis=0) != 0.0, axis=1)) + 1
+    assert set(changes % 5) == {2}
