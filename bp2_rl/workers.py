@@ -44,6 +44,11 @@ def spawned(
     pool.shutdown()
 
 
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def end_with_parent(parent: int, by: signal.Signals) -> None:
     """From here on this process gets the signal `by` when its parent ends, even if Python never gets to run.
 

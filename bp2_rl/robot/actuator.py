@@ -140,14 +140,19 @@ def joint_torque(
     step = _lag_share(actuator.current_lag, dt) * (desired - previous_torque)
     largest_step = actuator.torque_rate * dt
     torque = previous_torque + xp.clip(step, -largest_step, largest_step)
-    lower, upper = torque_limits(actuator, qd, bus_voltage(actuator, previous_torque, qd))
-    torque = xp.clip(torque, lower, upper)
-    return torque if actuator.bus is None else share_bus(actuator, torque, xp.clip(0.0 * qd, lower, upper), qd)
+    limits = torque_limits(actuator, qd, bus_voltage(actuator, previous_torque, qd))
+    return share_bus(actuator, xp.clip(torque, *limits), limits, qd)
+
+
+def winding_heat(actuator: Actuator, torque: Parameter) -> Parameter:
+    """Copper loss of each motor at a torque (Nm), W; a weak motor's is as a strong one's."""
+    stall = stall_torque(actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed)
+    return copper_loss(torque, actuator.no_load_speed, stall)
 
 
 def bus_power(actuator: Actuator, torque: Joints, qd: Joints) -> Float[Any, "..."]:
     """What the motors draw together, W: mechanical power and copper loss."""
-    return (torque * qd + _resistance(actuator) * torque**2).sum(-1)
+    return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 
 def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
@@ -158,14 +163,16 @@ def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
     return xp.clip(1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0)[..., None]
 
 
-def share_bus(actuator: Actuator, torque: Joints, least: Joints, qd: Joints) -> Joints:
-    """The torques, all the same share of the way from the `least` possible ones, so that the bus can feed them.
+def share_bus(actuator: Actuator, torque: Joints, limits: tuple[Joints, Joints], qd: Joints) -> Joints:
+    """The torques, all the same share of the way from the least that the limits allow, so that the bus can feed them.
 
     Those themselves where the bus gives and takes everything.
     """
     if actuator.bus is None:
         return torque
-    xp, r, way = qd.__array_namespace__(), _resistance(actuator), torque - least
+    xp, r = qd.__array_namespace__(), winding_heat(actuator, 1.0)
+    least = xp.clip(0.0 * qd, *limits)
+    way = torque - least
     # The power is p0 + p1 s + p2 s^2 at a share s.
     p0 = bus_power(actuator, least, qd)
     p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
@@ -178,12 +185,6 @@ def share_bus(actuator: Actuator, torque: Joints, least: Joints, qd: Joints) -> 
     out, into = actuator.bus.power_out, -actuator.bus.power_in
     shares = xp.where(whole > out, share(out, 1.0), xp.where(whole < into, share(into, -1.0), 1.0))
     return least + shares[..., None] * way
-
-
-def _resistance(actuator: Actuator) -> Parameter:
-    """Copper loss over torque squared, W/Nm2; a weak motor's is as a strong one's."""
-    stall = stall_torque(actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed)
-    return actuator.no_load_speed / stall
 
 
 def _upper_limit(actuator: Actuator, qd: Joints, voltage: Parameter) -> Joints:

@@ -56,8 +56,9 @@ class Resistance(struct.PyTreeNode):
             joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
             spring_hold=hardware.mass_scale * LEAST_TOE / specs.PHYSICS_STEP,
         )
-        lossless = cls(0.0, resistance.headwind, 0.0, 0.0, 0.0, 0.0, 0.0, resistance.joint_hold, resistance.spring_hold)
-        return None if resistance == lossless else resistance
+        r = resistance
+        parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping
+        return resistance if any(parts) else None
 
 
 class Loss(struct.PyTreeNode):

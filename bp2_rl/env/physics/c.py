@@ -9,7 +9,6 @@ equal bits, in whatever order they come and on however many threads.
 
 import copy
 import hashlib
-import os
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -33,6 +32,7 @@ from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.workers import processors
 
 FASTEST = 1e4
 """A coordinate or speed beyond this (m, rad, m/s, rad/s) is no physics any more, and is kept from MuJoCo."""
@@ -95,7 +95,7 @@ class _Host:
 
     @cached_property
     def _threads(self) -> tuple[rollout.Rollout, list[mujoco.MjData]]:
-        count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        count = processors()
         return rollout.Rollout(nthread=count), [mujoco.MjData(self._model) for _ in range(count)]
 
     def __call__(self, results: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> None:

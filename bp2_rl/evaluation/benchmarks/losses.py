@@ -5,7 +5,6 @@ other, which is the waterfall. What is left between the built robot and what BP2
 """
 
 import dataclasses
-import json
 from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
@@ -30,6 +29,7 @@ from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.files import read_json
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
@@ -136,7 +136,7 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
 def greatest_speeds() -> dict[str, float]:
     """What the optimiser found: `ideal`, `ideal + part`, `built`; m/s. Empty where it was not asked."""
     path = asset_path(OPTIMISER)
-    return json.loads(path.read_text())["speeds"] if path.is_file() else {}
+    return read_json(path)["speeds"] if path.is_file() else {}
 
 
 # --- What is shown -------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from bp2_rl.evaluation.runs.machine import JUDGE
 from bp2_rl.evaluation.runs.metrics import Account, GroundMetrics, PowerMetrics, contacts, touchdowns, window_means
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot import losses, specs
-from bp2_rl.robot.actuator import Actuator, bus_voltage, copper_loss, stall_torque, torque_limits
+from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
 
@@ -92,7 +92,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
     mean = run.qvel[:-1] + 0.5 * change
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
     qd, torque = mean[:, MOTOR_QVEL], run.torque[:-1]
-    copper = np.sum(_copper(run, torque), axis=-1)
+    copper = np.sum(winding_heat(Actuator.from_hardware(run.hardware), torque), axis=-1)
     lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
         "copper": copper,
         "dampers": -powers["damper"],
@@ -134,12 +134,6 @@ def _split_constraints(
     for chosen, out in ((on_floor, ground), (limits, stops), (~limits & ~on_floor, legs)):
         if np.any(chosen):
             mujoco.mj_mulJacTVec(model, data, out, np.where(chosen, data.efc_force, 0.0))
-
-
-def _copper(run: Trajectory, torque: Float[np.ndarray, "N 12"]) -> Float[np.ndarray, "N 12"]:
-    hardware = run.hardware
-    no_load = hardware.joint_no_load_speed
-    return copper_loss(torque, no_load, stall_torque(hardware.joint_peak_torque, hardware.joint_corner_speed, no_load))
 
 
 def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:

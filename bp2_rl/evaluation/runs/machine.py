@@ -91,7 +91,7 @@ class Machine:
             return torque
         voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, data, start, _STATE)
-        least = np.clip(0.0 * qd, *torque_limits(self.motors, qd, voltage))
+        limits = torque_limits(self.motors, qd, voltage)
         for _ in range(TRIALS):
             self._advance(torque, steps)
             lower, upper = torque_limits(self.motors, data.qvel[MOTOR_QVEL], voltage)
@@ -100,7 +100,7 @@ class Machine:
                 break
             # Less torque changes the speed at the end, too, and the limit with it: Newton's step, joint by joint.
             torque = torque - beyond / (1.0 + self._steepness * seconds * self._mobility())
-            torque = share_bus(self.motors, torque, least, qd)  # with less driving torque more flows back
+            torque = share_bus(self.motors, torque, limits, qd)  # with less driving torque more flows back
             mujoco.mj_setState(self.model, data, start, _STATE)
         else:
             self._advance(torque, steps)

@@ -296,10 +296,8 @@ def mean_powers(run: Trajectory) -> tuple[float, float]:
 
     Electrical = positive mechanical + copper loss; braking returns nothing.
     """
-    peak, no_load = run.hardware.joint_peak_torque, run.hardware.joint_no_load_speed
-    stall = actuator.stall_torque(peak, run.hardware.joint_corner_speed, no_load)
     mechanical = np.maximum(run.torque * run.joint_velocity, 0.0)
-    copper = actuator.copper_loss(run.torque, no_load, stall)
+    copper = actuator.winding_heat(actuator.Actuator.from_hardware(run.hardware), run.torque)
     positive = float(np.mean(np.sum(mechanical, axis=-1)))
     return positive, positive + float(np.mean(np.sum(copper, axis=-1)))
 

@@ -1,14 +1,13 @@
 """Many runs of one policy on all processors."""
 
 import functools
-import os
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import jax
 
 from bp2_rl.learning.policy import Policy
-from bp2_rl.workers import spawned
+from bp2_rl.workers import processors, spawned
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -19,8 +18,7 @@ def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Se
 
     `run` and all else must be picklable.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = min(cores, len(tasks))
+    workers = min(processors(), len(tasks))
     with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
         hands = [pool.submit(_run_all, run, policy, tasks[worker::workers]) for worker in range(workers)]
         done = [hand.result() for hand in hands]
