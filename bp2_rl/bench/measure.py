@@ -330,7 +330,7 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
-        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key)
+        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key, state.step)
         return (params, optimizer), metrics
 
     fixed = (state.normalizer, data, state.key)

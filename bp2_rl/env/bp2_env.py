@@ -12,6 +12,7 @@ from bp2_rl.env import commands, observations, randomization, rewards, terminati
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
+from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.physics.c import CPhysics
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.mjx import MjxPhysics
@@ -112,6 +113,12 @@ class BP2Env(envs.Env):
         """Sizes of the policy's and of the critic's observation."""
         size_of = observations.size_of
         return {"state": size_of(observations.LAYOUT), "privileged_state": size_of(observations.CRITIC_LAYOUT)}
+
+    @property
+    def mirrors(self) -> dict[str, Mirror]:
+        """How a mirror, half a cycle on, changes both observations and the action."""
+        layouts = {"state": observations.LAYOUT, "privileged_state": observations.CRITIC_LAYOUT}
+        return {name: mirror_of(layout) for name, layout in layouts.items()} | {"action": ACTION}
 
     @property
     def action_size(self) -> int:

@@ -48,15 +48,22 @@ def velocity_tracking(
     omega_cmd: Float[Array, " m"],
     w: float,
     width: float = float("inf"),
+    tail: float = 0.0,
+    yaw_width: float = 1.0,
 ) -> Scalar:
     """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the yaw rate.
 
-    `width` is not in the paper: the linear kernel exp(-2 |e|^2) has no slope beyond 2 m/s of error; a finite
-    width (m/s) makes it exp(-2 |e|^2 / (1 + (|v_cmd| / width)^2)), so that the error counts relative to the speed.
+    The last three are not in the paper. Its linear kernel exp(-2 |e|^2) has no slope beyond 2 m/s of error: a finite
+    `width` (m/s) makes it exp(-2 |e|^2 / (1 + (|v_cmd| / width)^2)), so that the error counts relative to the speed,
+    and a share `tail` of it becomes a straight line that ends where e is as large as v_cmd and 1 m/s more. And the
+    angular kernel has no slope at the small yaw rates of fast turns, unless its width (rad/s) is less than 1.
     """
-    widening = 1.0 + squared_norm(v_cmd) / width**2
-    linear = jnp.exp(-2.0 * squared_norm(v - v_cmd) / widening)
-    angular = jnp.exp(-2.0 * squared_norm(omega - omega_cmd))
+    error, speed = squared_norm(v - v_cmd), squared_norm(v_cmd)
+    linear = jnp.exp(-2.0 * error / (1.0 + speed / width**2))
+    if tail:
+        line = 1.0 - jnp.sqrt(error + 1e-12) / (1.0 + jnp.sqrt(speed))
+        linear = (1.0 - tail) * linear + tail * jnp.maximum(line, 0.0)
+    angular = jnp.exp(-2.0 * squared_norm(omega - omega_cmd) / yaw_width**2)
     return w * linear + (1.0 - w) * angular
 
 
@@ -151,7 +158,17 @@ _ROWS: dict[str, _Row] = {
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
     "joint_velocity": lambda x, _, at: at.c_m * joint_velocity_imitation(x.qd, x.qd_ref),
     "tracking": lambda x, c, at: (
-        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.tracking_width)
+        at.c_v
+        * velocity_tracking(
+            x.v,
+            x.command[:2],
+            x.yaw_rate[None],
+            x.command[2:],
+            at.w,
+            width=c.tracking_width,
+            tail=c.tracking_tail,
+            yaw_width=c.yaw_width,
+        )
     ),
     "torque": lambda x, c, at: c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt),
     "power": lambda x, c, _: c.power * power_regularization(x.power),

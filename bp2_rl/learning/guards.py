@@ -6,7 +6,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from brax.training.acme import running_statistics
 
 from bp2_rl.learning.checkpoint import leaves_by_path
 from bp2_rl.learning.fleet import FAULTS
@@ -93,13 +92,13 @@ def explain(learner: PPO, state: TrainState) -> str:
         for i in range(config.num_minibatches):
             minibatch = jax.tree.map(lambda x, i=i: x[i], dealt)
             gradient = gradient_of(params, state.normalizer, *minibatch)
-            (params, optimizer), terms = descend(params, optimizer, state.normalizer, *minibatch)
+            (params, optimizer), terms = descend(params, optimizer, state.normalizer, *minibatch, state.step)
             losses = {name: terms[name] for name in LOSSES}
             after = {"params": params, "optimizer": optimizer}
             if found := _not_finite({"loss": losses}, {"gradient": gradient}, {"loss": terms}, after):
                 place = f"minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
                 return f"in {place}: {found}"
-    if found := _not_finite({"normalizer": running_statistics.update(state.normalizer, data.observation)}):
+    if found := _not_finite({"normalizer": learner.take_in(state.normalizer, data.observation)}):
         return f"after the gradient steps: {found}"
     return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
 

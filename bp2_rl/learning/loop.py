@@ -28,6 +28,7 @@ from bp2_rl.learning.checkpoint import (
 )
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor, Mute
+from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy, save_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
@@ -158,7 +159,7 @@ def _repeat(
                     raise FileNotFoundError(errno.ENOENT, "no such run any more", str(run_dir))
             saver.save(done, state, to_json(log.open()))
             monitor.record(f"saving step {done}")
-            _export(state, config, run_dir, monitor)
+            _export(learner, state, config, run_dir, monitor)
     return state, done
 
 
@@ -189,22 +190,24 @@ def _export_late(
     """Export the policies of checkpoints; `state` is the newest one."""
     for step in steps:
         if step == int(state.step):
-            _export(state, config, run_dir, monitor)
+            _export(learner, state, config, run_dir, monitor)
             continue
         try:
             _, older = restore_checkpoint(run_dir, learner.shape(), step)
         except CheckpointError as error:
             monitor.note(f"warning: no policy of step {step}: {error}")
             continue
-        _export(older, config, run_dir, monitor, newest=False)
+        _export(learner, older, config, run_dir, monitor, newest=False)
 
 
-def _export(state: TrainState, config: TrainConfig, run_dir: Path, monitor: Monitor, *, newest: bool = True) -> None:
+def _export(
+    learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path, monitor: Monitor, *, newest: bool = True
+) -> None:
     """Write the policy of a state among those of the run's saves, and as the run's own where it is the newest.
 
     One that nobody could run, as its weights overflow say, is warned of and left out: training may mend it.
     """
-    params, normalizer = jax.device_get((state.params.policy, state.normalizer))
+    params, normalizer = jax.device_get((state.average, state.normalizer))
     steps = int(state.step) * config.ppo.steps_per_train_step
     steps += config.parent.control_steps if config.parent else 0
     card = PolicyCard(
@@ -230,7 +233,7 @@ def _export(state: TrainState, config: TrainConfig, run_dir: Path, monitor: Moni
     )
     if cluster.is_first():
         try:
-            policy = make_policy(params, normalizer, card)
+            policy = make_policy(dense_layers(params, learner.mirrors), normalizer, card)
             if newest:
                 save_policy(run_dir / POLICY, policy)
             save_policy(run_dir / POLICIES / str(int(state.step) * config.ppo.steps_per_train_step), policy)

@@ -104,21 +104,17 @@ _ACTIVATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def make_policy(params: Mapping[str, Any], normalizer: Any, card: PolicyCard) -> Policy:
-    """The policy of Brax's training parameters.
+def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:
+    """The policy of a trained network.
 
     Args:
-        params: what `brax.training.networks.make_policy_network(..., distribution_type="normal")` trains, without
-            its layer norm and mean clipping: `MLP_0/hidden_i` (each one activated) and `Dense_0` (the mean).
-            The exploration noise stays behind.
+        layers: (kernel, bias) of each, all but the last activated, as `networks.dense_layers` gives them.
         normalizer: Brax's running statistics, of the observation dictionary or of the policy's part alone.
         card: says how large the network is.
 
     Raises:
-        PolicyError: parameters and card do not describe the same network.
+        PolicyError: layers and card do not describe the same network.
     """
-    tree = params["params"]
-    layers = [tree["MLP_0"][f"hidden_{i}"] for i in range(len(tree["MLP_0"]))] + [tree["Dense_0"]]
     mean, std = (
         statistic[POLICY_OBSERVATION] if isinstance(statistic, Mapping) else statistic
         for statistic in (normalizer.mean, normalizer.std)
@@ -127,7 +123,7 @@ def make_policy(params: Mapping[str, Any], normalizer: Any, card: PolicyCard) ->
         card=card,
         mean=_float32(mean),
         std=_float32(std),
-        layers=tuple((_float32(layer["kernel"]), _float32(layer["bias"])) for layer in layers),
+        layers=tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers),
     )
     _check_shapes(policy)
     return policy

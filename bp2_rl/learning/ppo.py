@@ -22,15 +22,15 @@ from brax.training.acme import running_statistics, specs
 from brax.training.agents.ppo import losses, networks
 from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
 from brax.training.types import Transition
-from flax import linen, struct
+from flax import struct
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
-ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
 STUCK = "stuck"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
@@ -39,6 +39,7 @@ class TrainState(struct.PyTreeNode):
     """Everything that training depends on."""
 
     params: losses.PPONetworkParams
+    average: Any  # of the policy's parameters, over the last train steps: what is exported
     normalizer: running_statistics.RunningStatisticsState
     optimizer: optax.OptState
     fleet: envs.State
@@ -85,6 +86,7 @@ class PPO:
         self.robots = NamedSharding(self.mesh, PartitionSpec("robots"))  # of arrays that have a row a robot
         self.everywhere = NamedSharding(self.mesh, PartitionSpec())  # of all others
         self.network = make_networks(env, config)
+        self.mirrors = mirrors_of(env, config)
         # (normaliser, policy) -> (observation, key) -> (action, extras): it explores.
         self.infer = networks.make_inference_fn(self.network)
         self._optimizer = optax.chain(
@@ -111,7 +113,9 @@ class PPO:
         """Where each part of the state lives: robots are spread, all else is on every device."""
         whole: Any = self.everywhere  # one sharding stands for all the leaves below it
         robots: Any = self.robots
-        return TrainState(params=whole, normalizer=whole, optimizer=whole, fleet=robots, key=whole, step=whole)
+        return TrainState(
+            params=whole, average=whole, normalizer=whole, optimizer=whole, fleet=robots, key=whole, step=whole
+        )
 
     # --- One train step, top down --------------------------------------------------------------------------------
 
@@ -125,9 +129,10 @@ class PPO:
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
         # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
         template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
-        normalizer = running_statistics.update(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
+        normalizer = self.take_in(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
         state = TrainState(
             params=params,
+            average=jax.tree.map(jnp.copy, params.policy),
             normalizer=normalizer,
             optimizer=self._optimizer.init(params),  # pyright: ignore[reportArgumentType]
             fleet=fleet,
@@ -140,15 +145,27 @@ class PPO:
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, keys, key_sgd = self.draw_keys(state)
         fleet, data, metrics = self.unroll(state.params, state.normalizer, state.fleet, keys)
-        params, optimizer, sgd_metrics = self.improve(state.params, state.normalizer, state.optimizer, data, key_sgd)
+        params, optimizer, sgd_metrics = self.improve(
+            state.params, state.normalizer, state.optimizer, data, key_sgd, state.step
+        )
+        average = optax.incremental_update(params.policy, state.average, 1.0 - self.config.averaging)
         # After the gradient steps, so that these see the observations as the behaviour policy did.
-        normalizer = running_statistics.update(state.normalizer, data.observation)
-        after = TrainState(params, normalizer, optimizer, fleet, key, state.step + 1)
+        normalizer = self.take_in(state.normalizer, data.observation)
+        after = TrainState(params, average, normalizer, optimizer, fleet, key, state.step + 1)
         # Faults of a robot end in the fleet. What is not finite here is the learner's: it stays where it is, so that
         # the state from which it came about can be saved and studied, however late the host learns of it.
         sound = _all_finite((params, normalizer, optimizer, sgd_metrics))
         after = jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, state)
         return after, {**metrics, **sgd_metrics, STUCK: 1.0 - sound}
+
+    def take_in(
+        self, normalizer: running_statistics.RunningStatisticsState, observation: Any
+    ) -> running_statistics.RunningStatisticsState:
+        """The statistics with these observations, and with their mirror images where the networks are symmetric."""
+        if self.mirrors:
+            images = reflect(self.mirrors, observation)
+            observation = jax.tree.map(lambda x, image: jnp.stack([x, image], axis=1), observation, images)
+        return running_statistics.update(normalizer, observation)
 
     def draw_keys(self, state: TrainState) -> tuple[Array, Array, Array]:
         """Random keys of a train step: (the next one's, one a robot, the epochs')."""
@@ -220,11 +237,12 @@ class PPO:
         optimizer: optax.OptState,
         data: Transition,
         key: Array,
+        step: Array,
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
-        """All epochs of gradient steps on one unroll."""
+        """All epochs of gradient steps on one unroll, the train step's number `step`."""
 
         def minibatch_step(carry: tuple[Any, Any], dealt: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
-            return self.descend(*carry, normalizer, *dealt)
+            return self.descend(*carry, normalizer, *dealt, step)
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
             return jax.lax.scan(minibatch_step, carry, self.deal(data, key))
@@ -240,14 +258,19 @@ class PPO:
         normalizer: running_statistics.RunningStatisticsState,
         minibatch: Transition,
         key: Array,
+        step: Array,
     ) -> tuple[tuple[Any, Any], dict[str, Array]]:
         """One gradient step: ((params, optimizer) after it, what it was made of)."""
         config = self.config
         (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key)
+        kl = metrics["kl_mean"]
+        if config.critic_steps:
+            learns = (step >= config.critic_steps).astype(jnp.float32)
+            gradient = gradient.replace(policy=optax.tree.scale(learns, gradient.policy))
+            kl *= learns  # at zero the learning rate stays
         if config.desired_kl is not None:
-            optimizer, _ = adaptive_kl_learning_rate(
-                optimizer, metrics["kl_mean"], config.desired_kl, max_learning_rate=config.max_learning_rate
-            )
+            desired: Any = config.desired_kl / (1.0 + step / config.kl_decay)  # Brax asks for a float
+            optimizer, _ = adaptive_kl_learning_rate(optimizer, kl, desired, max_learning_rate=config.max_learning_rate)
         updates, optimizer = self._optimizer.update(gradient, optimizer)
         metrics |= {
             "grad_norm": optax.tree.norm(gradient),
@@ -301,32 +324,8 @@ class PPO:
         return jax.tree.map(shuffle, data)
 
 
-def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
-    """Brax's actor and critic: Gaussian policy with a state-independent standard deviation."""
-    sizes = env.observation_size
-    asymmetric = isinstance(sizes, dict) and "privileged_state" in sizes
-    return networks.make_ppo_networks(
-        sizes,
-        env.action_size,
-        preprocess_observations_fn=_normalize,
-        policy_hidden_layer_sizes=config.policy_layers,
-        value_hidden_layer_sizes=config.value_layers,
-        activation=ACTIVATIONS[config.activation],
-        value_obs_key="privileged_state" if asymmetric else "state",
-        distribution_type="normal",
-        noise_std_type="log",
-        init_noise_std=config.initial_std,
-        # Small first outputs: training begins on the reference motion, not on noise of the initialisation.
-        mean_kernel_init_fn=partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform"),
-    )
-
-
 def _all_finite(tree: Any) -> Array:
     return jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)]).all()
-
-
-def _normalize(observation: Any, preprocessor_params: Any) -> Any:
-    return running_statistics.normalize(observation, preprocessor_params)
 
 
 def _step_metrics(state: envs.State) -> dict[str, Array]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from bp2_rl.config import ConfigError, config_hash, from_json, save_config, to_json
@@ -31,7 +32,7 @@ from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.env import upgrade
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
-NETWORK = ("policy_layers", "value_layers", "activation")
+NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
 """Fields of `PPOConfig` that a run shares with its parent."""
 
 
@@ -169,7 +170,8 @@ def _adopt(state: TrainState, part: dict[str, Any]) -> TrainState:
     here = state.fleet.info["curriculum"]
     levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
     fleet = dataclasses.replace(state.fleet, info={**state.fleet.info, "curriculum": levels})
-    return state.replace(params=part["params"], normalizer=part["normalizer"], fleet=fleet)
+    average = jax.tree.map(jnp.copy, part["params"].policy)
+    return state.replace(params=part["params"], average=average, normalizer=part["normalizer"], fleet=fleet)
 
 
 def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:

@@ -125,6 +125,8 @@ class RewardConfig:
     schedule: Literal["text", "literal"] = "text"  # see rewards.speed_schedule
     tracking_width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
     """m/s, command at which the tracking kernel has widened by sqrt 2; inf = paper"""
+    tracking_tail: Share = 0.0  # of the tracking kernel that falls in a straight line with the error; 0 = paper
+    yaw_width: Annotated[float, Within(0.01, 100.0)] = 1.0  # rad/s, of the yaw rate's kernel; 1 = paper
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,12 +162,16 @@ def upgrade(data: Any) -> Any:
     Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
     both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
     nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
-    begins to step had the name of the curriculum's first speed.
+    begins to step had the name of the curriculum's first speed. The first networks were not symmetric.
 
     Raises:
         ConfigError: a gait is of another robot than the environment.
     """
-    env = data.get("env") if isinstance(data, dict) else None
+    if not isinstance(data, dict):
+        return data
+    if isinstance(ppo := data.get("ppo"), dict):
+        data = data | {"ppo": {"symmetric": False} | ppo}
+    env = data.get("env")
     if not isinstance(env, dict):
         return data
     changed = _with_losses(env)

@@ -9,6 +9,7 @@ from bp2_rl.errors import UserError
 
 Activation = Literal["swish", "elu", "tanh", "relu"]
 Scale = Annotated[float, Within(0.0, 1e6, open_below=True)]
+Decay = Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)]
 Weight = Annotated[float, Within(0.0, 1e6)]
 Layers = tuple[Annotated[int, Within(1, 2**16)], ...]
 MAX_BLOCKS = 64
@@ -27,7 +28,11 @@ class PPOConfig:
     episode_length: Annotated[int, Within(1, 2**30)] = 1600  # control steps
     learning_rate: Scale = 3e-4
     desired_kl: Scale | None = 0.01  # adapts the learning rate to this mean KL divergence; None = fixed
+    kl_decay: Decay = float("inf")  # train steps after which the divergence aimed at has halved: d / (1 + step / this)
     max_learning_rate: Scale = 1e-3
+    critic_steps: Annotated[int, Within(0, 2**30)] = 0  # first train steps, in which the critic alone learns
+    averaging: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.9
+    """of the policy's weights over train steps: what is exported is a x average + (1 - a) x weights, step by step"""
     discounting: Share = 0.985
     gae_lambda: Share = 0.95
     clipping: Scale = 0.2
@@ -39,6 +44,7 @@ class PPOConfig:
     value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
     initial_std: Scale = 0.3
+    symmetric: bool = True  # networks that are left-right symmetric by construction; layers are of even width then
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that says how to mend them."""
@@ -46,6 +52,8 @@ class PPOConfig:
         for name in ("policy_layers", "value_layers"):
             if not getattr(self, name):
                 raise UserError(f"ppo.{name} must name one layer or more")
+            if self.symmetric and any(width % 2 for width in getattr(self, name)):
+                raise UserError(f"ppo.{name} must be even where ppo.symmetric is on: units come in mirrored pairs")
         if self.desired_kl is not None and self.max_learning_rate < self.learning_rate:
             raise UserError(
                 f"ppo.max_learning_rate ({self.max_learning_rate:g}) must be at least ppo.learning_rate "

@@ -23,23 +23,16 @@ from bp2_rl.learning.policy import make_policy, save_policy
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def export_policy(directory, *, params, normalizer, card):
-    return save_policy(directory, make_policy(params, normalizer, card))
-
-
 @pytest.fixture
 def export(make_card):
     """Write a policy of zeros around the standing pose: it stands."""
 
     def export(folder, layout=LAYOUT, **results):
         size = sum(entry.size for entry in layout)
-        layers = {
-            "MLP_0": {"hidden_0": {"kernel": np.zeros((size, 4)), "bias": np.zeros(4)}},
-            "Dense_0": {"kernel": np.zeros((4, 12)), "bias": np.zeros(12)},
-        }
+        layers = [(np.zeros((size, 4)), np.zeros(4)), (np.zeros((4, 12)), np.zeros(12))]
         card = make_card(results=results, observation_layout=tuple((name, size) for name, size in layout))
         normalizer = types.SimpleNamespace(mean=np.zeros(size), std=np.ones(size))
-        export_policy(folder, params={"params": layers}, normalizer=normalizer, card=card)
+        save_policy(folder, make_policy(layers, normalizer, card))
 
     return export
 

@@ -22,6 +22,7 @@ from killer import killed_at_every_operation
 from bp2_rl.config import to_json
 from bp2_rl.env.observations import Entry
 from bp2_rl.errors import UserError
+from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, load_policy, make_policy, save_policy
 from bp2_rl.settings.env import EnvConfig
 
@@ -37,7 +38,7 @@ ACTIVATIONS: dict[str, Callable] = {
 
 
 def export_policy(directory, *, params, normalizer, card):
-    return save_policy(directory, make_policy(params, normalizer, card))
+    return save_policy(directory, make_policy(dense_layers(params, {}), normalizer, card))
 
 
 def make_card(**changes: Any) -> PolicyCard:
@@ -115,7 +116,7 @@ def policy_dir(exported: Path, tmp_path: Path) -> Path:
 def test_the_action_is_that_of_braxs_network(
     activation: str, deviations: float, tolerance: float, brax_params: Any, normalizer: Any
 ):
-    policy = make_policy(brax_params, normalizer, make_card(activation=activation))
+    policy = make_policy(dense_layers(brax_params, {}), normalizer, make_card(activation=activation))
     noise = deviations * jax.random.normal(jax.random.key(2), (100, SIZE))
     observation = normalizer.mean["state"] + noise * normalizer.std["state"]
     expected, _ = brax_network(activation).apply(

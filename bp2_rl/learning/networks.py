@@ -1,0 +1,171 @@
+"""Actor and critic: Brax's networks, or ones that are left-right symmetric by construction.
+
+A policy pi is equivariant where the mirror image of an observation leads to the mirror image of the action,
+pi(M o) = M pi(o), and a critic is invariant where V(M o) = V(o). An MLP whose hidden units come in pairs that a mirror
+exchanges is both, for any weights. In the basis of parities, which is of sums and of differences of the pairs, each of
+its layers is two blocks: even to even and odd to odd. So it takes half the multiplications of an MLP of the same width.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax import envs
+from brax.training import distribution
+from brax.training import networks as brax_networks
+from brax.training.acme import running_statistics
+from brax.training.agents.ppo import networks
+from flax import linen
+from jaxtyping import Array, Float
+
+from bp2_rl.env.mirror import Mirror
+from bp2_rl.settings.ppo import PPOConfig
+
+ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
+POLICY, CRITIC = "state", "privileged_state"
+"""What each sees of an observation that is a dictionary."""
+FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
+"""Small: training begins on the reference motion, not on noise of the initialisation."""
+HIDDEN = jax.nn.initializers.lecun_uniform()
+HALF = np.sqrt(0.5)
+
+
+def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
+    """Actor and critic: Gaussian policy with a state-independent standard deviation.
+
+    They are symmetric where the config asks for it and the environment has `mirrors`, the `Mirror` of each entry of
+    its observation and of its `action`.
+    """
+    sizes = env.observation_size
+    mirrors = mirrors_of(env, config)
+    if mirrors:
+        return _symmetric_networks(mirrors, config)
+    asymmetric = isinstance(sizes, dict) and CRITIC in sizes
+    return networks.make_ppo_networks(
+        sizes,
+        env.action_size,
+        preprocess_observations_fn=_normalize,
+        policy_hidden_layer_sizes=config.policy_layers,
+        value_hidden_layer_sizes=config.value_layers,
+        activation=ACTIVATIONS[config.activation],
+        value_obs_key=CRITIC if asymmetric else POLICY,
+        distribution_type="normal",
+        noise_std_type="log",
+        init_noise_std=config.initial_std,
+        mean_kernel_init_fn=FIRST_OUTPUTS,
+    )
+
+
+def mirrors_of(env: envs.Env, config: PPOConfig) -> Mapping[str, Mirror]:
+    """By which the networks are symmetric; none where they are not."""
+    return getattr(env, "mirrors", {}) if config.symmetric else {}
+
+
+def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> dict[str, Array]:
+    """The mirror images of observations (any batch axes)."""
+    return {
+        name: jnp.asarray(mirrors[name].sign, x.dtype) * x[..., np.asarray(mirrors[name].order)]
+        for name, x in observation.items()
+    }
+
+
+def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Array, Array]]:
+    """(kernel, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters."""
+    tree = params["params"]
+    if not mirrors:
+        layers = [tree["MLP_0"][f"hidden_{i}"] for i in range(len(tree["MLP_0"]))] + [tree["Dense_0"]]
+        return [(layer["kernel"], layer["bias"]) for layer in layers]
+    blocks = tree["SymmetricMLP_0"]
+    count = len(blocks) // 2
+    widths = [blocks[f"even_{i}"]["kernel"].shape[1] for i in range(count - 1)]
+    pairs = [tuple(HALF * np.vstack([np.eye(n), sign * np.eye(n)]) for sign in (1.0, -1.0)) for n in widths]
+    bases = [mirrors[POLICY].parities(), *pairs, mirrors["action"].parities()]
+    layers = []
+    for i, ((even_in, odd_in), (even_out, odd_out)) in enumerate(itertools.pairwise(bases)):
+        even, odd = blocks[f"even_{i}"], blocks[f"odd_{i}"]
+        kernel = even_in @ np.float64(even["kernel"]) @ even_out.T + odd_in @ np.float64(odd["kernel"]) @ odd_out.T
+        layers.append((kernel, np.float64(even["bias"]) @ even_out.T))
+    return layers
+
+
+class SymmetricMLP(linen.Module):
+    """An equivariant MLP from vectors that `inputs` reflects to vectors that `outputs` reflects.
+
+    Its layers are as wide as said, half the units the mirror images of the others; the last one is linear.
+    """
+
+    inputs: Mirror
+    outputs: Mirror
+    layer_sizes: Sequence[int]
+    activation: Any
+    output_kernel_init: Any = HIDDEN
+
+    @linen.compact
+    def __call__(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch outputs"]:
+        """One pass."""
+        even, odd = (x @ jnp.asarray(basis, x.dtype) for basis in self.inputs.parities())
+        for i, size in enumerate(self.layer_sizes):
+            even, odd = self._even(i, size // 2)(even), self._odd(i, size // 2)(odd)
+            left, right = self.activation(HALF * (even + odd)), self.activation(HALF * (even - odd))
+            even, odd = HALF * (left + right), HALF * (left - right)
+        last, init = len(self.layer_sizes), self.output_kernel_init
+        kept, turned = (jnp.asarray(basis.T, x.dtype) for basis in self.outputs.parities())
+        result = self._even(last, len(kept), init)(even) @ kept
+        return result if len(turned) == 0 else result + self._odd(last, len(turned), init)(odd) @ turned
+
+    def _even(self, i: int, size: int, init: Any = HIDDEN) -> linen.Dense:
+        return linen.Dense(size, kernel_init=init, name=f"even_{i}")
+
+    def _odd(self, i: int, size: int, init: Any = HIDDEN) -> linen.Dense:
+        return linen.Dense(size, kernel_init=init, use_bias=False, name=f"odd_{i}")
+
+
+class SymmetricPolicy(linen.Module):
+    """The mean action, and a standard deviation that mirrored actions share."""
+
+    inputs: Mirror
+    outputs: Mirror
+    layer_sizes: Sequence[int]
+    activation: Any
+    initial_std: float
+
+    @linen.compact
+    def __call__(self, x: Float[Array, "*batch inputs"]) -> tuple[Array, Array]:
+        """(Mean, standard deviation), each of shape (*batch, outputs)."""
+        mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, self.activation, FIRST_OUTPUTS())(x)
+        pairs = np.unique(np.minimum(self.outputs.order, np.arange(len(self.outputs.order))), return_inverse=True)[1]
+        constant = jax.nn.initializers.constant(np.log(self.initial_std))
+        log_std = self.param("log_std", constant, (int(pairs.max()) + 1,))
+        return mean, jnp.broadcast_to(jnp.exp(log_std)[pairs], mean.shape)
+
+
+def _symmetric_networks(mirrors: Mapping[str, Mirror], config: PPOConfig) -> networks.PPONetworks:
+    seen = CRITIC if CRITIC in mirrors else POLICY
+    activation = ACTIVATIONS[config.activation]
+    actor = SymmetricPolicy(mirrors[POLICY], mirrors["action"], config.policy_layers, activation, config.initial_std)
+    critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, activation)
+
+    def network(module: linen.Module, key: str, finish: Any) -> brax_networks.FeedForwardNetwork:
+        def apply(statistics: Any, params: Any, observation: Mapping[str, Array]) -> Any:
+            chosen = brax_networks.normalizer_select(statistics, key)
+            return finish(module.apply(params, _normalize(observation[key], chosen)))
+
+        empty = jnp.zeros((1, len(mirrors[key].order)))
+        return brax_networks.FeedForwardNetwork(init=lambda random: module.init(random, empty), apply=apply)
+
+    # A dataclass, though pyright does not follow Brax's way to `flax.struct`.
+    return networks.PPONetworks(
+        policy_network=network(actor, POLICY, lambda out: out),  # pyright: ignore[reportCallIssue]
+        value_network=network(critic, seen, lambda out: out[..., 0]),  # pyright: ignore[reportCallIssue]
+        parametric_action_distribution=distribution.NormalDistribution(  # pyright: ignore[reportCallIssue]
+            event_size=len(mirrors["action"].order)
+        ),
+    )
+
+
+def _normalize(observation: Any, preprocessor_params: Any) -> Any:
+    return running_statistics.normalize(observation, preprocessor_params)

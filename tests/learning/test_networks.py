@@ -1,0 +1,97 @@
+import dataclasses
+import itertools
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from brax import envs
+from brax.training.acme import running_statistics, specs
+
+from bp2_rl.env.mirror import ACTION, mirror_of
+from bp2_rl.env.observations import CRITIC_LAYOUT, LAYOUT
+from bp2_rl.errors import UserError
+from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of, reflect
+from bp2_rl.settings.ppo import PPOConfig
+
+CONFIG = PPOConfig(policy_layers=(32, 16), value_layers=(16, 8))
+MIRRORS = {"state": mirror_of(LAYOUT), "privileged_state": mirror_of(CRITIC_LAYOUT), "action": ACTION}
+
+
+class Shapes(envs.Env):
+    """An environment of which networks need the sizes alone."""
+
+    mirrors = MIRRORS
+    observation_size: ClassVar = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
+    action_size, backend = 12, "none"
+
+    def reset(self, rng):
+        raise NotImplementedError
+
+    def step(self, state, action):
+        raise NotImplementedError
+
+
+@pytest.fixture(scope="module")
+def symmetric():
+    """(Networks, statistics, policy and critic parameters with every weight at work, observations)."""
+    networks = make_networks(Shapes(), CONFIG)
+    keys = jax.random.split(jax.random.PRNGKey(0), 5)
+    observation = {
+        name: 1.0 + 3.0 * jax.random.normal(key, (7, size))
+        for key, (name, size) in zip(keys, Shapes.observation_size.items(), strict=False)
+    }
+    both = jax.tree.map(lambda x, y: jnp.stack([x, y], 1), observation, reflect(MIRRORS, observation))
+    empty = running_statistics.init_state(jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), observation))
+    statistics = running_statistics.update(empty, both)
+    actor, critic = (
+        network.init(key) for network, key in ((networks.policy_network, keys[2]), (networks.value_network, keys[3]))
+    )
+    moved = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(keys[4], x.shape), (actor, critic))
+    return networks, statistics, *moved, observation
+
+
+def test_the_action_of_a_mirror_image_is_the_image_of_the_action(symmetric):
+    networks, statistics, actor, _, observation = symmetric
+    mean, std = networks.policy_network.apply(statistics, actor, observation)
+    mirrored_mean, mirrored_std = networks.policy_network.apply(statistics, actor, reflect(MIRRORS, observation))
+    assert np.abs(mean).max() > 0.5
+    # float32 sums in another order
+    np.testing.assert_allclose(reflect(MIRRORS, {"action": mean})["action"], mirrored_mean, rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(std[..., list(ACTION.order)], mirrored_std)
+
+
+def test_the_value_of_a_mirror_image_is_the_value(symmetric):
+    networks, statistics, _, critic, observation = symmetric
+    values = networks.value_network.apply(statistics, critic, observation)
+    mirrored = networks.value_network.apply(statistics, critic, reflect(MIRRORS, observation))
+    assert np.std(values) > 0.1
+    np.testing.assert_allclose(values, mirrored, rtol=0, atol=1e-5)
+
+
+def test_an_ordinary_network_does_the_same_with_twice_the_weights(symmetric):
+    networks, statistics, actor, _, observation = symmetric
+    layers = dense_layers(actor, MIRRORS)
+    hidden = np.asarray((observation["state"] - statistics.mean["state"]) / statistics.std["state"], float)
+    for kernel, bias in layers[:-1]:
+        hidden = np.asarray(jax.nn.swish(hidden @ kernel + bias))
+    kernel, bias = layers[-1]
+    mean, _ = networks.policy_network.apply(statistics, actor, observation)
+    np.testing.assert_allclose(hidden @ kernel + bias, mean, rtol=0, atol=1e-5)
+    assert [kernel.shape for kernel, _ in layers] == list(itertools.pairwise((47, 32, 16, 12)))
+    blocks = jax.tree.leaves({name: block["kernel"] for name, block in actor["params"]["SymmetricMLP_0"].items()})
+    assert 2 * sum(block.size for block in blocks) == pytest.approx(sum(k.size for k, _ in layers), rel=0.01)
+
+
+def test_without_symmetry_the_networks_are_braxs():
+    config = dataclasses.replace(CONFIG, symmetric=False)
+    assert not mirrors_of(Shapes(), config)
+    params = make_networks(Shapes(), config).policy_network.init(jax.random.PRNGKey(0))
+    assert {"MLP_0", "Dense_0"} <= set(params["params"])
+
+
+def test_layers_of_odd_width_are_refused():
+    with pytest.raises(UserError, match="policy_layers must be even"):
+        PPOConfig(policy_layers=(32, 15))
+    PPOConfig(policy_layers=(32, 15), symmetric=False)
