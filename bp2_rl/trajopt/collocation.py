@@ -182,9 +182,19 @@ def transcribe(
         if landing := contact_rows(legs, stride.touchdowns(i)):
             program.require(model.impact(q_before, v_before, v[i][:, 0], impulse[i], p), IMPULSE)
             program.require(model.contact(q[i][:, 0], p)[landing[1::2]], POSITION)
-            program.require((model.contact_jacobian(q[i][:, 0], p) @ v[i][:, 0])[landing], VELOCITY)
+            soles = model.contact_jacobian(q[i][:, 0], p)[landing, :]
+            program.require(soles @ v[i][:, 0], VELOCITY)
+            if math.isfinite(problem.hardest_landing):
+                limit = ca.repmat(ca.MX(problem.hardest_landing), len(landing))
+                program.within(soles @ v_before, limit, VELOCITY)
         else:
             program.require(v[i][:, 0] - v_before, VELOCITY)
+
+    if problem.least_duty > 0.0:
+        for i in (i for i in segments if stride.standing[i]):
+            program.at_least_zero(T[i] - problem.least_duty * sum(T) / stride.cycles, TIME)
+    if math.isfinite(problem.longest_period):
+        program.at_least_zero(problem.longest_period * stride.cycles - sum(T), TIME)
 
     # --- Friction, swing, motors, smoothness ---
     for i in segments:
@@ -201,7 +211,10 @@ def transcribe(
             # Where it has just left or is about to land, its height is zero anyway.
             begin = 1 if stride.stands(leg, i - 1) else 0
             end = -1 if stride.stands(leg, i + 1) else None
-            program.at_least_zero((height[2 * legs.index(leg) + 1, :] - bump)[begin:end], POSITION)
+            sole = height[2 * legs.index(leg) + 1, :]
+            program.at_least_zero((sole - bump)[begin:end], POSITION)
+            if math.isfinite(problem.highest_step):
+                program.at_least_zero((problem.highest_step - sole)[begin:end], POSITION)
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
             program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
             program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
@@ -243,7 +256,7 @@ def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[
     hardware, legs = problem.hardware, len(problem.stride.legs)
     lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
     travel = hardware.spring_travel + SLACK
-    upper = [np.inf, 2.0, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
+    upper = [np.inf, problem.highest_trunk, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
     return np.array(lower), np.array(upper)
 
 

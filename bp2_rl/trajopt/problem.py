@@ -1,6 +1,7 @@
 """What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
 
 import dataclasses
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -130,6 +131,12 @@ class Problem:
     torque_rate: Annotated[float, Within(1.0, 1e9)] = 15e3  # Nm/s, ASSUMED
     force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
+    least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
+    longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle; inf: any
+    hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
+    """m/s, of a sole before touchdown, downwards as well as along; inf: any"""
+    highest_trunk: Annotated[float, Within(0.25, 2.0)] = 2.0  # m, its centre at any time
+    highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole; inf: any
     weights: Weights = Weights()
 
     def __post_init__(self) -> None:
