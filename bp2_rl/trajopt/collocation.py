@@ -184,17 +184,22 @@ def transcribe(
             program.require(model.contact(q[i][:, 0], p)[landing[1::2]], POSITION)
             soles = model.contact_jacobian(q[i][:, 0], p)[landing, :]
             program.require(soles @ v[i][:, 0], VELOCITY)
-            if math.isfinite(problem.hardest_landing):
-                limit = ca.repmat(ca.MX(problem.hardest_landing), len(landing))
+            if math.isfinite(problem.form.hardest_landing):
+                limit = ca.repmat(ca.MX(problem.form.hardest_landing), len(landing))
                 program.within(soles @ v_before, limit, VELOCITY)
         else:
             program.require(v[i][:, 0] - v_before, VELOCITY)
 
-    if problem.least_duty > 0.0:
-        for i in (i for i in segments if stride.standing[i]):
-            program.at_least_zero(T[i] - problem.least_duty * sum(T) / stride.cycles, TIME)
-    if math.isfinite(problem.longest_period):
-        program.at_least_zero(problem.longest_period * stride.cycles - sum(T), TIME)
+    # --- The stride's form ---
+    form = problem.form
+    if math.isfinite(form.longest_period):
+        program.at_least_zero(form.longest_period * stride.cycles - sum(T), TIME)
+    for i in (i for i in segments if stride.standing[i]):
+        if form.least_duty > 0.0:
+            program.at_least_zero(T[i] - form.least_duty * sum(T) / stride.cycles, TIME)
+        if form.greatest_share < 1.0:
+            loads = force[i][contact_rows(legs, stride.standing[i])[1::2], :] @ problem.quadrature
+            program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE)
 
     # --- Friction, swing, motors, smoothness ---
     for i in segments:
@@ -213,8 +218,8 @@ def transcribe(
             end = -1 if stride.stands(leg, i + 1) else None
             sole = height[2 * legs.index(leg) + 1, :]
             program.at_least_zero((sole - bump)[begin:end], POSITION)
-            if math.isfinite(problem.highest_step):
-                program.at_least_zero((problem.highest_step - sole)[begin:end], POSITION)
+            if math.isfinite(problem.form.highest_step):
+                program.at_least_zero((problem.form.highest_step - sole)[begin:end], POSITION)
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
             program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
             program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
@@ -256,7 +261,7 @@ def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[
     hardware, legs = problem.hardware, len(problem.stride.legs)
     lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
     travel = hardware.spring_travel + SLACK
-    upper = [np.inf, problem.highest_trunk, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
+    upper = [np.inf, problem.form.highest_trunk, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
     return np.array(lower), np.array(upper)
 
 
