@@ -11,8 +11,8 @@ inverse dynamics, and the scheme ties the points of an interval together:
 
 A standing foot lands at height zero and with velocity zero, and its acceleration is zero at every point. Beyond the
 paper's constraints, forces vanish at lift-off, torques do not jump between segments, and a swinging foot clears a
-bump of height `clearance`. As in the paper, every segment counts alike in the cost, however long it is; within one,
-the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
+bump of height `clearance`; a problem's `form` may ask for more. As in the paper, every segment counts alike in the
+cost, however long it is; within one, the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
 """
 
 import math
@@ -191,12 +191,12 @@ def transcribe(
             program.require(v[i][:, 0] - v_before, VELOCITY)
 
     # --- The stride's form ---
-    form = problem.form
+    form, period = problem.form, ca.sum1(ca.vertcat(*T)) / stride.cycles
     if math.isfinite(form.longest_period):
-        program.at_least_zero(form.longest_period * stride.cycles - sum(T), TIME)
+        program.at_least_zero(form.longest_period - period, TIME)
     for i in (i for i in segments if stride.standing[i]):
         if form.least_duty > 0.0:
-            program.at_least_zero(T[i] - form.least_duty * sum(T) / stride.cycles, TIME)
+            program.at_least_zero(T[i] - form.least_duty * period, TIME)
         if form.greatest_share < 1.0:
             loads = force[i][contact_rows(legs, stride.standing[i])[1::2], :] @ problem.quadrature
             program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE)
@@ -261,7 +261,12 @@ def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[
     hardware, legs = problem.hardware, len(problem.stride.legs)
     lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
     travel = hardware.spring_travel + SLACK
-    upper = [np.inf, problem.form.highest_trunk, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
+    upper = [
+        np.inf,
+        problem.form.highest_trunk,
+        problem.pitch_limit,
+        *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs,
+    ]
     return np.array(lower), np.array(upper)
 
 
