@@ -108,11 +108,11 @@ class SlowEnd:
 
     def limit(self, problem: Problem) -> Problem:
         """The problem within the limits of its speed."""
-        low, high = self.speeds
-        if problem.speed >= high:
+        if problem.speed >= self.speeds[1]:
             return problem
-        share, lower, upper = max(problem.speed - low, 0.0) / (high - low), vars(self.lower), vars(self.upper)
-        return Limits(**{name: lower[name] + share * (upper[name] - lower[name]) for name in lower}).on(problem)
+        ends = {name: (slow, getattr(self.upper, name)) for name, slow in vars(self.lower).items()}
+        limits = {name: float(np.interp(problem.speed, self.speeds, pair)) for name, pair in ends.items()}
+        return Limits(**limits).on(problem)
 
 
 @dataclasses.dataclass(frozen=True)
