@@ -86,10 +86,10 @@ def test_limits_go_along_a_line_and_stay_as_they_are_below_it():
 
 
 def test_lengths_are_those_of_the_leg_and_tighter_limits_stay():
-    problem = Problem(speed=0.5, pitch_limit=0.01, torque_rate=500.0).on(leg_length=0.28)  # four fifths
+    problem = Problem(speed=0.5, pitch_limit=0.01, torque_rate=500.0).on(leg_length=0.42)  # six fifths
     limited = SLOW.limit(problem)
-    assert limited.form.highest_trunk == pytest.approx(0.8 * 0.57)
-    assert limited.form.highest_step == pytest.approx(0.8 * 0.10)
+    assert limited.form.highest_trunk == pytest.approx(1.2 * 0.57)
+    assert limited.form.highest_step == pytest.approx(1.2 * 0.10)
     assert (limited.form.least_duty, limited.form.longest_period) == (0.48, 0.44)
     assert (limited.pitch_limit, limited.torque_rate, limited.speed_margin) == (0.01, 500.0, 0.5)
 
