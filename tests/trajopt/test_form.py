@@ -94,6 +94,13 @@ def test_lengths_are_those_of_the_leg_and_tighter_limits_stay():
     assert (limited.pitch_limit, limited.torque_rate, limited.speed_margin) == (0.01, 500.0, 0.5)
 
 
+@pytest.mark.parametrize("open_end", [{"lower": Limits()}, {"upper": Limits()}, {"lower": Limits(), "upper": Limits()}])
+def test_between_a_limit_and_none_there_is_none(open_end):
+    for speed in (1.5, 3.0, 4.9):
+        form = dataclasses.replace(SLOW, **open_end).limit(Problem(speed=speed)).form
+        assert form.longest_period == form.highest_step == form.hardest_landing == math.inf
+
+
 def test_a_slow_end_that_ends_where_it_begins_is_a_step():
     slow = SlowEnd(speeds=(2.0, 2.0))
     assert slow.limit(Problem(speed=2.0)).form == Form()
