@@ -11,8 +11,8 @@ inverse dynamics, and the scheme ties the points of an interval together:
 
 A standing foot lands at height zero and with velocity zero, and its acceleration is zero at every point. Beyond the
 paper's constraints, forces vanish at lift-off, torques do not jump between segments, and a swinging foot clears a
-bump of height `clearance`. As in the paper, every segment counts alike in the cost, however long it is; within one,
-the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
+bump of height `clearance`; a problem's `form` may ask for more. As in the paper, every segment counts alike in the
+cost, however long it is; within one, the sum over nodes is a quadrature, so that the cost does not drift with the mesh.
 """
 
 import math
@@ -182,9 +182,24 @@ def transcribe(
         if landing := contact_rows(legs, stride.touchdowns(i)):
             program.require(model.impact(q_before, v_before, v[i][:, 0], impulse[i], p), IMPULSE)
             program.require(model.contact(q[i][:, 0], p)[landing[1::2]], POSITION)
-            program.require((model.contact_jacobian(q[i][:, 0], p) @ v[i][:, 0])[landing], VELOCITY)
+            soles = model.contact_jacobian(q[i][:, 0], p)[landing, :]
+            program.require(soles @ v[i][:, 0], VELOCITY)
+            if math.isfinite(problem.form.hardest_landing):
+                limit = ca.repmat(ca.MX(problem.form.hardest_landing), len(landing))
+                program.within(soles @ v_before, limit, VELOCITY)
         else:
             program.require(v[i][:, 0] - v_before, VELOCITY)
+
+    # --- The stride's form ---
+    form, period = problem.form, ca.sum1(ca.vertcat(*T)) / stride.cycles
+    if math.isfinite(form.longest_period):
+        program.at_least_zero(form.longest_period - period, TIME)
+    for i in (i for i in segments if stride.standing[i]):
+        if form.least_duty > 0.0:
+            program.at_least_zero(T[i] - form.least_duty * period, TIME)
+        if form.greatest_share < 1.0:
+            loads = force[i][contact_rows(legs, stride.standing[i])[1::2], :] @ problem.quadrature
+            program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE)
 
     # --- Friction, swing, motors, smoothness ---
     for i in segments:
@@ -201,7 +216,10 @@ def transcribe(
             # Where it has just left or is about to land, its height is zero anyway.
             begin = 1 if stride.stands(leg, i - 1) else 0
             end = -1 if stride.stands(leg, i + 1) else None
-            program.at_least_zero((height[2 * legs.index(leg) + 1, :] - bump)[begin:end], POSITION)
+            sole = height[2 * legs.index(leg) + 1, :]
+            program.at_least_zero((sole - bump)[begin:end], POSITION)
+            if math.isfinite(problem.form.highest_step):
+                program.at_least_zero((problem.form.highest_step - sole)[begin:end], POSITION)
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
             program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
             program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
@@ -243,7 +261,12 @@ def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[
     hardware, legs = problem.hardware, len(problem.stride.legs)
     lower = [-np.inf, 0.25, -problem.pitch_limit, *(specs.HIP_RANGE[0], specs.KNEE_RANGE[0], -SLACK) * legs]
     travel = hardware.spring_travel + SLACK
-    upper = [np.inf, 2.0, problem.pitch_limit, *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs]
+    upper = [
+        np.inf,
+        problem.form.highest_trunk,
+        problem.pitch_limit,
+        *(specs.HIP_RANGE[1], specs.KNEE_RANGE[1], travel) * legs,
+    ]
     return np.array(lower), np.array(upper)
 
 

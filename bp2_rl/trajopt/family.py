@@ -5,6 +5,9 @@ with other postures, periods and springs that bounce in swing. The library follo
 trajectory at the anchor's speed and walks from there to both ends, each step from its neighbour and, by a term beside
 the cost, near to it. What that costs is in the provenance: `cost` is without the term.
 
+A fast trot slowed down like that goes on flying: at 0.5 m/s it hopped on straight legs with its feet at its belly. So
+the slow end is asked for the form of a slow trot as well, by limits that grow tighter from a speed on downwards.
+
 The motions leave feedback something to work with: a tenth of the motors' torque and speed, and some friction.
 
 How a library is written is the gait's business, `gait.collocation.file`; here a family becomes its arrays and
@@ -22,11 +25,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl import config
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.bounds import Range, Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.trajopt.problem import MOST_SPEEDS, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
+from bp2_rl.trajopt.problem import MOST_SPEEDS, Form, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
 from bp2_rl.trajopt.solution import (
     ARRAYS,
     Facts,
@@ -47,6 +50,72 @@ RESERVED = HardwareSpec(peak_torque=0.9 * specs.PEAK_TORQUE, friction=0.7)
 
 
 @dataclasses.dataclass(frozen=True)
+class Limits(Form):
+    """What a trot is limited to at a speed; lengths are for BP2's own leg and scale with the robot's."""
+
+    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5  # these three as the problem's, if they are tighter
+    speed_margin: Annotated[float, Within(0.01, 10.0)] = 10.0
+    torque_rate: Annotated[float, Within(1.0, 1e9)] = 1e9
+
+    def on(self, problem: Problem) -> Problem:
+        """The problem within these limits."""
+        form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
+        size = problem.hardware.leg_length / specs.THIGH_LENGTH
+        lengths = {name: size * form[name] for name in ("highest_trunk", "highest_step")}
+        tighter = {
+            name: min(getattr(self, name), getattr(problem, name))
+            for name in ("pitch_limit", "speed_margin", "torque_rate")
+        }
+        return dataclasses.replace(problem, form=Form(**form | lengths), **tighter)
+
+
+@dataclasses.dataclass(frozen=True)
+class SlowEnd:
+    """The form of slow trots: its limits go along straight lines between two speeds. Faster ones have none.
+
+    All ASSUMED: at the upper speed nearly what the motion there has anyway; at the lower one and below, a trot that a
+    robot can fall into from standing at 0.56 m with its feet below its hips.
+    """
+
+    speeds: Annotated[Range, Within(0.01, 100.0)] = (1.0, 5.0)  # m/s
+    lower: Limits = Limits(
+        least_duty=0.48,  # a file's strides have a flight: 10 ms of it
+        longest_period=0.44,
+        highest_trunk=0.57,
+        highest_step=0.10,
+        hardest_landing=1.0,
+        greatest_share=0.54,
+        pitch_limit=0.02,
+        speed_margin=0.5,
+        torque_rate=1e3,  # legs at leisure swing their toes to and fro on the springs
+    )
+    upper: Limits = Limits(
+        least_duty=0.26,
+        longest_period=0.384,
+        highest_trunk=0.629,
+        highest_step=0.355,
+        hardest_landing=5.6,
+        greatest_share=0.56,
+        pitch_limit=0.033,
+        speed_margin=0.9,
+        torque_rate=6e3,
+    )
+    proximity: Annotated[float, Within(0.0, 1e6)] = 1.0  # as the family's, of trots that have to change
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "slow.")
+
+    def limit(self, problem: Problem) -> Problem:
+        """The problem within the limits of its speed."""
+        if problem.speed >= self.speeds[1]:
+            return problem
+        ends = {name: (slow, getattr(self.upper, name)) for name, slow in vars(self.lower).items()}
+        limits = {name: float(np.interp(problem.speed, self.speeds, pair)) for name, pair in ends.items()}
+        return Limits(**limits).on(problem)
+
+
+@dataclasses.dataclass(frozen=True)
 class FamilyConfig:
     """Which speeds the library has, and how it walks from one to the next."""
 
@@ -57,7 +126,8 @@ class FamilyConfig:
     starts: Starts = 3  # guesses at the anchor
     coarse: Intervals = 8  # intervals a segment, for those
     proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
-    problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike
+    problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike, but for `slow`
+    slow: SlowEnd = SlowEnd()
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -75,6 +145,10 @@ class FamilyConfig:
     def speeds(self) -> list[float]:
         """All speeds, ascending, m/s."""
         return sorted({*self._walk(self.slowest), *self._walk(self.fastest)})
+
+    def at(self, speed: float) -> Problem:
+        """What is asked for at a speed, m/s."""
+        return self.slow.limit(self.problem.at(speed))
 
     def walks(self) -> list[list[float]]:
         """The speeds from the anchor to the slowest and to the fastest, anchor included."""
@@ -127,7 +201,7 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
 
     if is_saved(_path(folder, settings.anchor)):
         return
-    problem = settings.problem.at(settings.anchor)
+    problem = settings.at(settings.anchor)
     best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
     _keep(folder, refine(best, problem.intervals))
 
@@ -137,8 +211,9 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
     from bp2_rl.trajopt.collocation import solve
 
     def step(here: Solution, speed: float, halvings: int) -> Solution:
+        near = settings.slow.proximity if speed < settings.slow.speeds[1] else settings.proximity
         try:
-            return solve(settings.problem.at(speed), here.motion, proximity=settings.proximity)
+            return solve(settings.at(speed), here.motion, proximity=near)
         except NotSolved:
             if halvings == 0:
                 raise
@@ -161,7 +236,7 @@ def _keep(folder: Path, solution: Solution) -> None:
 
 
 def _load(settings: FamilyConfig, folder: Path, speed: float) -> Solution:
-    return load_solution(_path(folder, speed), settings.problem.at(speed))
+    return load_solution(_path(folder, speed), settings.at(speed))
 
 
 def _path(folder: Path, speed: float) -> Path:
@@ -211,7 +286,7 @@ def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -
             raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
     return [
         Solution(
-            origin.settings.problem.at(float(speed)),
+            origin.settings.at(float(speed)),
             Motion(**{name: arrays[name][i] for name in ARRAYS}),
             **vars(facts),
         )

@@ -1,6 +1,7 @@
 """What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
 
 import dataclasses
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -115,6 +116,24 @@ class Weights:
 
 
 @dataclasses.dataclass(frozen=True)
+class Form:
+    """What a stride has to look like beyond what physics asks of it; by default like nothing in particular."""
+
+    least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
+    longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle
+    highest_trunk: Annotated[float, Within(0.25, 2.0)] = 2.0  # m, its centre above the ground at any time
+    highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole
+    hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
+    """m/s, of a sole before touchdown, downwards as well as along"""
+    greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
+    """of the mean vertical force of a stance, that one of its feet bears"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "form.")
+
+
+@dataclasses.dataclass(frozen=True)
 class Problem:
     """A trajectory to find: speed, robot, gait, limits, cost and mesh."""
 
@@ -130,6 +149,7 @@ class Problem:
     torque_rate: Annotated[float, Within(1.0, 1e9)] = 15e3  # Nm/s, ASSUMED
     force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
+    form: Form = Form()
     weights: Weights = Weights()
 
     def __post_init__(self) -> None:

@@ -25,6 +25,9 @@ ENDLESS = (
     "hardware.braking-speed",
     "losses.bus-power-out",
     "losses.bus-power-in",
+    "longest-period",
+    "highest-step",
+    "hardest-landing",
 )
 """How flags end of what may be infinite: then there is no limit, or no widening."""
 
