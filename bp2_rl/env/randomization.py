@@ -88,7 +88,7 @@ def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) 
 
 
 def randomize_c_model(model: mujoco.MjModel, nominal: mujoco.MjModel, randomization: Randomization, trunk: int) -> None:
-    """Give C MuJoCo's `model` what `randomize_model` gives MJX's.
+    """Give C MuJoCo's `model`, a `lean` one, what `randomize_model` gives MJX's.
 
     As there, what MuJoCo derives from the masses when it compiles a model (`mj_setConst`: the weights by which
     constraints are made soft) stays that of the nominal robot.
@@ -97,7 +97,7 @@ def randomize_c_model(model: mujoco.MjModel, nominal: mujoco.MjModel, randomizat
     model.body_inertia[:] = nominal.body_inertia * randomization.mass[:, None]
     model.body_ipos[trunk] = nominal.body_ipos[trunk] + randomization.com_offset
     model.body_sameframe[trunk] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # else C MuJoCo does not look at body_ipos
-    model.geom_friction[:, 0] = randomization.friction
+    model.pair_friction[:, :2] = randomization.friction
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:

@@ -178,7 +178,7 @@ def share_bus(actuator: Actuator, torque: Joints, limits: tuple[Joints, Joints],
     p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
     whole = p0 + p1 + p2
 
-    def share(limit: Parameter, sign: float) -> Float[Any, "..."]:
+    def share(limit: Parameter, sign: float) -> Parameter:  # a shape would be made anew at every call
         root = xp.sqrt(xp.maximum(p1 * p1 - 4.0 * p2 * (p0 - limit), 0.0))
         return xp.clip((sign * root - p1) / (2.0 * xp.where(p2 > 0.0, p2, 1.0)), 0.0, 1.0)
 

@@ -10,10 +10,10 @@ equal bits, in whatever order they come and on however many threads.
 import copy
 import hashlib
 import threading
-from collections import OrderedDict
+from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,9 @@ from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, let_converge, loa
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.workers import processors
 
+PIECE = 128
+"""Robots a thread that go through the five physics steps together: few enough that their models stay in the
+processors' caches from one step to the next, and enough that what Python takes for each call is little."""
 FASTEST = 1e4
 """A coordinate or speed beyond this (m, rad, m/s, rad/s) is no physics any more, and is kept from MuJoCo."""
 
@@ -86,9 +89,10 @@ class _Host:
     """The part outside XLA."""
 
     def __init__(self, hardware: HardwareSpec, motors: Actuator):
-        self._model, self._motors = load_model(hardware, visual=False, feet_only=True, foot_sensors=True), motors
+        self._model, self._motors = load_model(hardware, visual=False, feet_only=True, lean=True), motors
         let_converge(self._model)
         self._models = _Models(self._model)
+        self._peak = hardware.joint_peak_torque
         self._resistance = Resistance.from_hardware(hardware)
         self._rest = np.concatenate([[0.0], self._model.key("stand").qpos, np.zeros(NV)])
         self._lock = threading.Lock()  # several devices share the processors: one batch after the other
@@ -101,14 +105,21 @@ class _Host:
     def __call__(self, results: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> None:
         """One control step in XLA's memory; any batch axes are in front."""
         batch = arguments[0].ndim - 1
-        arrays: list[Any] = [x.reshape(-1, *x.shape[batch:]).astype(np.float64) for x in arguments]
+        given, wanted = ([x.reshape(-1, *x.shape[batch:]) for x in arrays] for arrays in (arguments, results))
         with self._lock, np.errstate(over="ignore", invalid="ignore"):
-            done = self._control_step(*arrays[:4], Targets(*arrays[4:6]), Randomization(*arrays[6:]))  # pyright: ignore[reportCallIssue]
-            for array, result in zip(results, done, strict=True):
-                array[...] = result.reshape(array.shape)
+            models = self._models.of(_randomization(given))
+            size = PIECE * len(self._threads[1])
+            for piece in (slice(first, first + size) for first in range(0, len(models), size)):
+                arrays: list[Any] = [x[piece].astype(np.float64) for x in given]
+                qpos, qvel, qacc, torque, *targets = arrays[:6]
+                history, robot = Targets(*targets), _randomization(arrays)
+                done = self._control_step(models[piece], qpos, qvel, qacc, torque, history, robot)
+                for array, result in zip(wanted, done, strict=True):
+                    array[piece] = result
 
     def _control_step(
         self,
+        models: list[mujoco.MjModel],
         qpos: Float[np.ndarray, "n 23"],
         qvel: Float[np.ndarray, "n 22"],
         qacc: Float[np.ndarray, "n 22"],
@@ -118,11 +129,12 @@ class _Host:
     ) -> tuple[np.ndarray, ...]:
         """(qpos, qvel, qacc, torque, mean torque, mean power, feet); NaN for robots that are no physics any more."""
         robots = np.arange(len(qpos))
-        motors, models = randomize_actuator(self._motors, robot), self._models.of(robot)
-        resistance = randomize_resistance(self._resistance, robot) if self._resistance is not None else None
+        motors, resistance = randomize_actuator(self._motors, robot), self._resistance
+        if resistance is not None:
+            resistance = randomize_resistance(resistance, robot)
         pool, scratch = self._threads
         state = np.concatenate([np.zeros((len(qpos), 1)), qpos, qvel], axis=1)  # MuJoCo's: time, qpos, qvel
-        after, feet = np.empty((len(qpos), 1, 1 + NQ + NV)), np.empty((len(qpos), 1, 3 * len(specs.LEGS)))
+        after, feet = np.empty_like(state), np.empty((len(qpos), 3 * len(specs.LEGS)))
         lost = np.zeros(len(qpos), bool)
         sum_torque, sum_power = np.zeros_like(torque), np.zeros_like(torque)
         for ages in AGES:
@@ -137,26 +149,26 @@ class _Host:
             state[lost], torque[lost], qacc[lost] = self._rest, 0.0, 0.0
             sum_torque += torque
             sum_power += torque * qd
-            control, what = torque, mujoco.mjtState.mjSTATE_CTRL
             if resistance is not None:
-                against = losses.loss(resistance, state[:, 1 : 1 + NQ], state[:, 1 + NQ :], torque)
-                control = np.concatenate([torque, losses.generalized(against)], axis=1)
-                what |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
+                force = losses.generalized(losses.loss(resistance, state[:, 1 : 1 + NQ], state[:, 1 + NQ :], torque))
+            else:
+                force = np.zeros_like(qacc)
+            force[:, MOTOR_QVEL] += np.clip(torque, -self._peak, self._peak)
             pool.rollout(
                 models,
                 scratch,
                 state,
-                control[:, None],
-                control_spec=int(what),
+                force[:, None],
+                control_spec=int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
                 skip_checks=True,
                 nstep=1,
                 initial_warmstart=qacc,
-                state=after,
-                sensordata=feet,
+                state=after[:, None],
+                sensordata=feet[:, None],
             )
             # The solver's first guess for the next step; it need not be exact.
-            qacc = (after[:, 0, 1 + NQ :] - state[:, 1 + NQ :]) / specs.PHYSICS_STEP
-            state = after[:, 0].copy()
+            qacc = (after[:, 1 + NQ :] - state[:, 1 + NQ :]) / specs.PHYSICS_STEP
+            state, after = after, state
         state[lost] = np.nan
         touching = feet.reshape(-1, len(specs.LEGS), 3)[..., 2] <= specs.FOOT_RADIUS
         mean = 1.0 / specs.SUBSTEPS
@@ -164,31 +176,48 @@ class _Host:
 
 
 class _Models:
-    """A compiled model for every robot of the last batches; most robots are in the next batch, too."""
+    """A compiled model for every robot of the last batches; most robots are in the next one, too, in the same place."""
 
     def __init__(self, nominal: mujoco.MjModel):
         self._nominal = nominal
         self._trunk = int(nominal.body("trunk").id)
-        self._devices = jax.local_device_count()
-        self._known: OrderedDict[bytes, mujoco.MjModel] = OrderedDict()
+        self._most = 2 * jax.local_device_count()
+        self._known: deque[_Batch] = deque(maxlen=self._most)
 
     def of(self, robots: Randomization) -> list[mujoco.MjModel]:
         """The robots' models, good until the next call."""
         draws = np.concatenate([robots.friction[:, None], robots.mass, robots.com_offset], axis=1)
-        capacity = 2 * self._devices * len(draws)
-        models = []
-        for row, draw in enumerate(draws):
-            key = draw.tobytes()
-            if key not in self._known:
-                # The model used longest ago is not of this batch, which at most half of them are.
-                full = len(self._known) >= capacity
-                model = self._known.popitem(last=False)[1] if full else copy.copy(self._nominal)
-                robot = jax.tree.map(lambda field, row=row: field[row], robots)
-                randomize_c_model(model, self._nominal, robot, self._trunk)
-                self._known[key] = model
-            self._known.move_to_end(key)
-            models.append(self._known[key])
-        return models
+        batch = self._most_alike(draws)
+        for row in np.flatnonzero(np.any(batch.draws != draws, axis=1)):
+            robot = jax.tree.map(lambda field, row=row: field[row], robots)
+            randomize_c_model(batch.models[row], self._nominal, robot, self._trunk)
+        batch.draws[:] = draws
+        return batch.models
+
+    def _most_alike(self, draws: Float[np.ndarray, "n draws"]) -> "_Batch":
+        """The batch known of which most robots are the same; each device has its own."""
+
+        def alike(batch: _Batch) -> int:
+            return int(np.sum(np.all(batch.draws == draws, axis=1)))
+
+        known = [batch for batch in self._known if batch.draws.shape == draws.shape]
+        best = max(known, key=alike, default=None)
+        if best is None or (alike(best) == 0 and len(known) < self._most):
+            best = _Batch(np.full_like(draws, np.nan), [copy.copy(self._nominal) for _ in draws])
+            self._known.append(best)
+        return best
+
+
+class _Batch(NamedTuple):
+    """Models, and of which robots they are."""
+
+    draws: Float[np.ndarray, "n draws"]
+    models: list[mujoco.MjModel]
+
+
+def _randomization(arguments: Sequence[Any]) -> Randomization:
+    """That of the robots, among the arguments of `_Host`."""
+    return Randomization(*arguments[6:])  # pyright: ignore[reportCallIssue]
 
 
 _hosts: dict[str, _Host] = {}

@@ -13,9 +13,11 @@ import pytest
 from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.controller import motors_of
+from bp2_rl.env.physics import c
 from bp2_rl.env.physics.interface import AGES, in_force
 from bp2_rl.errors import UserError
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 
 ROBOTS, STEPS = 64, 100
@@ -154,6 +156,23 @@ def test_c_gives_equal_bits_for_equal_arguments_in_any_company():
         jax.tree.map(lambda x, y, robots=robots: np.testing.assert_array_equal(x, y[robots]), some, first)
     fresh = jax.jit(jax.vmap(BP2Env(impl="c").simulate))(*arguments)
     jax.tree.map(np.testing.assert_array_equal, fresh, first)
+
+
+def test_c_gives_equal_bits_in_pieces_of_any_size_on_any_number_of_threads(monkeypatch):
+    rng, robots = np.random.default_rng(0), physics(start(True))
+    history = rng.normal(0.0, 1.0, (2, ROBOTS, 3, 12))
+    drawn = jax.tree.leaves(start(True).pipeline_state.randomization)
+    given = robots.qpos, robots.qvel, robots.qacc_warmstart, robots.torque, *history, *drawn
+    given = [np.asarray(x, np.float32) for x in given]
+    found = []
+    for piece, threads in ((1000, 2), (5, 1), (3, 3)):
+        monkeypatch.setattr(c, "PIECE", piece)
+        monkeypatch.setattr(c, "processors", lambda threads=threads: threads)
+        found.append([np.full((ROBOTS, size), np.nan, np.float32) for size in (23, 22, 22, 12, 12, 12, 4)])
+        c._Host(BUILT, motors_of(EnvConfig(hardware=BUILT)))(found[-1], given)
+    for other in found[1:]:
+        jax.tree.map(np.testing.assert_array_equal, other, found[0])
+    assert np.isfinite(found[0][0]).all()
 
 
 @pytest.mark.parametrize("size", [np.nan, np.inf, 1e9, 1e30])
