@@ -1,12 +1,14 @@
 """`python train.py`: train a stage, or go on with a stopped run."""
 
 import argparse
+import contextlib
 import dataclasses
 import datetime
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
@@ -140,8 +142,8 @@ def _train(argv: list[str]) -> None:
             print(run.replay(arguments.replay))
         return
     if arguments.resume is not None:
-        with app.failures_into(arguments.resume):
-            run.resume(arguments.resume)
+        with app.failures_into(arguments.resume), _judge(load_run_config(arguments.resume)) as judge:
+            run.resume(arguments.resume, judge=judge)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -155,9 +157,26 @@ def _train(argv: list[str]) -> None:
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
-    with app.failures_into(out):
-        run.start(config, out, parent=arguments.parent)
+    with app.failures_into(out), _judge(config) as judge:
+        run.start(config, out, parent=arguments.parent, judge=judge)
     say(f"see it run: python eval.py {out}")
+
+
+@contextlib.contextmanager
+def _judge(config: TrainConfig) -> Iterator[Any]:
+    """The judge of the run's policies, if this process is to have one; he warms up while the training compiles."""
+    from bp2_rl.learning import cluster
+
+    if not (config.run.judged and cluster.is_first()):
+        yield None
+        return
+    import jax
+
+    from bp2_rl.evaluation.judge import judging
+
+    os.environ.pop("MUJOCO_GL", None)  # his processes import MuJoCo, too; see `runtime`
+    with judging(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
+        yield judge
 
 
 class Named(NamedTuple):

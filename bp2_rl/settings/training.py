@@ -4,6 +4,8 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Literal
 
+import tyro
+
 from bp2_rl.bounds import Range, Within, check_bounds
 from bp2_rl.config import load_config
 from bp2_rl.errors import UserError
@@ -67,10 +69,17 @@ class RunConfig:
     seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
     checkpoints: Annotated[int, Within(1, 10**6)] = 10  # saves during the run, evenly spread, the last one at its end
     logs: Annotated[int, Within(1, 10**9)] = 200  # lines of metrics.jsonl during the run
+    judged: Annotated[int, Within(0, 10**6)] = 0
+    """policies judged in C MuJoCo beside the run, evenly spread: those of all saves, and as many between as spare
+    processors can; 0: none"""
+    until: Annotated[float | None, Within(0.1, 100.0), tyro.conf.arg(prefix_name=False, metavar="M/S")] = None
+    """end the run when a policy holds this speed, m/s, in C MuJoCo and falls in no launch"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "run.")
+        if self.until is not None and not self.judged:
+            raise UserError("--until needs a judge: let --run.judged be 1 or more")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +124,7 @@ def make_config(
     if relaxed:
         ppo = dataclasses.replace(ppo, learning_rate=1e-4, entropy_cost=2e-3)
     if preset == "gpu":
-        return TrainConfig(stage, env, ppo, RunConfig(steps=100_000_000 if relaxed else 60_000_000))
+        return TrainConfig(stage, env, ppo, RunConfig(steps=100_000_000 if relaxed else 60_000_000, judged=60))
     # Slow running, and less to withstand, is what a small fleet can learn in minutes (docs/notes/training.md).
     small = dataclasses.replace(
         env,
@@ -131,7 +140,7 @@ def make_config(
             desired_kl=0.02,
         )  # fmt: skip
         steps = 3_000_000 if relaxed else 4_500_000
-        return TrainConfig(stage, small, ppo, RunConfig(steps=steps, logs=100, checkpoints=4), impl="c")
+        return TrainConfig(stage, small, ppo, RunConfig(steps=steps, logs=100, checkpoints=4, judged=20), impl="c")
     ppo = dataclasses.replace(
         ppo, num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64),
         value_layers=(64, 64), episode_length=400,

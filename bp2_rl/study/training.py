@@ -22,7 +22,8 @@ from bp2_rl.config import claim_folder, config_hash
 from bp2_rl.errors import UserError
 from bp2_rl.folders import find_folder, lock_folder, make_folder
 from bp2_rl.learning.checkpoint import latest_step
-from bp2_rl.learning.loop import POLICIES, control_steps
+from bp2_rl.learning.loop import control_steps
+from bp2_rl.learning.policies import POLICIES
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import CONFIG, Preset, load_run_config, make_config
 from bp2_rl.study.judging import Judgement, judge
