@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import HELD, best_window
 from bp2_rl.evaluation.runs.rollout import ActionFunction, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
@@ -74,7 +75,7 @@ class Launched:
 
 def launch(policy: ActionFunction, env: EnvConfig, launch: Launch) -> Launched:
     """Launch a policy on the robot of its environment."""
-    run = rollout_mujoco(policy, launch.ramp(env), env, hardware=launch.robot(env.hardware))
+    run = rollout_mujoco(policy, launch.ramp(env), env, hardware=launch.robot(env.hardware), machine=SwiftMachine)
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     return Launched(fell, best.speed if best is not None and not fell else 0.0)
