@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 from bp2_rl.files import BadFileError, parse_json
 from bp2_rl.folders import find_folder, folder_names
 from bp2_rl.learning.monitor import METRICS, Monitor, count
-from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.learning.policy import Policy, PolicyError, load_policy, save_policy
 from bp2_rl.settings.training import CONFIG
 
 POLICY, POLICIES = "policy", "policies"
@@ -163,12 +163,18 @@ class Policies:
     def _put_best(self) -> None:
         """Make the best policy the run's own, with its verdict on the card."""
         best = self._best
-        if best is not None and self._place(best).is_dir():
+        if best is not None:
             judged = {"control_steps": best, **dataclasses.asdict(self._verdicts[best])}
             self._put(best, {"judged": judged})
 
     def _put(self, steps: int, results: dict[str, Any]) -> None:
-        policy = load_policy(self._place(steps))
+        """Make a policy the run's own."""
+        try:
+            policy = load_policy(self._place(steps))
+        except PolicyError as error:
+            (self._run_dir / CONFIG).stat()  # an OSError where the run is gone
+            self._monitor.note(f"warning: the run's own policy stays as it is: {error}")
+            return
         card = dataclasses.replace(policy.card, results={**policy.card.results, **results})
         save_policy(self._run_dir / POLICY, dataclasses.replace(policy, card=card))
 

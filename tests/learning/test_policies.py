@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -209,6 +210,17 @@ def test_a_resumed_run_knows_the_verdicts_of_before_and_has_the_others_judged(tm
     assert weights(run / "policy") == weights(whole / "policy")
     states = [(folder / "checkpoints" / str(STEPS) / "state.npz").read_bytes() for folder in (run, whole)]
     assert states[0] == states[1]
+
+
+def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
+    run = training.start(small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3)))
+    shutil.rmtree(run / "checkpoints" / str(STEPS))
+    before = weights(run / "policy")
+    (run / "policies" / str(4 * PER_STEP) / "weights.npz").write_bytes(b"")
+    training.resume(run, judge=Fake(steady(*[3.0] * STEPS)))
+    assert latest_step(run) == STEPS
+    assert "warning: the run's own policy stays as it is: " in log(run)
+    assert weights(run / "policy") == before
 
 
 def test_damaged_lines_of_metrics_are_no_verdicts(tmp_path):
