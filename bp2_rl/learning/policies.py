@@ -131,6 +131,8 @@ class Policies:
 
     def wait(self, enough: Callable[[], bool]) -> None:
         """Until the last verdict is there, or it is `enough`, or the run has reached what it was to."""
+        if self._hearings and not self.reached and not enough():
+            self._monitor.note(f"waiting for the judge: {len(self._hearings)} of the policies are left")
         while self._hearings and not self.reached and not enough():
             time.sleep(PAUSE)
             self.collect()
