@@ -28,7 +28,7 @@ from bp2_rl.settings.env import EnvConfig
 from bp2_rl.workers import processors, spawned
 
 AT_A_TIME = 2  # policies that are judged at the most: they come one after the other
-NICE = 19  # a training beside it goes first
+NICE = 5  # a training beside it goes first, three to one; at 19 one that fills all processors would starve it
 
 
 @dataclasses.dataclass(frozen=True)
