@@ -20,18 +20,20 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 @contextlib.contextmanager
 def spawned(
-    count: int, initializer: Callable[[], None] | None = None
+    count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
 ) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
     """A pool of `count` processes, spawned: one forked beside JAX's threads can hang. Each begins with `initializer`.
 
     They are killed when this process ends, however that ends. Linux counts the end of the thread that submitted the
-    first tasks for that: submit from one that outlives the pool.
+    first tasks for that: submit from one that outlives the pool. With `abandon` they are killed already when the block
+    ends, whatever they are at; else that is waited for.
 
     Raises:
         UserError: fewer than one.
     """
     if count < 1:
         raise UserError(f"workers must be at least 1, got {count}")
+    others = multiprocessing.active_children()
     spawn = multiprocessing.get_context("spawn")
     pool = concurrent.futures.ProcessPoolExecutor(
         count, mp_context=spawn, initializer=_begin, initargs=(os.getpid(), initializer)
@@ -41,6 +43,11 @@ def spawned(
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         raise
+    finally:
+        if abandon:
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.kill()
     pool.shutdown()
 
 

@@ -1,15 +1,18 @@
 """`python train.py`: train a stage, or go on with a stopped run."""
 
 import argparse
+import contextlib
 import dataclasses
 import datetime
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
+from bp2_rl import NPROC_IS_OURS
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
@@ -27,7 +30,7 @@ from bp2_rl.settings.training import (
     make_config,
     on_robot,
 )
-from bp2_rl.workers import end_with_caller
+from bp2_rl.workers import end_with_caller, processors
 
 Config = TypeVar("Config")
 RUNS = Path("runs")
@@ -130,6 +133,7 @@ def _train(argv: list[str]) -> None:
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
     launch = app.parse(Launch, argv, "train.py", part=True)
+    use_processors(read_named(argv))
     prepare_jax(deterministic=launch.deterministic)
     if not set(app.HELP) & set(argv):
         cluster.join(launch.cluster)
@@ -140,8 +144,8 @@ def _train(argv: list[str]) -> None:
             print(run.replay(arguments.replay))
         return
     if arguments.resume is not None:
-        with app.failures_into(arguments.resume):
-            run.resume(arguments.resume)
+        with app.failures_into(arguments.resume), _judge(load_run_config(arguments.resume)) as judge:
+            run.resume(arguments.resume, judge=judge)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -155,9 +159,26 @@ def _train(argv: list[str]) -> None:
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
-    with app.failures_into(out):
-        run.start(config, out, parent=arguments.parent)
+    with app.failures_into(out), _judge(config) as judge:
+        run.start(config, out, parent=arguments.parent, judge=judge)
     say(f"see it run: python eval.py {out}")
+
+
+@contextlib.contextmanager
+def _judge(config: TrainConfig) -> Iterator[Any]:
+    """The judge of the run's policies, if this process is to have one; he warms up while the training compiles."""
+    from bp2_rl.learning import cluster
+
+    if not (config.run.judged and cluster.is_first()):
+        yield None
+        return
+    import jax
+
+    from bp2_rl.evaluation.judge import judging
+
+    os.environ.pop("MUJOCO_GL", None)  # his processes import MuJoCo, too; see `runtime`
+    with judging(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
+        yield judge
 
 
 class Named(NamedTuple):
@@ -168,7 +189,8 @@ class Named(NamedTuple):
     weights: Weights | None
     robot: RobotName | None
     parent: Path | None
-    goes_on: bool  # with a run's own settings
+    goes_on: Path | None  # with this run's own settings
+    impl: str | None
 
 
 def _require_runs(argv: list[str], arguments: Arguments) -> None:
@@ -186,17 +208,33 @@ def _require_runs(argv: list[str], arguments: Arguments) -> None:
 def read_named(argv: list[str]) -> Named:
     """Read only that, whatever else is on the line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay"):
+    for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay", "--impl"):
         first.add_argument(flag, nargs="?")
     words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
+    run = words["replay"] if words["resume"] is None else words["resume"]
     return Named(
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
         preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
         weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
         robot=cast(RobotName, words["robot"]) if words["robot"] in ROBOTS else None,
         parent=Path(words["from"]) if words["from"] else None,
-        goes_on=words["resume"] is not None or words["replay"] is not None,
+        goes_on=None if run is None else Path(run),
+        impl=words["impl"],
     )
+
+
+def use_processors(named: Named) -> None:
+    """Let XLA compute on all processors where C MuJoCo simulates; with MJX it may hang there (`bp2_rl/__init__.py`)."""
+    if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
+        return
+    impl = named.impl
+    if impl is None and named.goes_on is not None:
+        with contextlib.suppress(UserError):  # it is told of later
+            impl = load_run_config(named.goes_on).impl
+    elif impl is None:
+        impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
+    if impl == "c":
+        os.environ["NPROC"] = str(processors())
 
 
 def _arguments(defaults: TrainConfig, parent: Path | None = None) -> Arguments:
@@ -208,7 +246,7 @@ def _parse(argv: list[str]) -> Arguments:
     named = read_named(argv)
     preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
     parent = named.parent
-    if not (set(app.HELP) & set(argv) or named.goes_on):
+    if not (set(app.HELP) & set(argv) or named.goes_on is not None):
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:

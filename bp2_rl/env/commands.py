@@ -6,7 +6,7 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.robot import specs
-from bp2_rl.settings.env import CommandConfig, CurriculumConfig
+from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig
 
 
 class CommandState(struct.PyTreeNode):
@@ -32,11 +32,15 @@ def fastest_turn(forward: Float[Array, ""], config: CommandConfig) -> Float[Arra
 
 
 def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
-    """A command (v_x, v_y, omega_z): forward up to `top`, often near it; lateral and yaw smaller at speed."""
+    """A command (v_x, v_y, omega_z): forward up to `top`, often near it or slow; lateral and yaw smaller at speed."""
     keys = jax.random.split(key, 6)
     anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
     near_top = jax.random.uniform(keys[1], minval=0.9, maxval=1.0) * top
     forward = jnp.where(jax.random.bernoulli(keys[2], config.limit_fraction), near_top, anywhere)
+    if config.slow_fraction:
+        key_whether, key_how = jax.random.split(jax.random.fold_in(key, 6))
+        slowly = jax.random.uniform(key_how, maxval=jnp.minimum(config.slow, top))
+        forward = jnp.where(jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward)
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
     lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
     yaw_rate *= jnp.minimum(config.max_yaw_rate, fastest_turn(forward, config))
@@ -58,6 +62,16 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
         error=zero,
         time=zero,
     )
+
+
+def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig) -> CommandState:
+    """A start in which a running robot is slower or faster than commanded, as in steep launches and when braking.
+
+    The error is a uniform number's cube, so that most are small.
+    """
+    error = config.reset.command_error * jax.random.uniform(key, minval=-1.0, maxval=1.0) ** 3
+    forward = jnp.clip(state.current[0] + error, -config.commands.max_backward, top)
+    return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
 
 
 def obey(state: CommandState, command: Float[Array, "3"], config: CommandConfig) -> CommandState:

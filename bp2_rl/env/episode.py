@@ -50,13 +50,16 @@ class Starts:
         command = command.replace(current=jnp.where(standing, 0.0, command.current))
         phase = jax.random.uniform(key_phase)
         reference = self._controller.reference(command.current, phase)
+        told = command
+        if config.reset.command_error:
+            told = commands.misled(jax.random.fold_in(key_command, 1), command, standing, top, config)
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
         robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
         episode = PipelineState(
             physics=_unmoved(qpos, qvel, targets),
             controller=self._controller.init(phase),
-            command=command,
+            command=told,
             randomization=robot,
             mean_torque=jnp.zeros(specs.NUM_MOTORS),
         )

@@ -11,9 +11,11 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.settings.env import RewardConfig
+from bp2_rl.settings.env import Kernel, RewardConfig
 
 Scalar = Float[Array, ""]
+PAPERS_KERNEL = Kernel()
+TAIL = 2.0  # m/s or rad/s: the error at which the tracking kernel's tail ends, beyond the command itself
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -47,24 +49,27 @@ def velocity_tracking(
     omega: Float[Array, " m"],
     omega_cmd: Float[Array, " m"],
     w: float,
-    width: float = float("inf"),
-    tail: float = 0.0,
-    yaw_width: float = 1.0,
+    kernel: Kernel = PAPERS_KERNEL,
 ) -> Scalar:
     """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the yaw rate.
 
-    The last three are not in the paper. Its linear kernel exp(-2 |e|^2) has no slope beyond 2 m/s of error: a finite
-    `width` (m/s) makes it exp(-2 |e|^2 / (1 + (|v_cmd| / width)^2)), so that the error counts relative to the speed,
-    and a share `tail` of it becomes a straight line that ends where e is as large as v_cmd and 1 m/s more. And the
-    angular kernel has no slope at the small yaw rates of fast turns, unless its width (rad/s) is less than 1.
+    The paper's kernels are exp(-2 |e|^2). They have no slope where the error is large, beyond 2 m/s, nor where it is
+    small, as in slow motion and in fast turns; see `Kernel`.
     """
-    error, speed = squared_norm(v - v_cmd), squared_norm(v_cmd)
-    linear = jnp.exp(-2.0 * error / (1.0 + speed / width**2))
-    if tail:
-        line = 1.0 - jnp.sqrt(error + 1e-12) / (1.0 + jnp.sqrt(speed))
-        linear = (1.0 - tail) * linear + tail * jnp.maximum(line, 0.0)
-    angular = jnp.exp(-2.0 * squared_norm(omega - omega_cmd) / yaw_width**2)
+    square_width = kernel.floor**2 + squared_norm(v_cmd) / kernel.width**2
+    linear = _kernel(v - v_cmd, v_cmd, square_width, kernel.tail)
+    angular = _kernel(omega - omega_cmd, omega_cmd, kernel.yaw_width**2, kernel.tail)
     return w * linear + (1.0 - w) * angular
+
+
+def _kernel(
+    error: Float[Array, " n"], command: Float[Array, " n"], square_width: Scalar | float, tail: float
+) -> Scalar:
+    bell = jnp.exp(-2.0 * squared_norm(error) / square_width)
+    if tail == 0.0:
+        return bell
+    line = 1.0 - jnp.linalg.norm(error) / (TAIL + jnp.linalg.norm(command))
+    return (1.0 - tail) * bell + tail * jnp.maximum(line, 0.0)
 
 
 def torque_regularization(tau_n: Float[Array, "12"], tau_n_last: Float[Array, "12"], dt: float) -> Scalar:
@@ -103,7 +108,7 @@ def tracking_balance(max_forward: float, max_lateral: float, max_yaw_rate: float
 
 
 def speed_schedule(
-    v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Literal["text", "literal"] = "text"
+    v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Literal["text", "literal", "off"] = "text"
 ) -> tuple[Scalar, Scalar]:
     """(c_m, c_v): weights of imitation and of velocity tracking at this commanded speed.
 
@@ -111,8 +116,11 @@ def speed_schedule(
     c_m = c_J + c_V - c_v. With the imitation stage's c_J = 0.6 > c_V = 0.1 this makes tracking *lose* weight with
     speed, the opposite of what the text says ("reducing the constraint imposed by the reference trajectory at high
     commanded velocities"). `text` gives tracking the larger of the two coefficients at v_x_max and the smaller at
-    rest, in both stages; in the relaxed stage (c_J < c_V) the two readings are the same.
+    rest, in both stages; in the relaxed stage (c_J < c_V) the two readings are the same. `off`:
+    c_J and c_V at all speeds.
     """
+    if schedule == "off":
+        return jnp.asarray(c_J), jnp.asarray(c_V)
     beta = jnp.clip(jnp.abs(v_x_cmd) / v_x_max, 0.0, 1.0) ** 0.3
     at_rest, at_speed = (c_J, c_V) if schedule == "literal" else (min(c_J, c_V), max(c_J, c_V))
     c_v = beta * at_speed + (1.0 - beta) * at_rest
@@ -158,17 +166,7 @@ _ROWS: dict[str, _Row] = {
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
     "joint_velocity": lambda x, _, at: at.c_m * joint_velocity_imitation(x.qd, x.qd_ref),
     "tracking": lambda x, c, at: (
-        at.c_v
-        * velocity_tracking(
-            x.v,
-            x.command[:2],
-            x.yaw_rate[None],
-            x.command[2:],
-            at.w,
-            width=c.tracking_width,
-            tail=c.tracking_tail,
-            yaw_width=c.yaw_width,
-        )
+        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.kernel)
     ),
     "torque": lambda x, c, at: c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt),
     "power": lambda x, c, _: c.power * power_regularization(x.power),

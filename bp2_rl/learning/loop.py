@@ -29,14 +29,12 @@ from bp2_rl.learning.checkpoint import (
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor, Mute
 from bp2_rl.learning.networks import dense_layers
-from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy, save_policy
+from bp2_rl.learning.policies import POLICIES, POLICY, Judge, Policies
+from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.robot import specs
 from bp2_rl.settings.training import CONFIG, TrainConfig
-
-POLICY, POLICIES = "policy", "policies"
-"""The newest policy of a run; and the folder of those of all its saves, each by its number of control steps."""
 
 
 def train(
@@ -47,8 +45,9 @@ def train(
     *,
     unlogged: Unlogged | None = None,
     unexported: Sequence[int] = (),
+    judge: Judge | None = None,
 ) -> Path:
-    """Train from `state` to the run's end; the run's folder.
+    """Train from `state` to the run's end, or until a policy is as fast as the run is to become; the run's folder.
 
     Args:
         learner: of the run.
@@ -57,6 +56,7 @@ def train(
         run_dir: the run's folder, which holds its config.
         unlogged: what `Log.open` gave to the checkpoint that `state` is from.
         unexported: the checkpoints that `find_unexported` found; they are exported first.
+        judge: of the policies; of a cluster's processes only the first has one.
 
     Raises:
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
@@ -72,17 +72,20 @@ def train(
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
         monitor.record(f"command: {shlex.join(sys.argv)}")
-        _export_late(unexported, learner, state, config, run_dir, monitor)
+        policies = Policies(run_dir, monitor, judge, config.run.until, first * per_step)
+        _export_late(unexported, learner, state, config, run_dir, monitor, policies)
         with Saver(run_dir, to_json(config)) as saver, StopSignals(monitor.note, monitor.release_terminal) as signals:
-            state, done = _repeat(learner, state, config, run_dir, monitor, saver, signals, unlogged or Unlogged())
+            log = Log(monitor, config.ppo, unlogged or Unlogged())
+            state, done = _repeat(learner, state, config, run_dir, monitor, saver, signals, log, policies)
             saver.wait()
+            policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
             _keep_failed(state, config, run_dir)
         if done < total and signals.caught:
             name, status = signals.caught.name, 128 + signals.caught
             raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
         minutes = (time.monotonic() - began) / 60
-        steps = (total - first) * per_step
+        steps = (done - first) * per_step
         monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}")
     return run_dir
 
@@ -132,35 +135,44 @@ def _repeat(
     monitor: Monitor,
     saver: Saver,
     signals: StopSignals,
-    unlogged: Unlogged,
+    log: Log,
+    policies: Policies,
 ) -> tuple[TrainState, int]:
     """(The state in the end, the train steps done with it): fewer than all where a signal came, and more than
     `state.step` where a train step was not finite."""
     total = train_steps(config)
     save_every = max(1, -(-total // config.run.checkpoints))
+    judge_every = max(1, -(-total // max(config.run.checkpoints, config.run.judged)))
     log_every = max(1, total // config.run.logs)
-    log = Log(monitor, config.ppo, unlogged)
-    done, stop = int(state.step), None
+    done, stop = int(state.step), _reached(config, policies)
     while done < total and not stop and not log.stuck:
         state, metrics = learner.train_step(state)
         done += 1
-        stop = signals.heard()
+        policies.collect()
+        stop = signals.heard() or _reached(config, policies)
         log.add(metrics)
         if done % log_every == 0 or done == total:
             log.close(done)
-        if done % save_every == 0 or done == total or stop:
+        save = done % save_every == 0 or done == total or stop
+        if save or (done % judge_every == 0 and cluster.largest(policies.idle)):
             # A resume drops what was logged past its checkpoint, so the log must not be behind.
             log.flush()
             if int(state.step) < done:
                 break
-            with cluster.together():  # or the others would train on when process 0 cannot write
-                saver.wait()
-                if not (run_dir / CONFIG).is_file():
-                    raise FileNotFoundError(errno.ENOENT, "no such run any more", str(run_dir))
-            saver.save(done, state, to_json(log.open()))
-            monitor.record(f"saving step {done}")
-            _export(learner, state, config, run_dir, monitor)
+            if save:
+                with cluster.together():  # or the others would train on when process 0 cannot write
+                    saver.wait()
+                    if not (run_dir / CONFIG).is_file():
+                        raise FileNotFoundError(errno.ENOENT, "no such run any more", str(run_dir))
+                saver.save(done, state, to_json(log.open()))
+                monitor.record(f"saving step {done}")
+            _export(learner, state, config, run_dir, monitor, policies)
     return state, done
+
+
+def _reached(config: TrainConfig, policies: Policies) -> bool:
+    """Whether the run has become as fast as it is to be, on all processes."""
+    return config.run.until is not None and bool(cluster.largest(policies.reached))
 
 
 def train_steps(config: TrainConfig) -> int:
@@ -185,25 +197,38 @@ def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
 
 
 def _export_late(
-    steps: Sequence[int], learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path, monitor: Monitor
+    steps: Sequence[int],
+    learner: PPO,
+    state: TrainState,
+    config: TrainConfig,
+    run_dir: Path,
+    monitor: Monitor,
+    policies: Policies,
 ) -> None:
     """Export the policies of checkpoints; `state` is the newest one."""
     for step in steps:
         if step == int(state.step):
-            _export(learner, state, config, run_dir, monitor)
+            _export(learner, state, config, run_dir, monitor, policies)
             continue
         try:
             _, older = restore_checkpoint(run_dir, learner.shape(), step)
         except CheckpointError as error:
             monitor.note(f"warning: no policy of step {step}: {error}")
             continue
-        _export(learner, older, config, run_dir, monitor, newest=False)
+        _export(learner, older, config, run_dir, monitor, policies, newest=False)
 
 
 def _export(
-    learner: PPO, state: TrainState, config: TrainConfig, run_dir: Path, monitor: Monitor, *, newest: bool = True
+    learner: PPO,
+    state: TrainState,
+    config: TrainConfig,
+    run_dir: Path,
+    monitor: Monitor,
+    policies: Policies,
+    *,
+    newest: bool = True,
 ) -> None:
-    """Write the policy of a state among those of the run's saves, and as the run's own where it is the newest.
+    """Write the policy of a state.
 
     One that nobody could run, as its weights overflow say, is warned of and left out: training may mend it.
     """
@@ -234,9 +259,7 @@ def _export(
     if cluster.is_first():
         try:
             policy = make_policy(dense_layers(params, learner.mirrors), normalizer, card)
-            if newest:
-                save_policy(run_dir / POLICY, policy)
-            save_policy(run_dir / POLICIES / str(int(state.step) * config.ppo.steps_per_train_step), policy)
+            policies.export(policy, int(state.step) * config.ppo.steps_per_train_step, newest=newest)
         except PolicyError as error:
             if isinstance(error.__cause__, OSError):
                 raise

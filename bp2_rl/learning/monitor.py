@@ -54,7 +54,7 @@ HEADLINES = (
 class Monitor:
     """Records a run in its folder and shows it on the console; a context manager.
 
-    On a terminal two lines are kept up to date; elsewhere a plain line is printed about every ten seconds.
+    On a terminal two or three lines are kept up to date; elsewhere a plain line is printed about every ten seconds.
 
     Args:
         run_dir: the run's folder; made if absent.
@@ -83,6 +83,7 @@ class Monitor:
         self._console = console or Console()
         self._clock, self._began = clock, clock()
         self._metrics: dict[str, float] = {}
+        self._remark, self._said = "", ""  # below the progress line, and what of it has been printed
         self._history: collections.deque[tuple[float, int]] = collections.deque()  # (time, step) of recent logs
         self._shown, self._next_line = start_step, -math.inf  # step of the last plain line, time of the next
         run_dir = Path(run_dir)
@@ -109,7 +110,7 @@ class Monitor:
     def __exit__(self, *exception: object) -> None:
         """Leave the last state on the console and close the files, also when training failed."""
         self.release_terminal()
-        if not self._live and self._step != self._shown:
+        if not self._live and (self._step, self._remark) != (self._shown, self._said):
             self._print_plain()
         for file in (self._tensorboard, self._metrics_file, self._log_file):
             # Everything was flushed when it was written; where that failed, so would this.
@@ -126,6 +127,18 @@ class Monitor:
 
         On return they are on disk. Raises `OSError` where that is full or gone.
         """
+        self.add(step, metrics)
+        now = self._clock()
+        self._step, self._metrics = step, {name: float(value) for name, value in metrics.items()}
+        self._history.append((now, step))
+        while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
+            self._history.popleft()
+        if self._live is None and now >= self._next_line:
+            self._print_plain()
+            self._next_line = now + PLAIN_INTERVAL
+
+    def add(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Record what became known later of a step that the run may have left behind, as `log` does; show nothing."""
         values = {name: float(value) for name, value in metrics.items()}
         record = {name: value if math.isfinite(value) else None for name, value in values.items()}
         line = {"step": step, "wall_time": round(time.time(), 3), **record}
@@ -136,14 +149,9 @@ class Monitor:
             self._tensorboard.write_event(Event(step=step, wall_time=line["wall_time"], summary=summary))
         self._tensorboard.flush()
 
-        now = self._clock()
-        self._step, self._metrics = step, values
-        self._history.append((now, step))
-        while len(self._history) > 2 and self._history[0][0] < now - RATE_WINDOW:
-            self._history.popleft()
-        if self._live is None and now >= self._next_line:
-            self._print_plain()
-            self._next_line = now + PLAIN_INTERVAL
+    def show(self, remark: str) -> None:
+        """Let a remark stand below the progress line from now on, in the place of the one before."""
+        self._remark = remark
 
     def note(self, text: str) -> None:
         """Say something once: on the console, and with the time in log.txt."""
@@ -157,7 +165,7 @@ class Monitor:
         self._log_file.flush()
 
     def __rich__(self) -> Table:
-        """Two lines for the terminal: how far, and how well."""
+        """Two lines for the terminal: how far, and how well; and the remark, if there is one."""
         bar = Table.grid(padding=(0, 1), expand=True)
         bar.add_column(no_wrap=True)
         bar.add_column(ratio=1)
@@ -175,10 +183,12 @@ class Monitor:
         lines = Table.grid(expand=True)
         lines.add_row(bar)
         lines.add_row(Text(headlines or f"{WAITING} ({duration(self._clock() - self._began)})", style="dim"))
+        if self._remark:
+            lines.add_row(Text(self._remark, style="dim"))
         return lines
 
     def _print_plain(self) -> None:
-        """The same for a file or a pipe, in one line of 80 columns."""
+        """The same for a file or a pipe, in one line of 80 columns, and one for a new remark."""
         headlines = (
             f"{headline.label.split()[-1]} {self._metrics[headline.key]:{headline.format}}"
             for headline in HEADLINES
@@ -186,6 +196,9 @@ class Monitor:
         )
         self._say(" ".join([self._progress(), *headlines]))
         self._shown = self._step
+        if self._remark != self._said:
+            self._say(self._remark)
+            self._said = self._remark
 
     def _say(self, text: str) -> None:
         """Print a line as it is."""
@@ -228,6 +241,12 @@ class Mute(Monitor):
         """There is none."""
 
     def log(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Nothing."""
+
+    def add(self, step: int, metrics: Mapping[str, float]) -> None:
+        """Nothing."""
+
+    def show(self, remark: str) -> None:
         """Nothing."""
 
     def note(self, text: str) -> None:

@@ -28,6 +28,7 @@ from bp2_rl.learning.checkpoint import (
 )
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.loop import train_steps
+from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.settings.env import upgrade
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
@@ -36,8 +37,10 @@ NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
 """Fields of `PPOConfig` that a run shares with its parent."""
 
 
-def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> Path:
+def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None, judge: Judge | None = None) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
+
+    `judge` is he of its policies, if they are judged.
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
@@ -66,11 +69,11 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None) -> 
         if inherited is not None:
             state = _adopt(state, inherited)
         save_checkpoint(run_dir, 0, state, config=to_json(config))
-        return loop.train(learner, state, config, run_dir)
+        return loop.train(learner, state, config, run_dir, judge=judge)
 
 
-def resume(run_dir: Path) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands.
+def resume(run_dir: Path, *, judge: Judge | None = None) -> Path:
+    """Go on with a stopped run exactly where its newest checkpoint stands; `judge` as `start`.
 
     Raises:
         UserError: there is no run or no checkpoint, it does not fit this program, or another process trains it.
@@ -92,7 +95,7 @@ def resume(run_dir: Path) -> Path:
             _, state = restore_checkpoint(run_dir, learner.shape(), step)
             unexported = loop.find_unexported(run_dir, config)
         cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
-        return loop.train(learner, state, config, run_dir, unlogged=unlogged, unexported=unexported)
+        return loop.train(learner, state, config, run_dir, unlogged=unlogged, unexported=unexported, judge=judge)
 
 
 def replay(run_dir: Path) -> str:
@@ -112,9 +115,12 @@ def replay(run_dir: Path) -> str:
 
 
 def is_finished(run_dir: Path) -> bool:
-    """Whether a run has trained all its steps."""
-    step = latest_step(run_dir)
-    return step is not None and step >= train_steps(load_run_config(run_dir))
+    """Whether a run has trained all its steps, or has become as fast as it was to be."""
+    step, config = latest_step(run_dir), load_run_config(run_dir)
+    if step is None:
+        return False
+    verdicts = verdicts_of(run_dir, step * config.ppo.steps_per_train_step)
+    return step >= train_steps(config) or reaches(verdicts, config.run.until)
 
 
 def make_learner(config: TrainConfig) -> PPO:

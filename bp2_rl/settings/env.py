@@ -46,6 +46,8 @@ class CommandConfig:
     max_turn: Amount = 3.0  # m/s2, largest forward speed x yaw rate: what friction holds with a margin
     limit_fraction: Share = 0.4  # share of targets in the fastest tenth of what the curriculum allows
     straight_fraction: Share = 0.5  # share of targets with no lateral and no yaw command
+    slow_fraction: Share = 0.0  # share of targets of at most `slow` forward
+    slow: Extent = 3.0  # m/s
     stand_fraction: Share = 0.05  # share of targets that are zero
     acceleration: Annotated[Range, Within(0.001, 1000.0)] = (1.0, 8.0)
     """m/s2, rate at which the forward command approaches its target"""
@@ -72,6 +74,7 @@ class ResetConfig:
 
     standing_fraction: Share = 0.3  # start at rest with the command ramping up; the others on the running reference
     joint_noise: Amount = 0.05  # rad, uniform +-
+    command_error: Amount = 0.0  # m/s, by which the command of a running start differs from its speed, at most
     velocity_noise: Amount = 0.1  # share of the reference's velocities, uniform +-
 
 
@@ -110,6 +113,18 @@ class TerminationConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class Kernel:
+    """Of the tracking reward: exp(-2 e^2 / W^2) with W^2 = floor^2 + (speed commanded / width)^2, and for the yaw rate
+    W = yaw_width; but a share `tail` of either is a straight line that ends at an error as large as the command and
+    2 m/s (rad/s) more. The defaults are the paper's."""
+
+    floor: Extent = 1.0  # m/s
+    width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
+    tail: Share = 0.0
+    yaw_width: Extent = 1.0  # rad/s
+
+
+@dataclasses.dataclass(frozen=True)
 class RewardConfig:
     """Coefficients of Table S4; the defaults are its imitation column. See `env.rewards` for the terms."""
 
@@ -122,11 +137,8 @@ class RewardConfig:
     smoothness: Coefficient = 0.1  # c_s
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
-    schedule: Literal["text", "literal"] = "text"  # see rewards.speed_schedule
-    tracking_width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
-    """m/s, command at which the tracking kernel has widened by sqrt 2; inf = paper"""
-    tracking_tail: Share = 0.0  # of the tracking kernel that falls in a straight line with the error; 0 = paper
-    yaw_width: Annotated[float, Within(0.01, 100.0)] = 1.0  # rad/s, of the yaw rate's kernel; 1 = paper
+    schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
+    kernel: Kernel = Kernel()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,7 +174,8 @@ def upgrade(data: Any) -> Any:
     Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
     both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
     nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
-    begins to step had the name of the curriculum's first speed. The first networks were not symmetric.
+    begins to step had the name of the curriculum's first speed. The first networks were not symmetric, and the
+    tracking kernel had one number of its own.
 
     Raises:
         ConfigError: a gait is of another robot than the environment.
@@ -174,7 +187,7 @@ def upgrade(data: Any) -> Any:
     env = data.get("env")
     if not isinstance(env, dict):
         return data
-    changed = _with_losses(env)
+    changed = _with_kernel(_with_losses(env))
     for name in ("gait", "library"):
         gait = env.get(name)
         if not isinstance(gait, dict):
@@ -184,6 +197,15 @@ def upgrade(data: Any) -> Any:
         names = {"start_speed": "stepping_speed"}
         changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
     return data | {"env": changed}
+
+
+def _with_kernel(env: dict[str, Any]) -> dict[str, Any]:
+    """The environment with the width of the tracking kernel where its other numbers are."""
+    reward = env.get("reward")
+    if not (isinstance(reward, dict) and "tracking_width" in reward):
+        return env
+    kept = {name: value for name, value in reward.items() if name != "tracking_width"}
+    return env | {"reward": kept | {"kernel": {"width": reward["tracking_width"]}}}
 
 
 def _with_losses(env: dict[str, Any]) -> dict[str, Any]:

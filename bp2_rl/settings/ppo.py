@@ -31,7 +31,7 @@ class PPOConfig:
     kl_decay: Decay = float("inf")  # train steps after which the divergence aimed at has halved: d / (1 + step / this)
     max_learning_rate: Scale = 1e-3
     critic_steps: Annotated[int, Within(0, 2**30)] = 0  # first train steps, in which the critic alone learns
-    averaging: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.9
+    averaging: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
     """of the policy's weights over train steps: what is exported is a x average + (1 - a) x weights, step by step"""
     discounting: Share = 0.985
     gae_lambda: Share = 0.95
@@ -44,7 +44,7 @@ class PPOConfig:
     value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
     initial_std: Scale = 0.3
-    symmetric: bool = True  # networks that are left-right symmetric by construction; layers are of even width then
+    symmetric: bool = False  # networks that are left-right symmetric by construction; layers are of even width then
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that says how to mend them."""

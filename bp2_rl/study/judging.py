@@ -12,7 +12,7 @@ from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.folders import folder_names
-from bp2_rl.learning.loop import POLICIES
+from bp2_rl.learning.policies import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 

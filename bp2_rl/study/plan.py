@@ -82,7 +82,8 @@ class Plan:
         else:
             origin = Training(variant.imitation or training.variant, training.seed, "imitation")
             words += ["--from", str(folder / origin.name), *variant.relaxed]
-        return [*words, "--run.seed", str(training.seed), "--run.steps", str(steps)]
+        # The study judges what is saved, in its own way.
+        return [*words, "--run.judged", "0", "--run.seed", str(training.seed), "--run.steps", str(steps)]
 
 
 def default_steps(preset: Preset) -> tuple[int, int]:

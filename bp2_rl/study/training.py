@@ -18,11 +18,13 @@ from pathlib import Path
 
 import jax
 
+from bp2_rl import NPROC_IS_OURS
 from bp2_rl.config import claim_folder, config_hash
 from bp2_rl.errors import UserError
 from bp2_rl.folders import find_folder, lock_folder, make_folder
 from bp2_rl.learning.checkpoint import latest_step
-from bp2_rl.learning.loop import POLICIES, control_steps
+from bp2_rl.learning.loop import control_steps
+from bp2_rl.learning.policies import POLICIES
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import CONFIG, Preset, load_run_config, make_config
 from bp2_rl.study.judging import Judgement, judge
@@ -151,6 +153,8 @@ class _Trainer:
                 self._say(str(busy))
                 return False
         environment = os.environ | {PARENT: str(os.getpid())}
+        if NPROC_IS_OURS:
+            environment.pop("NPROC", None)  # it sets its own
         if gpu is not None:
             environment["CUDA_VISIBLE_DEVICES"] = gpu
         with run_dir.with_suffix(".txt").open("a") as log:

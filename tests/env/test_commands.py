@@ -13,7 +13,7 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec, Losses
-from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig
+from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig, Kernel
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
@@ -174,7 +174,7 @@ NAN, INF = float("nan"), float("inf")
         ("randomization.push_interval", 0.0),
         ("reset.standing_fraction", -0.1),
         ("reward.imitation", NAN),
-        ("reward.tracking_width", 0.0),
+        ("reward.kernel.width", 0.0),
         ("termination.min_up", 5.0),
         ("termination.max_speed", INF),
     ],
@@ -205,5 +205,5 @@ def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():
 
 def test_what_has_a_meaning_when_infinite_may_be():
     control = dataclasses.replace(EnvConfig().control, torque_rate=INF)
-    reward = dataclasses.replace(EnvConfig().reward, tracking_width=INF)
+    reward = dataclasses.replace(EnvConfig().reward, kernel=Kernel(width=INF))
     assert EnvConfig(control=control, reward=reward).control.torque_rate == INF

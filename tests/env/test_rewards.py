@@ -1,5 +1,6 @@
 """Every row of Table S4 against numbers worked by hand from the printed formulas."""
 
+import functools
 import math
 
 import jax
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
-from bp2_rl.settings.env import RewardConfig
+from bp2_rl.settings.env import Kernel, RewardConfig
 from bp2_rl.settings.training import PAPER
 
 ZERO = jnp.zeros(12)
@@ -57,7 +58,9 @@ def test_velocity_tracking():
 def test_a_finite_tracking_width_widens_the_linear_kernel_alone():
     # width 5, command 10: exp(-2 x 4 / (1 + 4)) = exp(-1.6)
     v, v_cmd, still = jnp.array([8.0, 0.0]), jnp.array([10.0, 0.0]), jnp.zeros(1)
-    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, 5.0)) == close(0.6 * 0.201897 + 0.4, rel=1e-5)
+    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, Kernel(width=5.0))) == close(
+        0.6 * 0.201897 + 0.4, rel=1e-5
+    )
 
 
 def test_torque_regularization():
@@ -135,6 +138,11 @@ def test_speed_schedule(schedule, c_J, c_V, v, c_m, c_v):
     assert [float(x) for x in got] == [close(c_m, abs=1e-5), close(c_v, abs=1e-5)]
 
 
+def test_without_a_schedule_the_weights_are_those_of_the_table_at_any_speed():
+    for speed in (0.0, 7.0, 15.0):
+        assert tuple(map(float, rewards.speed_schedule(jnp.asarray(speed), 15.0, 0.6, 0.1, "off"))) == close((0.6, 0.1))
+
+
 @given(v=st.floats(-20, 20), c_J=st.floats(0, 1), c_V=st.floats(0, 1), schedule=st.sampled_from(["text", "literal"]))
 def test_the_schedule_only_moves_weight_between_imitation_and_tracking(v, c_J, c_V, schedule):
     c_m, c_v = (float(x) for x in rewards.speed_schedule(jnp.array(v), 10.0, c_J, c_V, schedule))
@@ -186,3 +194,32 @@ def test_symmetry_reads_the_abduction_joints():
     leaning = ZERO.at[jnp.array([0, 3])].set(0.05)  # (0.1)^2 x 100 = 1
     assert total(PAPER["relaxed"], q=leaning)["symmetry"] == close(0.1 * 0.367879, rel=1e-5)
     assert total(PAPER["relaxed"], q=joint(0.5, 1))["symmetry"] == close(0.1)
+
+
+def test_a_tail_gives_the_kernels_a_slope_at_any_error():
+    v_cmd, omega_cmd = jnp.array([15.0, 0.0]), jnp.array([1.0])
+
+    def score(speed, yaw_rate, w, tail=0.3):
+        kernel = Kernel(width=9.0, tail=tail)
+        return float(
+            rewards.velocity_tracking(jnp.array([speed, 0.0]), v_cmd, jnp.array([yaw_rate]), omega_cmd, w, kernel)
+        )
+
+    assert score(15.0, 1.0, 0.5) == close(1.0, rel=1e-5)
+    # At 5 m/s the kernel exp(-200 / 3.78) is gone; 0.3 (1 - 10 / 17) is left.
+    assert score(5.0, 0.0, 1.0) == close(0.123529, rel=1e-5)
+    assert score(5.0, 0.0, 1.0, tail=0.0) < 1e-20
+    assert score(-2.0, 0.0, 1.0) == 0.0
+    # 0.7 exp(-2) + 0.3 (1 - 1 / 3) of the yaw rate
+    assert score(0.0, 0.0, 0.0) == close(0.294735, rel=1e-5)
+
+
+def test_narrow_kernels_tell_slow_motion_and_small_yaw_rates_apart():
+    still, turn, slow = jnp.zeros(1), jnp.array([0.3]), jnp.array([0.5, 0.0])
+    kernel = Kernel(floor=0.2, width=8.0, yaw_width=0.3)
+    yaw = functools.partial(rewards.velocity_tracking, slow, slow, still, turn, 0.0)
+    assert float(yaw()) == close(0.835270, rel=1e-5)  # exp(-0.18)
+    assert float(yaw(kernel)) == close(0.135335, rel=1e-5)  # exp(-2)
+    late = functools.partial(rewards.velocity_tracking, jnp.zeros(2), slow, still, still, 1.0)
+    assert float(late()) == close(0.606531, rel=1e-5)  # exp(-0.5)
+    assert float(late(kernel)) == close(1.13318e-5, rel=1e-3)  # exp(-0.5 / (0.04 + 0.00390625))

@@ -257,3 +257,35 @@ def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(tmp
         pass
     assert (tmp_path / "metrics.damaged-1.jsonl").read_bytes().splitlines()[0] == lines[1]
     assert (tmp_path / "metrics.damaged-2.jsonl").read_text() == "not a line of ours\n"
+
+
+def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alone(tmp_path: Path):
+    console, clock = pipe(), Clock()
+    with Monitor(tmp_path, 1000, console=console, clock=clock) as monitor:
+        monitor.log(500, HEADLINES)
+        monitor.add(300, {"judged/speed": 12.5, "judged/falls": math.nan})
+    late = records(tmp_path)[-1]
+    assert (late["step"], late["judged/speed"], late["judged/falls"]) == (300, 12.5, None)
+    assert shown(console).splitlines()[-1].split()[:2] == ["50%", "500/1.00k"]
+
+
+def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
+    console, clock = pipe(), Clock()
+    with Monitor(tmp_path, 1000, console=console, clock=clock) as monitor:
+        for second in (0, 10, 20):
+            clock.now = float(second)
+            monitor.show("judged: 12.3 m/s at 300")
+            monitor.log(100 + second, HEADLINES)
+        monitor.show("judged: 12.9 m/s at 300")
+    lines = shown(console).splitlines()[1:]
+    assert [line for line in lines if line.startswith("judged")] == [
+        "judged: 12.3 m/s at 300",
+        "judged: 12.9 m/s at 300",
+    ]
+    assert lines[1] == "judged: 12.3 m/s at 300"
+    assert lines[-1] == "judged: 12.9 m/s at 300"
+    console = terminal()
+    with Monitor(tmp_path / "seen", 1000, console=console, clock=clock) as monitor:
+        monitor.log(100, HEADLINES)
+        monitor.show("judged: 12.3 m/s at 300")
+    assert shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-1].strip() == "judged: 12.3 m/s at 300"

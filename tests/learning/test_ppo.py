@@ -200,3 +200,48 @@ NAN, INF = float("nan"), float("inf")
 def test_impossible_hyperparameters_are_refused_by_name(changes, named):
     with pytest.raises(UserError, match=named):
         dataclasses.replace(TINY, **changes)
+
+
+def test_what_is_exported_is_the_average_of_the_policys_weights():
+    learner = PPO(Aim(), dataclasses.replace(TINY, averaging=0.75))
+    state = learner.init(0)
+    expected = jax.device_get(state.params.policy)
+    for _ in range(3):
+        state, _ = learner.train_step(state)
+        expected = jax.tree.map(lambda old, new: 0.75 * old + 0.25 * new, expected, jax.device_get(state.params.policy))
+    for average, by_hand in zip(jax.tree.leaves(state.average), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(average, by_hand, rtol=1e-5, atol=1e-7)
+
+
+def test_in_the_first_train_steps_the_critic_alone_may_learn():
+    learner = PPO(Aim(), dataclasses.replace(TINY, critic_steps=2))
+    state, changed = learner.init(0), []
+    before = jax.device_get(state.params)
+    for _ in range(3):
+        state, metrics = learner.train_step(state)
+        after = jax.device_get(state.params)
+        changed.append([not _same(a, b) for a, b in ((before.policy, after.policy), (before.value, after.value))])
+        if len(changed) < 3:
+            assert float(metrics["loss/learning_rate"]) == pytest.approx(TINY.learning_rate)
+    assert changed == [[False, True], [False, True], [True, True]]
+
+
+def test_the_divergence_aimed_at_falls_with_the_train_steps():
+    """Adam's rate goes up where the divergence is less than half of what is aimed at, down where more than twice."""
+    learner = PPO(Aim(), dataclasses.replace(TINY, desired_kl=0.1, kl_decay=10.0, num_epochs=1, num_minibatches=1))
+    state = learner.init(0)
+    _, keys, key = learner.draw_keys(state)
+    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
+    moved = jax.tree.map(lambda x: x + 0.01, state.params)
+    kl = float(learner.loss(moved, state.normalizer, data, key)[1]["kl_mean"])
+    assert 1e-4 < kl < 0.05
+    rates = []
+    for share in (0.4, 1.0, 2.5):  # of the divergence aimed at
+        step = jnp.asarray(10.0 * (0.1 * share / kl - 1.0))
+        _, metrics = learner.descend(moved, jax.tree.map(jnp.copy, state.optimizer), state.normalizer, data, key, step)
+        rates.append(float(metrics["learning_rate"]) / TINY.learning_rate)
+    assert rates == pytest.approx([1.5, 1.0, 1.0 / 1.5])
+
+
+def _same(these, those):
+    return all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(these), jax.tree.leaves(those), strict=True))

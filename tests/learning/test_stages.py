@@ -20,6 +20,9 @@ def test_the_settings_of_every_preset_survive_json(stage, preset):
         ({"seed": -1}, "run.seed must be from 0 to 4294967295, got -1"),
         ({"seed": 2**63}, "run.seed must be from 0 to 4294967295, got 9223372036854775808"),
         ({"logs": 10**400}, "run.logs must be from 1 to 1000000000, got a huge integer"),
+        ({"judged": -1}, "run.judged must be from 0 to 1000000, got -1"),
+        ({"judged": 1, "until": 0.0}, "run.until must be from 0.1 to 100, got 0"),
+        ({"until": 10.74}, "--until needs a judge: let --run.judged be 1 or more"),
     ],
 )
 def test_impossible_runs_are_refused_by_name(changes, line):

@@ -18,7 +18,7 @@ from bp2_rl.cli.train import _parse
 from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
 from bp2_rl.folders import lock_folder
-from bp2_rl.learning.loop import POLICIES
+from bp2_rl.learning.policies import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.training import RunConfig, make_config
 from bp2_rl.study import judging, outcome, training

@@ -56,6 +56,7 @@ def rollout_mujoco(
     hardware: HardwareSpec | None = None,
     world: World = LEVEL,
     gyro_bias: float = 0.0,
+    machine: type[Machine] = Machine,
 ) -> Trajectory:
     """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
@@ -63,11 +64,11 @@ def rollout_mujoco(
     CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
     and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
     controller take it for. Joint targets act after its latency; until the first does, it stands. `gyro_bias` (rad/s) is
-    that of the gyro from which the operator has the heading.
+    that of the gyro from which the operator has the heading. `machine` is the kind that takes the milliseconds.
     """
     robot = dataclasses.replace(config, hardware=hardware or config.hardware)
-    machine = standing_start(robot, world)
-    model, data = machine.model, machine.data
+    body = standing_start(robot, world, machine)
+    model, data = body.model, body.data
     numerics.apply(model)
     behind = _control_steps_behind(robot.hardware.losses.latency)
     issued = [(np.array(specs.STAND_JOINTS), np.zeros(NU))] * len(behind)  # before the start
@@ -87,7 +88,7 @@ def rollout_mujoco(
                 world.push(data, step)
                 recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
                 recording.target[step], recording.command[step] = position, command
-                recording.torque[step] = machine.millisecond(position, velocity, numerics)
+                recording.torque[step] = body.millisecond(position, velocity, numerics)
                 recording.foot_force[step] = foot_forces(model, data)
                 fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
                 if fell or recording.qpos[step, 0] >= finish:
@@ -175,11 +176,16 @@ def mjx_run(
 # --- Parts that both share -----------------------------------------------------------------------------------
 
 
-def standing_start(config: EnvConfig, world: World = LEVEL) -> Machine:
+def standing_start(config: EnvConfig, world: World = LEVEL, machine: type[Machine] = Machine) -> Machine:
     """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
-    machine = Machine(config, world)
-    machine.settle(SETTLING_TIME, SETTLING_DAMPING)
-    return machine
+    return _settled(config, world, machine).copy()
+
+
+@functools.lru_cache(maxsize=16)
+def _settled(config: EnvConfig, world: World, machine: type[Machine]) -> Machine:
+    settled = machine(config, world)
+    settled.settle(SETTLING_TIME, SETTLING_DAMPING)
+    return settled
 
 
 def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:

@@ -1,0 +1,151 @@
+"""The judge beside a training: his verdicts are the benchmarks', and his processes end with him."""
+
+import dataclasses
+import json
+import multiprocessing
+import time
+from pathlib import Path
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from bp2_rl.assets import asset_path
+from bp2_rl.cli import train as command
+from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation import judge as judging
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
+from bp2_rl.evaluation.judge import LAUNCHES, Launch, Launched
+from bp2_rl.evaluation.runs.machine import Machine, SwiftMachine
+from bp2_rl.evaluation.runs.metrics import RunMetrics
+from bp2_rl.learning.policies import Verdict
+from bp2_rl.learning.policy import load_policy, save_policy
+from bp2_rl.robot.model import MOTOR_QVEL
+from bp2_rl.robot.specs import BUILT, STAND_JOINTS
+from bp2_rl.settings.env import EnvConfig
+
+SMALL = [
+    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "4", "--ppo.num-minibatches", "2",
+    "--ppo.policy-layers", "16", "--ppo.value-layers", "16", "--run.steps", "128", "--run.checkpoints", "1",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_policy(asset_path("policies/default"), expected_layout=LAYOUT)
+
+
+@pytest.fixture(scope="module")
+def slower(shipped):
+    """The same policy as if it had been trained up to 6 m/s."""
+    env = dataclasses.replace(
+        shipped.card.env, commands=dataclasses.replace(shipped.card.env.commands, max_forward=6.0)
+    )
+    return dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
+
+
+def test_the_speed_is_that_of_the_benchmark(slower):
+    """The benchmark computes in NumPy, and roundings part the two runs by 1e-8 m/s."""
+    launched = judging.launch(slower, slower.card.env, Launch(acceleration=3.0, hold=0.5))
+    setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
+    result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
+    assert isinstance(result, RunMetrics)
+    assert not launched.fell
+    assert launched.speed > 4.0
+    assert launched.speed == pytest.approx(result.best_speed, abs=1e-5)
+
+
+def test_a_swift_machine_moves_as_the_judges_does():
+    """The robot with all its losses, whose torque is tried several times a millisecond, through 0.1 s of kicks."""
+    env, rng, fastest = EnvConfig(hardware=BUILT), np.random.default_rng(0), 0.0
+    machines = Machine(env), SwiftMachine(env)
+    for machine in machines:
+        mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
+    for _ in range(20):
+        target = np.array(STAND_JOINTS) + rng.uniform(-0.6, 0.6, 12)
+        for _ in range(5):
+            torques = [machine.millisecond(target, np.zeros(12)) for machine in machines]
+            # A processor may multiply and add in one: that rounds by 1e-16, and a push into the ground is 1e4 as stiff.
+            np.testing.assert_allclose(torques[0], torques[1], atol=1e-7)
+            fastest = max(fastest, np.max(np.abs(machines[0].data.qvel[MOTOR_QVEL])))
+    assert fastest > machines[0].motors.corner_speed  # on the envelope's falling line
+    np.testing.assert_allclose(machines[0].data.qpos, machines[1].data.qpos, atol=1e-9)
+
+
+def test_a_robot_that_falls_has_no_speed(slower):
+    launched = judging.launch(lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, LAUNCHES[1])
+    assert launched == Launched(fell=True, speed=0.0)
+
+
+def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
+    assert judging.judge([Launched(False, 9.0), Launched(True, 0.0), Launched(False, 12.0)]) == Verdict(9.0, 1, 3, 7.0)
+
+
+def test_a_launch_may_be_of_a_worse_robot():
+    robot = Launch(3.0, 1.0, friction=0.75, mass=1.05, latency=0.005).robot(BUILT)
+    assert robot.friction == pytest.approx(0.6)
+    assert robot.mass_scale == pytest.approx(1.05)
+    assert robot.losses.latency == pytest.approx(0.01)
+    assert Launch(3.0, 1.0).robot(BUILT) == BUILT
+
+
+@pytest.fixture(scope="module")
+def slow_policy(shipped, tmp_path_factory):
+    """It is told 1 m/s at most, so that a verdict takes a moment."""
+    env = shipped.card.env
+    env = dataclasses.replace(env, commands=dataclasses.replace(env.commands, max_forward=1.0))
+    folder = tmp_path_factory.mktemp("slow") / "64"
+    save_policy(folder, dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env)))
+    return folder
+
+
+def wait_for(hearing):
+    deadline = time.monotonic() + 120
+    while not hearing.done():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_verdict_comes_from_other_processes_which_end_with_the_judge(slow_policy):
+    policy, before = load_policy(slow_policy), multiprocessing.active_children()
+    with judging.judging(policy.card.env, None) as judge:
+        hearing = judge.submit(slow_policy)
+        assert not hearing.done()
+        workers = [worker for worker in multiprocessing.active_children() if worker not in before]
+        wait_for(hearing)
+        # The same programs on the same processor.
+        assert hearing.result() == judging.judge([judging.launch(policy, policy.card.env, one) for one in LAUNCHES])
+        judge.submit(slow_policy)  # nobody waits for this one
+        began = time.monotonic()
+    assert time.monotonic() - began < 2.0
+    assert workers
+    assert not any(worker.is_alive() for worker in workers)
+
+
+def test_a_judge_whose_process_is_killed_says_so(slow_policy):
+    before = multiprocessing.active_children()
+    with judging.judging(load_policy(slow_policy).card.env, None) as judge:
+        hearing = judge.submit(slow_policy)
+        for worker in multiprocessing.active_children():
+            if worker not in before:
+                worker.kill()
+        wait_for(hearing)
+        with pytest.raises(RuntimeError, match="terminated abruptly"):
+            hearing.result()
+        with pytest.raises(RuntimeError):
+            judge.submit(slow_policy)
+
+
+def test_a_training_is_judged_beside(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert command.main([*SMALL, "--run.judged", "2", "--out", "run"]) == 0
+    lines = [json.loads(line) for line in Path("run/metrics.jsonl").read_text().splitlines()]
+    judged = {line["step"]: line for line in lines if "judged/speed" in line}
+    assert 128 in judged
+    assert judged[128]["judged/launches"] == 3
+    assert load_policy("run").card.results["judged"]["control_steps"] in judged
+    output, errors = capfd.readouterr()
+    assert "judged: " in output
+    assert errors == ""
