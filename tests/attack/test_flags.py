@@ -21,7 +21,8 @@ REFUSED = ("nan", "-inf", "1e308", "-1e308", "9" * 400, "fast")
 """Numbers that make no setting: whatever the flag, they are refused."""
 ENDLESS = (
     "--env.control.torque-rate",
-    "--env.reward.tracking-width",
+    "--env.reward.kernel.width",
+    "--ppo.kl-decay",
     "hardware.braking-speed",
     "losses.bus-power-out",
     "losses.bus-power-in",
@@ -29,7 +30,7 @@ ENDLESS = (
     "highest-step",
     "hardest-landing",
 )
-"""How flags end of what may be infinite: then there is no limit, or no widening."""
+"""How flags end of what may be infinite: then there is no limit, no widening, no decay."""
 
 
 class AcceptedError(Exception):

@@ -174,7 +174,7 @@ NAN, INF = float("nan"), float("inf")
         ("randomization.push_interval", 0.0),
         ("reset.standing_fraction", -0.1),
         ("reward.imitation", NAN),
-        ("reward.kernel.width", 0.0),
+        ("reward.kernel", Kernel(width=0.0)),
         ("termination.min_up", 5.0),
         ("termination.max_speed", INF),
     ],

@@ -148,7 +148,7 @@ def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
 
 def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     verdicts = steady(1, 12, 9, 11, 12, 13, 14, 15)
-    verdicts[2 * PER_STEP] = Verdict(0.0, 1, 3, 11.5)  # it falls in the launch that counts
+    verdicts[2 * PER_STEP] = Verdict(0.0, 1, 3, 7.5)  # it falls in the launch that counts
     run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(verdicts))
     # Heard of during the train step after it.
     assert latest_step(run) == 5
