@@ -44,8 +44,8 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
     target, strength, com = rng.normal(size=3), rng.normal(size=12), rng.normal(size=3)
     robot = randomization.nominal(22, BUILT)
 
-    def observe(qpos, qvel, command, phase, action, target, feet, strength, com):
-        qpos, qvel = jnp.asarray(qpos), jnp.asarray(qvel)
+    def observe(state, command, phase, action, target, feet, strength, com):
+        qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
         seen = observations.actor_observation(
             jnp.asarray(command), jnp.asarray(phase), observations.measure(qpos, qvel), jnp.asarray(action)
@@ -57,9 +57,9 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
 
     turned = [1.0, -1.0, -1.0]
     left = [strength[leg * 3 + i] for leg in (1, 0, 3, 2) for i in range(3)]
-    here = observe(*state, command, phase, action, target, [1.0, 0.0, 0.0, 0.5], strength, com)
+    here = observe(state, command, phase, action, target, [1.0, 0.0, 0.0, 0.5], strength, com)
     there = observe(
-        *mirrored_state(*state), turned * command, phase + 0.5, image(ACTION, action), turned * target,
+        mirrored_state(*state), turned * command, phase + 0.5, image(ACTION, action), turned * target,
         [0.0, 1.0, 0.5, 0.0], left, WORLD * com,
     )  # fmt: skip
     # float32, through the rotations of a heading.

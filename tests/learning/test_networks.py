@@ -1,6 +1,5 @@
 import dataclasses
 import itertools
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -18,13 +17,25 @@ from bp2_rl.settings.ppo import PPOConfig
 CONFIG = PPOConfig(policy_layers=(32, 16), value_layers=(16, 8), symmetric=True)
 MIRRORS = {"state": mirror_of(LAYOUT), "privileged_state": mirror_of(CRITIC_LAYOUT), "action": ACTION}
 
+SIZES = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
+
 
 class Shapes(envs.Env):
     """An environment of which networks need the sizes alone."""
 
     mirrors = MIRRORS
-    observation_size: ClassVar = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
-    action_size, backend = 12, "none"
+
+    @property
+    def observation_size(self):
+        return SIZES
+
+    @property
+    def action_size(self):
+        return 12
+
+    @property
+    def backend(self):
+        return "none"
 
     def reset(self, rng):
         raise NotImplementedError
@@ -40,7 +51,7 @@ def symmetric():
     keys = jax.random.split(jax.random.PRNGKey(0), 5)
     observation = {
         name: 1.0 + 3.0 * jax.random.normal(key, (7, size))
-        for key, (name, size) in zip(keys, Shapes.observation_size.items(), strict=False)
+        for key, (name, size) in zip(keys, SIZES.items(), strict=False)
     }
     both = jax.tree.map(lambda x, y: jnp.stack([x, y], 1), observation, reflect(MIRRORS, observation))
     empty = running_statistics.init_state(jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), observation))
