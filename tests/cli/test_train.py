@@ -1,0 +1,32 @@
+import os
+
+import pytest
+
+from bp2_rl.cli import train as command
+
+
+@pytest.mark.parametrize(
+    ("words", "threads"),
+    [
+        ([], "3"),  # without an accelerator C MuJoCo simulates
+        (["--preset", "cpu"], "3"),
+        (["--preset", "gpu", "--impl", "c"], "3"),
+        (["--preset", "cpu", "--impl", "jax"], "1"),
+        (["--preset", "smoke"], "1"),
+        (["--resume", "nowhere"], "1"),
+    ],
+)
+def test_xla_has_all_processors_where_c_mujoco_simulates(words, threads, monkeypatch):
+    """With MJX its thread pool may wait for ever."""
+    monkeypatch.setenv("NPROC", "1")
+    monkeypatch.setattr(command, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(command, "processors", lambda: 3)
+    command.use_processors(command.read_named(words))
+    assert os.environ["NPROC"] == threads
+
+
+def test_a_users_number_of_threads_stands(monkeypatch):
+    monkeypatch.setenv("NPROC", "1")
+    monkeypatch.setattr(command, "NPROC_IS_OURS", False)
+    command.use_processors(command.read_named(["--preset", "cpu"]))
+    assert os.environ["NPROC"] == "1"
