@@ -4,7 +4,7 @@ A policy pi is equivariant where the mirror image of an observation leads to the
 pi(M o) = M pi(o), and a critic is invariant where V(M o) = V(o). An MLP whose hidden units come in pairs that a mirror
 exchanges is both, for any weights. In the basis of parities, which is of sums and of differences of the pairs, each of
 its layers is two blocks: even to even and odd to odd. So it has half the weights of an MLP of the same width. It is
-computed as one, block by block its kernels would take half the multiplications but, in XLA, three times the time.
+computed as one: block by block its kernels would take half the multiplications, but XLA is slower so on processors.
 """
 
 import itertools
@@ -122,8 +122,8 @@ class SymmetricMLP(linen.Module):
 def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tuple[Any, Any]]:
     """(kernel, bias) of each layer, from its blocks: K = E K_even E'^T + O K_odd O'^T with the bases E, O of what goes
     in and E', O' of what comes out."""
-    count = len(blocks) // 3 + (len(blocks) % 3 > 0)
-    widths = [blocks[f"even_{i}"].shape[1] for i in range(count - 1)]
+    hidden = sum(name.startswith("even_") for name in blocks) - 1
+    widths = [blocks[f"even_{i}"].shape[1] for i in range(hidden)]
     pairs = [tuple(HALF * np.vstack([np.eye(n), sign * np.eye(n)]) for sign in (1.0, -1.0)) for n in widths]
     layers = []
     for i, ((even, odd), (even_out, odd_out)) in enumerate(itertools.pairwise([first, *pairs, last])):

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brax import envs
+from aim import Aim
 from brax.training.acme import running_statistics, specs
 
 from bp2_rl.env.mirror import ACTION, mirror_of
@@ -20,7 +20,7 @@ MIRRORS = {"state": mirror_of(LAYOUT), "privileged_state": mirror_of(CRITIC_LAYO
 SIZES = {name: len(MIRRORS[name].order) for name in ("state", "privileged_state")}
 
 
-class Shapes(envs.Env):
+class Shapes(Aim):
     """An environment of which networks need the sizes alone."""
 
     mirrors = MIRRORS
@@ -32,16 +32,6 @@ class Shapes(envs.Env):
     @property
     def action_size(self):
         return 12
-
-    @property
-    def backend(self):
-        return "none"
-
-    def reset(self, rng):
-        raise NotImplementedError
-
-    def step(self, state, action):
-        raise NotImplementedError
 
 
 @pytest.fixture(scope="module")
