@@ -178,13 +178,13 @@ def mjx_run(
 
 def standing_start(config: EnvConfig, world: World = LEVEL, machine: type[Machine] = Machine) -> Machine:
     """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
-    return _settled(config, world, machine).copy()
+    return _settled(config, world, machine, SETTLING_TIME).copy()
 
 
 @functools.lru_cache(maxsize=16)
-def _settled(config: EnvConfig, world: World, machine: type[Machine]) -> Machine:
+def _settled(config: EnvConfig, world: World, machine: type[Machine], seconds: float) -> Machine:
     settled = machine(config, world)
-    settled.settle(SETTLING_TIME, SETTLING_DAMPING)
+    settled.settle(seconds, SETTLING_DAMPING)
     return settled
 
 
