@@ -33,6 +33,7 @@ from bp2_rl.settings.training import (
 from bp2_rl.workers import end_with_caller, processors
 
 Config = TypeVar("Config")
+DEVICES = "xla_force_host_platform_device_count"
 RUNS = Path("runs")
 
 
@@ -224,7 +225,10 @@ def read_named(argv: list[str]) -> Named:
 
 
 def use_processors(named: Named) -> None:
-    """Let XLA compute on all processors where C MuJoCo simulates; with MJX it may hang there (`bp2_rl/__init__.py`)."""
+    """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`bp2_rl/__init__.py`).
+
+    With BP2's own kernel each processor is a device of its own, with its share of the robots.
+    """
     if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
         return
     impl = named.impl
@@ -233,8 +237,10 @@ def use_processors(named: Named) -> None:
             impl = load_run_config(named.goes_on).impl
     elif impl is None:
         impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
-    if impl == "c":
+    if impl in ("c", "kernel"):
         os.environ["NPROC"] = str(processors())
+    if impl == "kernel" and DEVICES not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
 
 
 def _arguments(defaults: TrainConfig, parent: Path | None = None) -> Arguments:
@@ -278,7 +284,7 @@ def defaults_here(
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     defaults = make_config(stage, preset, weights, robot or "built")
-    if defaults.impl == "c" and not on_cpu:
+    if defaults.impl in ("c", "kernel") and not on_cpu:
         defaults = dataclasses.replace(defaults, impl="jax")
     return preset, defaults
 

@@ -15,6 +15,7 @@ from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.physics.c import CPhysics
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
+from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
 from bp2_rl.errors import UserError
@@ -211,4 +212,7 @@ def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots:
     motors = motors_of(config)
     if impl == "c":
         return CPhysics(config.hardware, motors)
-    return MjxPhysics(model, motors, Resistance.from_hardware(config.hardware), impl, num_robots)
+    resistance = Resistance.from_hardware(config.hardware)
+    if impl == "kernel":
+        return KernelPhysics(model, motors, resistance)
+    return MjxPhysics(model, motors, resistance, impl, num_robots)

@@ -67,7 +67,8 @@ class PPO:
         env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
             `privileged_state`.
         config: hyperparameters.
-        devices: the mesh; default all of JAX's. Their number must divide `config.shuffle_blocks`.
+        devices: the mesh; default all of JAX's, but on a CPU, where they are threads, at most as many as fit. Their
+            number must divide `config.shuffle_blocks`.
 
     Raises:
         UserError: the number of devices does not fit the number of robots.
@@ -76,7 +77,7 @@ class PPO:
     def __init__(self, env: envs.Env, config: PPOConfig, devices: Sequence[Any] | None = None):
         self.config = config
         self.fleet = Fleet(env, config.episode_length)
-        self.mesh = Mesh(np.array(devices or jax.devices()), ("robots",))
+        self.mesh = Mesh(np.array(devices or _devices(config)), ("robots",))
         if config.shuffle_blocks % self.mesh.size:
             raise UserError(
                 f"a minibatch of {config.num_envs // config.num_minibatches} robots cannot be spread over "
@@ -322,6 +323,13 @@ class PPO:
             return jax.lax.with_sharding_constraint(x, spread)
 
         return jax.tree.map(shuffle, data)
+
+
+def _devices(config: PPOConfig) -> list[Any]:
+    devices = jax.devices()
+    if devices[0].platform != "cpu" or jax.process_count() > 1:
+        return devices
+    return devices[: min(2 ** (len(devices).bit_length() - 1), config.shuffle_blocks)]
 
 
 def _all_finite(tree: Any) -> Array:

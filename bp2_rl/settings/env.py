@@ -17,7 +17,7 @@ Extent = Annotated[float, Within(0.001, 1000.0)]
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
-Impl = Literal["jax", "warp", "c"]
+Impl = Literal["jax", "kernel", "warp", "c"]
 """Implementations of the physics."""
 
 

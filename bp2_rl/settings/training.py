@@ -141,7 +141,7 @@ def make_config(
             desired_kl=0.02,
         )  # fmt: skip
         steps = 3_000_000 if relaxed else 4_500_000
-        return TrainConfig(stage, small, ppo, RunConfig(steps=steps, logs=100, checkpoints=4, judged=20), impl="c")
+        return TrainConfig(stage, small, ppo, RunConfig(steps=steps, logs=100, checkpoints=4, judged=20), impl="kernel")
     ppo = dataclasses.replace(
         ppo, num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64),
         value_layers=(64, 64), episode_length=400,

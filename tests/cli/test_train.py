@@ -8,7 +8,7 @@ from bp2_rl.cli import train as command
 @pytest.mark.parametrize(
     ("words", "threads"),
     [
-        ([], "3"),  # without an accelerator C MuJoCo simulates
+        ([], "3"),  # without an accelerator the kernel simulates
         (["--preset", "cpu"], "3"),
         (["--preset", "gpu", "--impl", "c"], "3"),
         (["--preset", "cpu", "--impl", "jax"], "1"),
@@ -16,13 +16,29 @@ from bp2_rl.cli import train as command
         (["--resume", "nowhere"], "1"),
     ],
 )
-def test_xla_has_all_processors_where_c_mujoco_simulates(words, threads, monkeypatch):
+def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monkeypatch):
     """With MJX its thread pool may wait for ever."""
     monkeypatch.setenv("NPROC", "1")
     monkeypatch.setattr(command, "NPROC_IS_OURS", True)
+    monkeypatch.setenv("XLA_FLAGS", "")
     monkeypatch.setattr(command, "processors", lambda: 3)
     command.use_processors(command.read_named(words))
     assert os.environ["NPROC"] == threads
+
+
+def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(monkeypatch):
+    monkeypatch.setattr(command, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(command, "processors", lambda: 3)
+    for words, before, after in (
+        (["--preset", "cpu"], "", "--xla_force_host_platform_device_count=3"),
+        (["--preset", "cpu"], "--a=1", "--a=1 --xla_force_host_platform_device_count=3"),
+        (["--preset", "cpu", "--impl", "c"], "", ""),
+        (["--impl", "kernel"], *2 * ("--xla_force_host_platform_device_count=1",)),
+    ):
+        monkeypatch.setenv("NPROC", "1")
+        monkeypatch.setenv("XLA_FLAGS", before)
+        command.use_processors(command.read_named(words))
+        assert os.environ["XLA_FLAGS"] == after
 
 
 def test_a_users_number_of_threads_stands(monkeypatch):

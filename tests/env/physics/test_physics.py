@@ -28,7 +28,7 @@ ACTIONS = 0.1 * jax.random.normal(jax.random.PRNGKey(1), (STEPS, ROBOTS, 12))
 FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)  # contacts in the critic's observation
 
 
-@pytest.fixture(params=["c", "warp"])
+@pytest.fixture(params=["kernel", "c", "warp"])
 def impl(request, monkeypatch) -> Impl:
     """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors, too."""
     if request.param == "c" and jax.default_backend() != "cpu":
@@ -231,6 +231,6 @@ def test_c_says_what_to_do_where_jax_has_an_accelerator(monkeypatch):
 
 
 def test_small_machines_train_in_c_unless_told_otherwise():
-    assert _parse(["--preset", "cpu"]).impl == "c"
+    assert _parse(["--preset", "cpu"]).impl == "kernel"
     assert _parse(["--preset", "cpu", "--impl", "jax"]).impl == "jax"
     assert _parse(["--preset", "gpu"]).impl == _parse(["--preset", "smoke"]).impl == "jax"

@@ -1,0 +1,113 @@
+"""The five physics steps of a control step in BP2's own kernel, all robots of a batch side by side."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array, Float
+
+from bp2_rl.env import randomization
+from bp2_rl.env.controller import Targets
+from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
+from bp2_rl.env.randomization import Randomization
+from bp2_rl.robot import losses, specs
+from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.kernel.legs import Masses
+from bp2_rl.robot.kernel.millisecond import Moving, step
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+
+
+class KernelPhysics:
+    """`robot.kernel`, on any device.
+
+    Args:
+        model: BP2 on flat ground, with feet as its only contacts.
+        motors: its motors at full strength.
+        resistance: of the robot as designed, if anything resists.
+
+    Raises:
+        UserError: the kernel does not know this robot.
+    """
+
+    def __init__(self, model: mujoco.MjModel, motors: Actuator, resistance: Resistance | None):
+        self.design = Design.of(model)
+        self.motors, self.resistance = motors, resistance
+        self._one = custom_vmap(self._alone)
+        self._one.def_vmap(self._batched)
+
+    def __call__(
+        self, physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
+        """See `physics.Simulator`; under `jax.vmap` the robots of the batch are computed side by side."""
+        return self._one(physics, targets, robot)
+
+    def _alone(
+        self, physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
+        batch = jax.tree.map(lambda x: x[None], (physics, targets, robot))
+        return jax.tree.map(lambda x: x[0], self._side_by_side(*batch))
+
+    def _batched(
+        self, size: int, batched: list[Any], physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Any, Any]:
+        """`custom_vmap`'s rule: what is the same for all robots is repeated."""
+        arguments = [physics, targets, robot]
+        whole = jax.tree.map(
+            lambda x, is_batched: x if is_batched else jnp.broadcast_to(x, (size, *x.shape)), arguments, batched
+        )
+        out = self._side_by_side(*whole)
+        return out, jax.tree.map(lambda _: True, out)
+
+    def _side_by_side(
+        self, physics: Physics, targets: Targets, robot: Randomization
+    ) -> tuple[Physics, Effort, Float[Array, "N 4"]]:
+        """Of robots in the first axis: the kernel has them in the last."""
+        design, masses = self.design, Masses.of(self.design, robot.mass.T, robot.com_offset.T)
+        motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
+        if resistance is not None:
+            resistance = randomization.randomize_resistance(resistance, robot)
+        history, remembered = jax.vmap(target_history)(physics, targets)
+
+        def millisecond(state: _State, ages: Array) -> tuple["_State", tuple[Array, ...]]:
+            now = in_force(ages, robot.latency)
+            issued = jax.tree.map(lambda x: _choose(now, x), history)
+            qpos, qvel = state.moving.qpos.T, state.moving.qvel.T
+            q, qd = qpos[:, MOTOR_QPOS], qvel[:, MOTOR_QVEL]
+            torque = joint_torque(motors, state.torque, q, qd, issued.position, issued.velocity, specs.PHYSICS_STEP)
+            applied = _of_the_motors(torque)
+            if resistance is not None:
+                applied += losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+            moving, heights = step(design, masses, robot.friction, state.moving, applied.T)
+            return _State(moving, torque), (torque, torque * qd, heights)
+
+        before = Moving(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
+        after, (torques, powers, heights) = jax.lax.scan(millisecond, _State(before, physics.torque), jnp.asarray(AGES))
+        touching = (heights[-1].T <= specs.FOOT_RADIUS).astype(jnp.float32)
+        effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
+        moved = jax.tree.map(lambda x: x.T, after.moving)
+        return Physics(*moved, torque=after.torque, targets=remembered), effort, touching
+
+
+class _State(NamedTuple):
+    """What one millisecond hands to the next."""
+
+    moving: Moving
+    torque: Float[Array, "N 12"]  # Nm
+
+
+def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]:
+    """One of the three for each robot, by selections: a gather would go through them one by one."""
+    chosen = among[:, -1]
+    for i in reversed(range(among.shape[1] - 1)):
+        chosen = jnp.where((which == i)[:, None], among[:, i], chosen)
+    return chosen
+
+
+def _of_the_motors(torque: Float[Array, "N 12"]) -> Float[Array, "N 22"]:
+    """Their forces on MuJoCo's coordinates."""
+    legs = jnp.pad(torque.reshape(-1, 4, 3), ((0, 0), (0, 0), (0, 1)))
+    return jnp.pad(legs.reshape(-1, 16), ((0, 0), (6, 0)))

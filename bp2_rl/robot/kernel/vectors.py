@@ -1,0 +1,88 @@
+"""Tuples of three whose entries are arrays over robots, or legs and robots; and in what pieces all is computed."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+Number = Any
+"""A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
+Vector = tuple[Number, Number, Number]
+T = TypeVar("T")
+
+
+def add(*vectors: Vector) -> Vector:
+    """Their sum."""
+    x, y, z = vectors[0]
+    for more in vectors[1:]:
+        x, y, z = x + more[0], y + more[1], z + more[2]
+    return x, y, z
+
+
+def scaled(factor: Number, v: Vector) -> Vector:
+    """factor v."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+def dot(a: Vector, b: Vector) -> Number:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def over_legs(x: Number) -> Number:
+    """The sum over the legs: (4, N) -> (N,)."""
+    return jnp.sum(x, axis=0)
+
+
+def cos_sin(angle: Array) -> tuple[Array, Array]:
+    """Cosine and sine, to two units in the last place of float32 below 100 rad.
+
+    XLA's own are libm's, one number after the other: as slow as a third of the whole step. These are Cephes's
+    polynomials about the nearest multiple of pi/2, which is taken off in three parts (Cody and Waite).
+    """
+    quarter = jnp.round(angle * (2.0 / jnp.pi))
+    x = ((angle - quarter * 1.5703125) - quarter * 4.837512969970703e-4) - quarter * 7.549789948768648e-8
+    square = x * x
+    sine = x + x * square * (-1.6666654611e-1 + square * (8.3321608736e-3 - square * 1.9515295891e-4))
+    tail = 4.166664568298827e-2 + square * (-1.388731625493765e-3 + square * 2.443315711809948e-5)
+    cosine = 1.0 - 0.5 * square + square * square * tail
+    turns = quarter - 4.0 * jnp.floor(0.25 * quarter)  # 0, 1, 2 or 3
+    odd = (turns == 1.0) | (turns == 3.0)
+    cos, sin = jnp.where(odd, sine, cosine), jnp.where(odd, cosine, sine)
+    return jnp.where((turns == 1.0) | (turns == 2.0), -cos, cos), jnp.where(turns >= 2.0, -sin, sin)
+
+
+class Pieces(NamedTuple):
+    """Computes a piece of a program apart from the rest.
+
+    XLA lets whatever is cheap be computed anew in each loop that needs it, and has no measure of how much that is in
+    long chains of products and sums: on a processor the whole step took twice as long as without any such fusion. What
+    is inside of a conditional is not fused with what is outside. The condition always holds, but XLA cannot know.
+    """
+
+    always: Bool[Array, ""] | None  # None: compute all in one
+
+    @classmethod
+    def of(cls, friction: Number) -> "Pieces":
+        """By the sign of a floor's friction, on processors; elsewhere a condition costs more than it saves."""
+        return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
+
+    def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
+        """piece(*inputs)."""
+        if self.always is None:
+            return piece(*inputs)
+        return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
+
+
+def _zeros_like(piece: Callable[..., T]) -> Callable[..., T]:
+    def zeros(*inputs: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(piece, *inputs))
+
+    return zeros

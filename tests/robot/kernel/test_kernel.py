@@ -1,0 +1,146 @@
+"""The kernel's millisecond beside C MuJoCo's, which shares no code with it."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from landing import converged, random_states
+
+from bp2_rl.env.randomization import draw, randomize_c_model
+from bp2_rl.errors import UserError
+from bp2_rl.robot.kernel import constraints, vectors
+from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.kernel.legs import Masses
+from bp2_rl.robot.kernel.millisecond import Moving, step
+from bp2_rl.robot.kernel.vectors import cos_sin
+from bp2_rl.robot.model import MOTOR_QVEL, NV, load_model
+from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
+from bp2_rl.settings.env import RandomizationConfig
+
+ROBOTS = 200
+OTHER = dataclasses.replace(
+    IDEAL, leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2
+)
+
+
+@pytest.fixture(scope="module")
+def states() -> list[np.ndarray]:
+    """States (qpos, qvel, torque) with zero to four feet on the ground and joints beyond their limits."""
+    return [x.astype(np.float32) for x in random_states(np.random.default_rng(0), ROBOTS, thrown=0.0)]
+
+
+@functools.cache
+def drawn(hardware: HardwareSpec):
+    """As many robots around this one, each different in masses, trunk and friction."""
+    keys = jax.random.split(jax.random.PRNGKey(1), ROBOTS)
+    bodies = load_model(hardware).nbody
+    return jax.vmap(lambda key: draw(key, RandomizationConfig(), bodies, hardware))(keys)
+
+
+@functools.cache
+def stepped(hardware: HardwareSpec):
+    """(qpos, qvel, torque), a robot a row -> (qpos, qvel, acceleration, heights of feet) after, from no first guess."""
+    design, robots = Design.of(load_model(hardware, visual=False, feet_only=True)), drawn(hardware)
+
+    @jax.jit
+    def run(qpos, qvel, torque):
+        masses = Masses.of(design, robots.mass.T, robots.com_offset.T)
+        force = jnp.zeros((NV, len(qpos))).at[MOTOR_QVEL].set(torque.T)
+        after, heights = step(
+            design, masses, robots.friction, Moving(qpos.T, qvel.T, jnp.zeros((NV, len(qpos)))), force
+        )
+        return after.qpos.T, after.qvel.T, after.qacc_warmstart.T, heights.T
+
+    return run
+
+
+@pytest.mark.parametrize("hardware", [IDEAL, BUILT, OTHER], ids=["ideal", "built", "other"])
+def test_one_step_of_randomised_robots_is_that_of_c_mujoco(states, hardware):
+    """Accelerations to 1e-4 of each state's largest, C MuJoCo's solver converged in float64; then the step itself."""
+    positions, velocities, accelerations, heights = map(np.asarray, stepped(hardware)(*states))
+    nominal = load_model(hardware, visual=False, feet_only=True, lean=True)
+    model, robots = converged(load_model(hardware, visual=False, feet_only=True, lean=True)), drawn(hardware)
+    trunk = int(model.body("trunk").id)
+    data, feet, limits, worst = mujoco.MjData(model), [], [], []
+    for i, (qpos, qvel, torque) in enumerate(zip(*states, strict=True)):
+        randomize_c_model(model, nominal, jax.tree.map(lambda x, i=i: np.asarray(x[i]), robots), trunk)
+        mujoco.mj_resetData(model, data)
+        data.qpos, data.qvel = qpos, qvel
+        data.qfrc_applied[MOTOR_QVEL] = torque
+        mujoco.mj_step(model, data)
+        feet.append(data.ncon)
+        limits.append(np.sum(data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT))
+        largest = abs(data.qacc).max()
+        worst.append(abs(accelerations[i] - data.qacc).max() / largest)
+        np.testing.assert_allclose(velocities[i], data.qvel, rtol=0, atol=1e-4 * largest * 1e-3 + 1e-5)
+        np.testing.assert_allclose(positions[i], data.qpos, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(heights[i], data.sensordata[2::3], rtol=0, atol=1e-6)
+    assert max(worst) < 1e-4
+    assert all(np.bincount(feet, minlength=5) >= (0 if hardware is OTHER else 6))  # its legs reach further down
+    assert np.sum(limits) > 20
+
+
+def test_full_newton_steps_end_at_the_minimum(monkeypatch):
+    """5000 states, feet thrown into the ground among them: four steps and twenty end at the same accelerations.
+
+    Where full steps would circle between sets of rows, twenty would not be where four are; one in a thousand states may
+    want a fifth step.
+    """
+    states = [x.astype(np.float32) for x in random_states(np.random.default_rng(7), 5000, thrown=3.0)]
+    design = Design.of(load_model(BUILT, visual=False, feet_only=True))
+    ones = jnp.ones((18, 5000))
+
+    def accelerations(iterations):
+        monkeypatch.setattr(constraints, "ITERATIONS", iterations)
+
+        @jax.jit
+        def run(qpos, qvel, torque):
+            force = jnp.zeros((NV, 5000)).at[MOTOR_QVEL].set(torque.T)
+            moving = Moving(qpos.T, qvel.T, jnp.zeros((NV, 5000)))
+            masses = Masses.of(design, ones, jnp.zeros((3, 5000)))
+            return step(design, masses, 0.8 * jnp.ones(5000), moving, force)[0].qacc_warmstart
+
+        return np.asarray(run(*states))
+
+    four, twenty = accelerations(4), accelerations(20)
+    apart = abs(four - twenty).max(axis=0) / abs(twenty).max(axis=0)
+    assert np.isfinite(twenty).all()
+    assert np.mean(apart > 1e-4) <= 1e-3
+    np.testing.assert_array_less(abs(accelerations(21) - twenty).max(axis=0) / abs(twenty).max(axis=0), 1e-4)
+
+
+def test_computed_in_pieces_or_in_one_the_step_is_the_same(states, monkeypatch):
+    """Only what XLA fuses differs, and with it the rounding of float32."""
+    in_pieces = stepped(BUILT)(*states)
+    monkeypatch.setattr(vectors.Pieces, "of", lambda friction: vectors.Pieces(None))
+    in_one = stepped.__wrapped__(BUILT)(*states)
+    for ours, theirs in zip(in_pieces, in_one, strict=True):
+        scale = np.max(np.abs(theirs), axis=1, keepdims=True)
+        np.testing.assert_allclose(ours / scale, theirs / scale, rtol=0, atol=1e-4)
+
+
+def test_cosine_and_sine_are_exact_to_float32():
+    angles = np.concatenate([np.linspace(-10.0, 10.0, 200_001), np.linspace(-100.0, 100.0, 20_001)]).astype(np.float32)
+    cos, sin = map(np.asarray, jax.jit(cos_sin)(angles))
+    np.testing.assert_allclose(cos, np.cos(angles.astype(np.float64)), rtol=0, atol=2.4e-7)
+    np.testing.assert_allclose(sin, np.sin(angles.astype(np.float64)), rtol=0, atol=2.4e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (lambda m: m.body_ipos.__setitem__((3, 1), 0.01), "parts off their axes"),
+        (lambda m: m.body_pos.__setitem__((4, 2), -0.3), "legs of different lengths"),
+        (lambda m: m.jnt_axis.__setitem__((2, 0), 1.0), "the axes of its joints"),
+        (lambda m: m.dof_frictionloss.__setitem__(7, 1.0), "dry friction"),
+    ],
+)
+def test_a_robot_that_the_kernel_does_not_know_is_refused_by_name(change, what):
+    model = load_model(visual=False, feet_only=True)
+    change(model)
+    with pytest.raises(UserError, match=what):
+        Design.of(model)
