@@ -36,7 +36,6 @@ def drive(
     amplitude: Float[np.ndarray, "*#many"],
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
-    samples: int = SAMPLES,
 ) -> Cycle:
     """The torques of pendulums that swing alike but for their phases.
 
@@ -45,9 +44,8 @@ def drive(
         amplitude: A, rad.
         frequency: W, over w0.
         mass_ratio: R.
-        samples: of the cycle.
     """
-    angle = np.arange(samples) * (2.0 * np.pi / samples)
+    angle = np.arange(SAMPLES) * (2.0 * np.pi / SAMPLES)
     amplitude, frequency, mass_ratio = (np.asarray(values)[..., None] for values in (amplitude, frequency, mass_ratio))
     turned = angle[:, None] + phase[..., None, :]
     swing = amplitude[..., None] * np.sin(turned)

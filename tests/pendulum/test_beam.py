@@ -70,7 +70,7 @@ def test_what_the_motors_put_in_is_what_the_energy_grows_by():
 
 def test_legs_that_move_as_pairs_are_pendulums_on_a_beam_half_as_heavy():
     theta, rate, acceleration = np.random.default_rng(2).normal(size=(3, 2))
-    pairs = (np.repeat(values, 2) for values in (theta, rate, acceleration))
-    four = beam.coupled_torque(*pairs, np.array(8.8))
+    legs = [np.repeat(values, 2) for values in (theta, rate, acceleration)]
+    four = beam.coupled_torque(legs[0], legs[1], legs[2], np.array(8.8))
     two = beam.coupled_torque(theta, rate, acceleration, np.array(4.4))
     np.testing.assert_allclose(four, np.repeat(two, 2), rtol=1e-13)

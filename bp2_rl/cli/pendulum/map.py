@@ -49,10 +49,10 @@ def _map(arguments: Arguments) -> None:
     rows = []
     for one in (one.reduction for one in maps):
         spots = (" ".join(f"{ratio:.2f}" for ratio in ratios) for ratios in (one.at_small_amplitude, one.at_one_radian))
-        worst = f"{one.greatest:.3f}, {one.greatest_at[0]:.2f} and {one.greatest_at[1]:.2f} rad"
+        worst = f"{one.greatest:.3f} at {one.greatest_at[0]:.2f}, {one.greatest_at[1]:.2f}"
         rows.append((f"{one.mass_ratio:.3g}", f"{one.boundary:.4f}", f"{one.boundary_error:.0e}", *spots, worst))
-    spots = [f"{name}, phases 0 to pi" for name in ("small swings", "1 rad")]
-    output.tabulate(("R", "helps from W", "W^2 off by", *spots, "worst, at"), rows)
+    spots = [f"{name}, 0 to pi" for name in ("small swings", "1 rad")]
+    output.tabulate(("R", "helps: W", "W^2 off", *spots, "worst, phase, rad"), rows)
     arrays = {name: getattr(maps[0], name) for name in ("phases", "frequencies", "amplitudes")}
     for column, one in enumerate(maps):
         arrays |= {f"over_frequency_{column}": one.over_frequency, f"over_amplitude_{column}": one.over_amplitude}

@@ -14,7 +14,7 @@ from bp2_rl.pendulum.reduction import Maps
 from bp2_rl.plotting import INK, WIDTH, styled
 
 MOST = 1.5  # of the colours over frequency: at W = 1 the ratio has a pole
-CONTOURS = (0.3, 0.5, 0.7, 0.9)
+CONTOURS = (0.4, 0.7, 0.9)
 COLOR_TICKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5)
 
 
