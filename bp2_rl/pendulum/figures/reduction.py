@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -15,6 +16,7 @@ from bp2_rl.plotting import INK, WIDTH, styled
 
 MOST = 1.5  # of the colours over frequency: at W = 1 the ratio has a pole
 CONTOURS = (0.4, 0.7, 0.9)
+LABELLED = 0.3  # of a map's height, at which its contours are labelled
 COLOR_TICKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5)
 
 
@@ -39,7 +41,7 @@ def reduction_figure(maps: Sequence[Maps]) -> Figure:
                 one.phases, rows, values, cmap=HELPS_AND_HURTS, norm=norm, shading="gouraud", rasterized=True
             )
             lines = axes.contour(one.phases, rows, values, CONTOURS, colors=INK, linewidths=0.5)
-            axes.clabel(lines, fmt="%.1f", fontsize=7.0)
+            axes.clabel(lines, fmt="%.1f", fontsize=7.0, manual=_label_places(one.phases, rows, values))
             images.append(image)
         reduction = one.reduction
         lower.contour(one.phases[:-1], one.amplitudes, one.over_amplitude[:, :-1], [1.0], colors=INK, linewidths=1.4)
@@ -66,6 +68,15 @@ def reduction_figure(maps: Sequence[Maps]) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
+
+
+def _label_places(
+    phases: Float[np.ndarray, " phases"], rows: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows phases"]
+) -> list[tuple[float, float]]:
+    """Where contours cross one row of a map, clear of where they crowd."""
+    row = round(LABELLED * len(rows))
+    crossed = [np.flatnonzero(np.diff(np.sign(values[row] - level))) for level in CONTOURS]
+    return [(float(phases[columns[0]]), float(rows[row])) for columns in crossed if len(columns)]
 
 
 def _mark_trot(axes: Axes, height: float) -> None:
