@@ -52,6 +52,10 @@ COMMANDS = {
         for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "figures")
     },
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
+    **{
+        f"pendulum {what}": ("bp2_rl.cli.pendulum", [what])
+        for what in ("simulate", "sections", "torque", "map", "trapping", "gaits")
+    },
 }
 """Each command's module, and the words that come before its flags."""
 
@@ -75,6 +79,7 @@ WORK = (
     "bp2_rl.cli.trajopt.output.progress",
     "bp2_rl.trajopt.codesign.study.study_codesign",
     "bp2_rl.trajopt.decomposition.decompose",
+    "bp2_rl.cli.pendulum.output.open_folder",
 )
 """Where a command has looked at all it was told, and begins to work."""
 
@@ -89,7 +94,7 @@ def flags(text: str) -> dict[str, str]:
 
 
 def attacks(metavar: str) -> tuple[str, ...]:
-    return NUMBERS if re.search("FLOAT|INT|M/S|[SN]$", metavar) else WORDS
+    return NUMBERS if re.search("FLOAT|INT|M/S|RAD|HZ|T0|[MSN]$", metavar) else WORDS
 
 
 def run(capsys, module: str, words: list[str]) -> tuple[int, str, float]:

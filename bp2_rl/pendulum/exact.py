@@ -1,0 +1,93 @@
+"""What pendulums on a beam do in closed form: what small swings, special motions and a rule of thumb say.
+
+W is a frequency over w0, z pulls of the pendulums on each other, A an amplitude in rad. Two pendulums unless an
+argument counts them.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+from scipy.integrate import quad
+from scipy.special import ellipk
+
+
+def in_phase_frequency(mass_ratio: float) -> float:
+    """Of two small swings side by side against the beam; side by side in antiphase it is 1, and the beam rests."""
+    return math.sqrt(1.0 + 2.0 / mass_ratio)
+
+
+def beat_period(mass_ratio: float) -> float:
+    """Until a small swing is back with the pendulum that was let go, in T0."""
+    return 1.0 / (in_phase_frequency(mass_ratio) - 1.0)
+
+
+def small_swing(
+    amplitude: float, time: Float[np.ndarray, " samples"], mass_ratio: float
+) -> Float[np.ndarray, "samples 2"]:
+    """The angles after one of two is let go at a small angle, the other hanging."""
+    slow, fast = np.cos(time), np.cos(in_phase_frequency(mass_ratio) * time)
+    return np.stack((fast + slow, fast - slow), axis=-1) * amplitude / 2.0
+
+
+def shares(mass_ratio: float) -> tuple[float, float]:
+    """Long averages of that: of the energy, what each pendulum has, and what the beam has."""
+    return (3.0 + mass_ratio / (mass_ratio + 2.0)) / 8.0, 1.0 / (2.0 * (mass_ratio + 2.0))
+
+
+def antiphase_period(amplitude: float) -> float:
+    """Of two in antiphase, in 1 / w0, at any amplitude: the beam rests, and each is a pendulum of its own."""
+    return 4.0 * float(ellipk(math.sin(amplitude / 2.0) ** 2))
+
+
+def in_phase_period(amplitude: float, mass_ratio: float, pendulums: int = 2) -> float:
+    """Of pendulums that swing as one, in 1 / w0, at any amplitude, by quadrature.
+
+    Energy and momentum leave th'^2 = 2 (cos th - cos A) / (1 - n cos^2 th / (R + n)); with sin(th/2) = k sin(psi) and
+    k = sin(A/2) the time over a quarter is an integral of a smooth function.
+    """
+    k = math.sin(amplitude / 2.0)
+
+    def slowness(psi: float) -> float:
+        half = (k * math.sin(psi)) ** 2  # sin^2(th / 2)
+        return math.sqrt((1.0 - pendulums * (1.0 - 2.0 * half) ** 2 / (mass_ratio + pendulums)) / (1.0 - half))
+
+    return 4.0 * quad(slowness, 0.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
+
+
+def small_torque_ratio(
+    phase: Float[np.ndarray, "*#many"], frequency: Float[np.ndarray, "*#many"], mass_ratio: Float[np.ndarray, "*#many"]
+) -> Float[np.ndarray, "*many"]:
+    """Of small swings a phase apart: the torque's peak with the beam free over that with it fixed.
+
+    Infinite at W = 1, where a fixed beam asks for no torque.
+    """
+    own = 1.0 - frequency**2
+    pull = frequency**2 * (1.0 + np.exp(1j * phase)) / (mass_ratio + 2.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.abs(own + pull) / np.abs(own))
+
+
+def boundary_frequency(mass_ratio: float) -> float:
+    """The W above which, and only above which, a free beam lowers the torque of small swings, whatever the phase."""
+    return math.sqrt((mass_ratio + 2.0) / (mass_ratio + 1.0))
+
+
+def small_gait_ratio(
+    order: Float[np.ndarray, "*#many"], frequency: float, mass_ratio: float, legs: int
+) -> Float[np.ndarray, "*many"]:
+    """Of small swings of many legs: the torque's root mean square over time and legs, free over fixed.
+
+    It hangs on the gait by the order parameter alone, |mean e^(i phi)|.
+    """
+    pull = frequency**2 / (1.0 - frequency**2) * legs / (mass_ratio + legs)
+    return np.asarray(np.sqrt(1.0 + order**2 * (2.0 * pull + pull**2)))
+
+
+def trapping_ratio(amplitude: float) -> float:
+    """The mass ratio above which a swing stays with its pendulum: the small-angle law 32 / A^2.
+
+    The swing shifts its pendulum's frequency by -A^2 / 16, and the two do not exchange if that exceeds twice the
+    splitting of their modes, 1 / R.
+    """
+    return 32.0 / amplitude**2

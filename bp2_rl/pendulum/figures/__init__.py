@@ -1,0 +1,1 @@
+"""The pictures of the pendulums, a file a figure."""
