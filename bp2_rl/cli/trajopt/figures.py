@@ -80,5 +80,5 @@ def _figures(arguments: Arguments) -> None:
     )
     for line in (*coupling_account.remarks(account), *decomposition.remarks(trends)):
         print(line)
-    Console(width=max(Console().width, 100)).print(coupling_account.tabulate(accounts))
+    Console(width=max(Console().width, 110)).print(coupling_account.tabulate(accounts))
     print(f"figures, and all numbers of coupling in {NUMBERS}: {arguments.out}")
