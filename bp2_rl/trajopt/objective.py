@@ -19,7 +19,7 @@ from bp2_rl.trajopt.codesign.chain import Chain, read_solution, solve_chains
 from bp2_rl.trajopt.codesign.search import start_chain
 from bp2_rl.trajopt.codesign.settings import Bounds, CodesignSettings
 from bp2_rl.trajopt.family import RESERVED, FamilyConfig
-from bp2_rl.trajopt.problem import Problem, Speed, Starts
+from bp2_rl.trajopt.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.trajopt.solution import Solution
 
 BODY_WEIGHT = specs.TOTAL_MASS * specs.GRAVITY  # N
@@ -33,8 +33,7 @@ class ObjectiveSettings:
     speeds: tuple[Speed, ...] = (10.0, 8.0)  # m/s
     body_weights: tuple[Annotated[float, Within(0.1, 100.0)], ...] = (1.0, 2.0, 3.0)  # F bar
     starts: Starts = 2  # of each; the cheapest counts
-    problem: Problem = Problem()  # of BP2 as it is
-    codesign: CodesignSettings = CodesignSettings()
+    intervals: Intervals = 16  # of each segment, of what is compared
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -137,11 +136,11 @@ def tabulate_objectives(rows: Sequence[ObjectiveRow]) -> Table:
 
 def _chains(settings: ObjectiveSettings, speed: float, body_weights: float) -> dict[str, list[Chain]]:
     """Ways to the cheapest trajectory of each robot."""
-    bare = _weighed(settings.problem.at(speed), body_weights)
+    bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
     reserved = dataclasses.replace(bare, hardware=RESERVED, speed_margin=FamilyConfig().problem.speed_margin)
-    free = _weighed(settings.codesign.problem.at(speed), body_weights)
-    codesign = dataclasses.replace(settings.codesign, problem=free)
-    finer = free.on_mesh(settings.problem.intervals)
+    free = _weighed(CodesignSettings().problem.at(speed), body_weights)
+    codesign = CodesignSettings(problem=free)
+    finer = free.on_mesh(settings.intervals)
     seeds = range(settings.starts)
     return {
         AS_IS: [Chain((bare,), (), Bounds(), seed) for seed in seeds],
