@@ -224,8 +224,11 @@ def _cutoffs(axes: Axes, account: CouplingAccount) -> None:
     largest = [*(max(cut.largest.values()) for cut in account.cutoffs), account.largest_main["joints"]]
     axes.bar(labels, covered, 0.6, color=PARTNER)
     for i, (share, torque) in enumerate(zip(covered, largest, strict=True)):
-        axes.annotate(f"{torque:.0f} Nm", (i, share), (0, 2), textcoords="offset points", ha="center", fontsize=8)
-    axes.set(title="Covered at peaks", xlabel="Harmonics; above: largest", ylim=(min(0.0, *covered), 1.1))
+        axes.annotate(
+            f"{torque:.0f} Nm", (i, max(share, 0.0)), (0, 2), textcoords="offset points", ha="center", fontsize=8
+        )
+    axes.set(title="Covered at peaks", xlabel="Harmonics; above: largest", ylim=(min(0.0, 1.2 * min(covered)), 1.1))
+    axes.axhline(0.0, color=INK, linewidth=0.8)
 
 
 def _velocity_force(axes: Axes, terms: Decomposition) -> None:
@@ -235,7 +238,8 @@ def _velocity_force(axes: Axes, terms: Decomposition) -> None:
     shade_stance(axes, terms.cycle, terms.legs)
     axes.plot(share, over_weight, color=TERM_COLORS["centrifugal"])
     axes.plot(*PAPER_C_Z, "D", ms=5, color=PARTNER)
-    axes.annotate("paper", PAPER_C_Z, (5, 4), textcoords="offset points", color=PARTNER, fontsize=8)
+    at = {"textcoords": "offset points", "ha": "center", "color": PARTNER, "fontsize": 8}
+    axes.annotate("paper, at 10 m/s", PAPER_C_Z, (0, 6), **at)
     axes.axvline(PAPER_INSTANT, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
     axes.annotate(
         "paper's\nreversal",
