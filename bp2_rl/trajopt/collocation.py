@@ -137,7 +137,7 @@ def transcribe(
     """The nonlinear program and its unknowns: durations, q, v, a, tau, force, impulse (one each for every segment),
     design vector, speed, cost."""
     stride, hardware, legs = problem.stride, problem.hardware, problem.stride.legs
-    model = sagittal.build_model(legs, hardware, problem.foot_radius)
+    model = sagittal.model_of(problem)
     segments, points, motors = range(len(stride.standing)), len(problem.points), motor_coordinates(legs).tolist()
     program = Program()
 

@@ -36,6 +36,11 @@ class Cycle:
         return self.starts[:, None] + self.motion.durations[:, None] * self.problem.points
 
     @property
+    def hind_leg(self) -> str:
+        """The hind leg that stands first."""
+        return next(leg for feet in self.standing for leg in feet if not leg.startswith("F"))
+
+    @property
     def weights(self) -> Float[np.ndarray, "segments points"]:
         """np.sum(weights * f) is the integral of f over the cycle as the scheme takes it, s."""
         return self.motion.durations[:, None] * self.problem.quadrature

@@ -125,28 +125,28 @@ def decompose(solution: Solution) -> Decomposition:
     cycle = whole_cycle(solution)
     problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
     p = sagittal.design_vector(problem.hardware)
-    model = sagittal.build_model(legs, problem.hardware, problem.foot_radius)
+    model = sagittal.model_of(problem)
 
     q, v, a, tau, F = (x.reshape(-1, x.shape[-1]) for x in (motion.q, motion.v, motion.a, motion.tau, motion.force))
     n = q.shape[-1]
-    main, coupled = _inertia(_rows(model.mass, q, p), a)
+    main, coupled = split_inertia(evaluate(model.mass, q, p), a)
     forces = np.empty((len(TERMS), *q.shape))
     forces[:] = (
         main,
         coupled,
-        _rows(model.centrifugal, q, v, p)[..., 0],
-        _rows(model.coriolis, q, v, p)[..., 0],
-        _rows(model.gravity, q, p)[..., 0],
-        (tau - _rows(model.resistance, v, tau, p)[..., 0]) @ np.eye(n)[motor_coordinates(legs)],
-        _rows(model.passive, q, v, p)[..., 0],
-        np.einsum("kci,kc->ki", _rows(model.contact_jacobian, q, p), F),
+        evaluate(model.centrifugal, q, v, p)[..., 0],
+        evaluate(model.coriolis, q, v, p)[..., 0],
+        evaluate(model.gravity, q, p)[..., 0],
+        (tau - evaluate(model.resistance, v, tau, p)[..., 0]) @ np.eye(n)[motor_coordinates(legs)],
+        evaluate(model.passive, q, v, p)[..., 0],
+        np.einsum("kci,kc->ki", evaluate(model.contact_jacobian, q, p), F),
     )
 
     q = motion.q[:, 0]
     jump = motion.v[:, 0] - np.roll(motion.v[:, -1], 1, axis=0)
     impulses = np.zeros((len(TERMS), *q.shape))
-    impulses[:2] = _inertia(_rows(model.mass, q, p), jump)
-    impulses[-1] = np.einsum("kci,kc->ki", _rows(model.contact_jacobian, q, p), motion.impulse)
+    impulses[:2] = split_inertia(evaluate(model.mass, q, p), jump)
+    impulses[-1] = np.einsum("kci,kc->ki", evaluate(model.contact_jacobian, q, p), motion.impulse)
     return Decomposition(cycle, coordinate_names(legs), forces, impulses)
 
 
@@ -185,7 +185,7 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
     legs, time, main, coupled = [], [], [], []
     for leg in decomposition.legs:
         torque, other = (decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2])
-        peaks = _periodic_peaks(np.abs(torque))
+        peaks = periodic_peaks(np.abs(torque))
         legs += [leg] * len(peaks)
         time.append(decomposition.time[peaks])
         main.append(torque[peaks])
@@ -251,7 +251,7 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     for before, other in itertools.pairwise(ordered):
         if before.problem.speed == other.problem.speed:
             raise UserError(f"two solutions have the speed {other.problem.speed:g} m/s: give one for each speed")
-    for name in ("gait", "hardware"):
+    for name in ("gait", "hardware", "rotor_coupling"):
         for other in others:
             if getattr(other.problem, name) != getattr(first.problem, name):
                 speeds = f"{first.problem.speed:g} and {other.problem.speed:g} m/s"
@@ -261,7 +261,7 @@ def comparable(solutions: Sequence[Solution]) -> list[Solution]:
     return ordered
 
 
-def _rows(function: Any, *arguments: Float[np.ndarray, "..."]) -> Float[np.ndarray, "rows m n"]:
+def evaluate(function: Any, *arguments: Float[np.ndarray, "..."]) -> Float[np.ndarray, "rows m n"]:
     """A CasADi function's matrix at each row of its arguments, the last of which is the same for all."""
     *varying, p = arguments
     rows, (m, n) = len(varying[0]), function.size_out(0)
@@ -269,7 +269,7 @@ def _rows(function: Any, *arguments: Float[np.ndarray, "..."]) -> Float[np.ndarr
     return columns.reshape(m, rows, n).swapaxes(0, 1)
 
 
-def _inertia(
+def split_inertia(
     M: Float[np.ndarray, "K n n"], a: Float[np.ndarray, "K n"]
 ) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, "K n"]]:
     """M_ii a_i and sum_{j != i} M_ij a_j of accelerations, or of jumps in velocity."""
@@ -277,16 +277,16 @@ def _inertia(
     return main, np.einsum("kij,kj->ki", M, a) - main
 
 
-def _mean(values: Shaped[np.ndarray, " P"]) -> float:
-    """The mean, nan of nothing."""
-    return float(np.mean(values)) if len(values) else math.nan
-
-
-def _periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
+def periodic_peaks(values: Float[np.ndarray, " N"]) -> Int[np.ndarray, " P"]:
     """Indices of the local maxima of one period that stand out by `PROMINENCE` of the largest."""
     size = len(values)
     peaks, _ = find_peaks(np.tile(values, 3), prominence=PROMINENCE * np.max(values))
     return peaks[(peaks >= size) & (peaks < 2 * size)] - size
+
+
+def _mean(values: Shaped[np.ndarray, " P"]) -> float:
+    """The mean, nan of nothing."""
+    return float(np.mean(values)) if len(values) else math.nan
 
 
 def _by_kind(decomposition: Decomposition) -> Float[np.ndarray, "T kinds"]:

@@ -39,13 +39,14 @@ class PlanarModel:
         legs: names; those that begin with F are at the front, the others behind.
         hardware: the parameters of the body.
         foot_radius: m; 0 for a point.
+        rotor_coupling: whether rotors turn with the links that hold them, too.
     """
 
-    def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float):
+    def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float, rotor_coupling: bool = False):
         self.hardware, self.foot_radius = hardware, foot_radius
         self.share = len(legs) / len(specs.LEGS)  # of the robot that the model is
         self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
-        self._model = _build_spec(legs, hardware).compile()
+        self._model = _build_spec(legs, hardware, rotor_coupling).compile()
         self._data = mujoco.MjData(self._model)
         self._toes = [self._model.body(f"{leg}_toe").id for leg in legs]
         self.weight = float(np.sum(self._model.body_mass)) * specs.GRAVITY  # N
@@ -53,7 +54,7 @@ class PlanarModel:
     @classmethod
     def of(cls, problem: Problem) -> "PlanarModel":
         """The model that a problem is about."""
-        return cls(problem.stride.legs, problem.hardware, problem.foot_radius)
+        return cls(problem.stride.legs, problem.hardware, problem.foot_radius, problem.rotor_coupling)
 
     def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
         """The terms at coordinates `q` and velocities `v`."""
@@ -130,10 +131,12 @@ class PlanarModel:
         return phi, np.stack([point[0] - roll, point[2]]), point_rate[[0, 2]]
 
 
-def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec) -> mujoco.MjSpec:
+def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: bool) -> mujoco.MjSpec:
     """Trunk on two slides and a hinge; from it thighs, shanks and toes with masses of Table S3."""
     spec = mujoco.MjSpec()
     spec.option.gravity = np.array([0.0, 0.0, -specs.GRAVITY])
+    # A rotor is an armature of its joint, or, if it turns with the link that holds it, of a tendon along its own angle.
+    armature = 0.0 if rotor_coupling else hardware.reflected_inertia
     quarters, offset = len(legs), specs.HIP_FORE_AFT + specs.TRUNK_QUARTER_COM
     inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
     trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, quarters * specs.TRUNK_QUARTER_MASS, quarters * inertia, 0.0)
@@ -150,12 +153,19 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec) -> mujoco.MjSpec:
         spring_end = specs.TOE_LENGTH - hardware.leg_length
         toe_com = -specs.TOE_LENGTH - specs.TOE_COM
         toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, specs.TOE_MASS, specs.TOE_INERTIA, toe_com)
-        _add_hinge(thigh, f"{leg}_hip", hardware.reflected_inertia)
-        _add_hinge(shank, f"{leg}_knee", hardware.reflected_inertia)
+        _add_hinge(thigh, f"{leg}_hip", armature)
+        _add_hinge(shank, f"{leg}_knee", armature)
         _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
+        if rotor_coupling:
+            _add_rotor(spec, hardware, f"{leg}_hip", ("pitch",))
+            _add_rotor(spec, hardware, f"{leg}_knee", ("pitch", f"{leg}_hip"))
     for body in spec.bodies[1:]:
         body.mass *= hardware.mass_scale
         body.inertia = np.asarray(body.inertia) * hardware.mass_scale
+    if rotor_coupling:  # a link's inertia in Table S3 is that of its rotor, too
+        for body in spec.bodies[1:]:
+            held = quarters if body.name == "trunk" else int(body.name.endswith("thigh"))
+            body.inertia = np.asarray(body.inertia) - held * hardware.rotor_inertia
     return spec
 
 
@@ -174,6 +184,14 @@ def _add_slide(body: mujoco.MjsBody, name: str, axis: tuple[float, float, float]
 
 def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=Y_AXIS, armature=armature)
+
+
+def _add_rotor(spec: mujoco.MjSpec, hardware: HardwareSpec, joint: str, held: tuple[str, ...]) -> None:
+    """A rotor whose angle is that of the link which holds it, the sum of the joints `held`, plus gear times joint."""
+    tendon = spec.add_tendon(name=f"{joint}_rotor", armature=hardware.rotor_inertia)
+    tendon.wrap_joint(joint, hardware.gear_ratio)
+    for angle in held:
+        tendon.wrap_joint(angle, 1.0)
 
 
 def _solve_with_contact(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
@@ -143,6 +144,8 @@ class Problem:
     intervals: Intervals = 16  # of each segment
     hardware: HardwareSpec = IDEAL
     foot_radius: Annotated[float, Within(0.0, specs.TOE_LENGTH)] = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
+    rotor_coupling: bool = False
+    """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 % of what couples hip and knee"""
     clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
     # Largest joint speed, as a share of the no-load speed.
     speed_margin: Annotated[float, Within(0.01, 10.0)] = 1.0
@@ -155,6 +158,12 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
+        held, thigh = self.hardware.rotor_inertia, self.hardware.mass_scale * specs.THIGH_INERTIA
+        if self.rotor_coupling and held >= thigh:
+            raise UserError(
+                f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "
+                f"a rotor, {thigh:g} kg m2"
+            )
 
     @property
     def stride(self) -> Stride:

@@ -7,9 +7,12 @@ Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and com
 those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose down is positive, a
 positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in v_i v_j).
 
-Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A spring's stops push one
-way each, as in the MuJoCo model, but take hold over `STOP_ROUNDING`, as polynomials of some milliseconds cannot follow
-a corner.
+Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A rotor turns with the link
+that holds it as well, the trunk or the thigh: `rotor_coupling` adds what that couples, r I_m between the joint and that
+link's angle (paper, Fig. S1, "complete motor inertia model"), for rotors that turn in the joint's own sense.
+
+A spring's stops push one way each, as in the MuJoCo model, but take hold over `STOP_ROUNDING`, as polynomials of some
+milliseconds cannot follow a corner.
 
 Of what a machine loses (`specs.Losses`) the model has the air's drag on the trunk, the friction of the springs' slides,
 both in tau_p, and what gears and joints take of a motor's torque tau, tau_r. Where they change sign, friction and
@@ -40,6 +43,7 @@ from bp2_rl.trajopt.problem import (
     SLIDE_ROUNDING,
     STOP_ROUNDING,
     TRUNK,
+    Problem,
     motor_coordinates,
     spring_coordinates,
 )
@@ -50,6 +54,7 @@ except ImportError as missing:
     raise UserError('trajectory optimisation needs CasADi: pip install -c constraints.txt -e ".[trajopt]"') from missing
 
 
+PITCH = TRUNK - 1
 DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # fields of HardwareSpec that the model takes as arguments
 
 
@@ -79,11 +84,17 @@ def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
     return np.array([getattr(hardware, name) for name in DESIGN])
 
 
+def model_of(problem: Problem) -> SagittalModel:
+    """The model that a problem is about."""
+    return build_model(problem.stride.legs, problem.hardware, problem.foot_radius, problem.rotor_coupling)
+
+
 @functools.lru_cache(maxsize=8)
 def build_model(
     legs: tuple[str, ...] = specs.LEGS,
     hardware: HardwareSpec = specs.IDEAL,
     foot_radius: float = specs.FOOT_RADIUS,
+    rotor_coupling: bool = False,
 ) -> SagittalModel:
     """The model of a trunk made of as many of Table S3's quarters as there are legs.
 
@@ -91,6 +102,7 @@ def build_model(
         legs: names; those that begin with F are at the front, the others behind.
         hardware: everything but the design parameters, which are arguments of the functions.
         foot_radius: m; 0 for a point.
+        rotor_coupling: whether rotors couple their joints to the links that hold them.
     """
     n = TRUNK + PER_LEG * len(legs)
     q, v, a = (ca.SX.sym(name, n) for name in "qva")
@@ -108,6 +120,10 @@ def build_model(
     motors = motor_coordinates(legs).tolist()
     for motor in motors:
         M[motor, motor] += rotor
+    if rotor_coupling:
+        for motor, angle in _held_rotors(len(legs)):
+            M[motor, angle] += hardware.rotor_inertia * gear_ratio
+            M[angle, motor] += hardware.rotor_inertia * gear_ratio
 
     # C is quadratic in v, so what remains with one v_i alone is its centrifugal part.
     C = ca.Function("C", [q, v, p], [Jdot_v])
@@ -157,6 +173,12 @@ def build_model(
         ),
         impact=ca.Function("impact", [q, v, v_after, impulse, p], [M @ (v_after - v) - J.T @ impulse]),
     )
+
+
+def _held_rotors(legs: int) -> list[tuple[int, int]]:
+    """Each motor with each coordinate that turns the link which holds it: hip motors on the trunk, knees' on thighs."""
+    hips = range(TRUNK, TRUNK + PER_LEG * legs, PER_LEG)
+    return [pair for hip in hips for pair in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip))]
 
 
 def _bodies(legs: Sequence[str], q: ca.SX, leg_length: ca.SX) -> list[tuple[float, float, ca.SX, ca.SX]]:

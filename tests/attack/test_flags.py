@@ -49,7 +49,7 @@ COMMANDS = {
     "export": ("bp2_rl.cli.export", []),
     **{
         f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
-        for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "figures")
+        for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "objective", "figures")
     },
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
     **{
@@ -78,6 +78,7 @@ WORK = (
     "bp2_rl.cli.trajopt.output.spinner",
     "bp2_rl.cli.trajopt.output.progress",
     "bp2_rl.trajopt.codesign.study.study_codesign",
+    "bp2_rl.trajopt.objective.compare_objectives",
     "bp2_rl.trajopt.decomposition.decompose",
     "bp2_rl.cli.pendulum.output.open_folder",
 )

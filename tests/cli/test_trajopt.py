@@ -12,7 +12,7 @@ from bp2_rl.folders import lock_folder
 def test_the_commands_are_listed(capsys):
     assert main(["trajopt", "--help"]) == 0
     out = capsys.readouterr().out
-    for name in ("solve", "sweep", "limits", "verify", "schemes", "library", "codesign", "figures"):
+    for name in ("solve", "sweep", "limits", "verify", "schemes", "library", "codesign", "objective", "figures"):
         assert f"  {name}" in out
     assert trajopt.main([]) == 2
 
@@ -50,6 +50,10 @@ def test_the_commands_are_listed(capsys):
         (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
         (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
         (["codesign", "--bounds.gear-ratio", "5", "inf"], "bounds.gear_ratio must be two numbers"),
+        (["objective", "--body-weights", "0"], "body_weights must be from 0.1 to 100, got 0"),
+        (["objective", "--speeds", "nan"], "speeds must be from 0.01 to 100, got nan"),
+        (["objective", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
+        (["solve", "--rotor-coupling", "--hardware.rotor-inertia", "0.05"], "must be below the inertia of the thigh"),
         (["schemes", "--meshes", "-1"], "meshes must be from 2 to 500, got -1"),
         (["schemes", "--speed", "nan"], "speed must be from 0.01 to 100, got nan"),
         (["figures", "--speed", "-2"], "speed must be from 0.01 to 100, got -2"),

@@ -12,12 +12,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 from bp2_rl.errors import UserError
 from bp2_rl.plotting import QUIET
+from bp2_rl.trajopt.coordinates import decompose_links
+from bp2_rl.trajopt.coupling import split_sources
+from bp2_rl.trajopt.coupling_account import account_family
 from bp2_rl.trajopt.cycle import cost_of_transport
 from bp2_rl.trajopt.decomposition import TERMS, Decomposition, Trends, decompose, find_trends
+from bp2_rl.trajopt.figures.coupling import coordinates_figure, coupling_figure
 from bp2_rl.trajopt.figures.decomposition import TERM_COLORS, decomposition_figure
 from bp2_rl.trajopt.figures.family import family_figure
 from bp2_rl.trajopt.figures.style import LEFT, RIGHT
@@ -26,7 +31,7 @@ from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import Solution
 
-PANELS = {"decomposition": 12, "trajectory": 9, "family": 8}
+PANELS = {"decomposition": 12, "trajectory": 9, "family": 8, "coupling": 9, "coordinates": 4}
 
 
 def at_speed(solution: Solution, speed: float) -> Solution:
@@ -55,6 +60,8 @@ def figures(trot, terms, trends, family) -> dict[str, Figure]:
         "decomposition": decomposition_figure(terms, trends),
         "trajectory": trajectory_figure(trot),
         "family": family_figure(family),
+        "coupling": coupling_figure(split_sources(trot), account_family(family)),
+        "coordinates": coordinates_figure(terms, decompose_links(trot)),
     }
 
 
@@ -104,13 +111,34 @@ def test_drawing_leaves_matplotlib_as_it_was(family):
     assert dict(mpl.rcParams) == before
 
 
-@pytest.mark.parametrize("letter", "ABC")
-def test_what_stands_above_the_line_balances_what_hangs_below(letter, figures):
-    areas = [area for area in panel(figures["decomposition"], letter).collections if isinstance(area, PolyCollection)]
+@pytest.mark.parametrize(
+    ("name", "letter"),
+    [*(("decomposition", letter) for letter in "ABC"), *(("coordinates", letter) for letter in "ABCD")],
+)
+def test_what_stands_above_the_line_balances_what_hangs_below(name, letter, figures):
+    areas = [area for area in panel(figures[name], letter).collections if isinstance(area, PolyCollection)]
     heights = np.concatenate([np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()])
     # The terms balance at the mesh points to 1e-6, and so do their straight lines in between.
     assert np.max(heights) == pytest.approx(-np.min(heights), abs=1e-5)
     assert np.max(heights) > 50.0
+
+
+def test_the_coupled_torque_by_source_balances_as_well(figures):
+    axes = panel(figures["coupling"], "A")
+    areas = [area for area in axes.collections if isinstance(area, PolyCollection)]
+    heights = np.concatenate([np.asarray(path.vertices)[:, 1] for area in areas for path in area.get_paths()])
+    assert np.max(heights) == pytest.approx(-np.min(heights), abs=1e-5)  # as above
+
+
+def test_bars_by_source_end_where_all_that_is_coupled_stands(figures, family):
+    axes = panel(figures["coupling"], "E")
+    (dots,) = (np.asarray(line.get_ydata()) for line in axes.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(dots, [account.covered for account in account_family(family)], rtol=1e-12)
+    bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    ends = [
+        sum(bar.get_height() for bar in bars if abs(bar.get_x() + bar.get_width() / 2 - x) < 1e-9) for x in (8, 10, 12)
+    ]
+    np.testing.assert_allclose(ends, dots, rtol=1e-9)
 
 
 def test_trends_are_drawn_in_the_terms_colours(figures, trends):

@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from bp2_rl.errors import UserError
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, SPRING_QVEL, load_model
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec
 from bp2_rl.trajopt import machine, sagittal
 from bp2_rl.trajopt.planar import STOP_ROUNDING, PlanarModel
+from bp2_rl.trajopt.problem import Problem
 
 CHANGED = HardwareSpec(gear_ratio=7.0, leg_length=0.33, spring_stiffness=4500.0, spring_travel=0.1, mass_scale=1.1)
 WINDY = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, headwind=3.0))
@@ -29,10 +31,12 @@ def random_state(rng: np.random.Generator, legs: int) -> tuple[np.ndarray, np.nd
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, CHANGED, WINDY], ids=["bp2", "changed", "built"])
-@pytest.mark.parametrize(("legs", "radius"), [(LEGS, 0.02), (LEGS, 0.0), (("F", "H"), 0.02)])
-def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius):
-    planar = PlanarModel(legs, hardware, radius)
-    casadi, p = sagittal.build_model(legs, hardware, radius), sagittal.design_vector(hardware)
+@pytest.mark.parametrize(
+    ("legs", "radius", "rotors"), [(LEGS, 0.02, False), (LEGS, 0.0, True), (("F", "H"), 0.02, True)]
+)
+def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius, rotors):
+    planar = PlanarModel(legs, hardware, radius, rotors)
+    casadi, p = sagittal.build_model(legs, hardware, radius, rotors), sagittal.design_vector(hardware)
     rng = np.random.default_rng(0)
     for _ in range(20):
         q, v = random_state(rng, len(legs))
@@ -135,3 +139,20 @@ def test_a_landing_stops_the_feet_and_never_gains_energy():
         # Kinetic energy splits into what the impact leaves and what it takes (Carnot): both are squares.
         lost = v @ terms.mass @ v - after @ terms.mass @ after
         np.testing.assert_allclose(lost, (v - after) @ terms.mass @ (v - after), rtol=1e-8)
+
+
+def test_rotor_coupling_adds_to_three_pairs_of_a_leg_and_is_off_by_default():
+    problem = Problem()
+    plain, coupled = (sagittal.model_of(dataclasses.replace(problem, rotor_coupling=on)) for on in (False, True))
+    q, p = random_state(np.random.default_rng(5), 4)[0], sagittal.design_vector(IDEAL)
+    added = np.array(coupled.mass(q, p)) - np.array(plain.mass(q, p))
+    assert problem.rotor_coupling is False
+    pairs = {(3, 2), (4, 2), (4, 3)}  # hip and pitch, knee and pitch, knee and hip of the first leg
+    assert {(i, j) for i, j in zip(*np.nonzero(np.abs(added[:6, :6]) > 1e-12), strict=True) if i > j} == pairs
+    # 2e-4 kg m2 behind 8.5, to the round-off of an inertia of 3 kg m2.
+    np.testing.assert_allclose([added[pair] for pair in pairs], 1.7e-3, rtol=0, atol=1e-14)
+
+
+def test_a_rotor_heavier_to_turn_than_its_thigh_is_refused():
+    with pytest.raises(UserError, match=r"rotor_coupling: hardware.rotor_inertia \(0.02\) must be below"):
+        Problem(hardware=HardwareSpec(rotor_inertia=0.02), rotor_coupling=True)

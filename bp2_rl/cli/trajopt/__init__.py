@@ -15,6 +15,7 @@ COMMANDS = {
     "verify": "judge solutions by a model that shares no code with the one they were found with",
     "schemes": "compare discretisation schemes over meshes",
     "library": "build the library of reference motions",
+    "objective": "compare what the weight of forces in the cost makes of trajectory and design",
     "codesign": "find gear ratio, leg length and spring stiffness along with the trajectory",
     "figures": "draw the paper's figures of a family of trajectories",
 }

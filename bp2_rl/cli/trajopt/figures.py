@@ -1,4 +1,4 @@
-"""`bp2 trajopt figures`: the paper's figures."""
+"""`bp2 trajopt figures`: the paper's figures, and whose inertia it is that balances whose."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -11,14 +11,18 @@ from bp2_rl.bounds import check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt.arguments import OUT, Folder
 from bp2_rl.cli.trajopt.solutions import load_solutions
+from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
 from bp2_rl.folders import make_folder
 from bp2_rl.trajopt.problem import Speed
 
+NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
+
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """Draw the paper's figures of a family of trajectories: force decomposition, one stride, the family over speed."""
+    """Draw the paper's figures of a family of trajectories: force decomposition, one stride, the family over speed; and
+    where its coupled inertial torques come from."""
 
     path: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SWEEP_OR_LIBRARY")] = None
     """a folder of solutions or a library; by default the library that ships"""
@@ -45,26 +49,36 @@ def _figures(arguments: Arguments) -> None:
         raise UserError(f"--speed {arguments.speed:g}: there are only {speeds} m/s")
     make_folder(arguments.out)
 
+    from rich.console import Console
+
     from bp2_rl.plotting import save_figure
-    from bp2_rl.trajopt import decomposition
+    from bp2_rl.trajopt import coupling_account, decomposition
+    from bp2_rl.trajopt.coordinates import decompose_links
+    from bp2_rl.trajopt.coupling import split_sources
+    from bp2_rl.trajopt.figures.coupling import coordinates_figure, coupling_figure
     from bp2_rl.trajopt.figures.decomposition import decomposition_figure
     from bp2_rl.trajopt.figures.family import family_figure
     from bp2_rl.trajopt.figures.trajectory import trajectory_figure
 
     terms, trends = decomposition.decompose(shown), decomposition.find_trends(solutions)
+    sources, accounts = split_sources(shown), coupling_account.account_family(solutions)
     for name, figure in (
         ("decomposition", decomposition_figure(terms, trends)),
         ("trajectory", trajectory_figure(shown)),
         ("family", family_figure(solutions)),
+        ("coupling", coupling_figure(sources, accounts)),
+        ("coordinates", coordinates_figure(terms, decompose_links(shown))),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
+    save_config(arguments.out / NUMBERS, coupling_account.CouplingAccounts(tuple(accounts)))
     print(f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm")
     print(f"C_z / (m g) at its peak: {decomposition.peak_velocity_force(terms):.2f}")
-    coupling = decomposition.coupling_opposes(terms)
+    account = next(account for account in accounts if account.speed == shown.problem.speed)
     print(
-        f"coupled inertia opposes main inertia at {coupling.opposing:.0%} of the hips' peaks and covers "
-        f"{coupling.covered:.0%} of it"
+        f"coupled inertia opposes main inertia at {account.opposing:.0%} of the hips' peaks and covers "
+        f"{account.covered:.0%} of it; its sources close to {sources.closure:.0e} of the largest"
     )
-    for line in decomposition.remarks(trends):
+    for line in (*coupling_account.remarks(account), *decomposition.remarks(trends)):
         print(line)
-    print(f"figures: {arguments.out}")
+    Console(width=max(Console().width, 110)).print(coupling_account.tabulate(accounts))
+    print(f"figures, and all numbers of coupling in {NUMBERS}: {arguments.out}")

@@ -3,7 +3,10 @@
 The terms keep their colours throughout (Okabe-Ito's, and Tol's indigo and wine).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,7 +19,7 @@ from bp2_rl.trajopt.cycle import Cycle
 from bp2_rl.trajopt.decomposition import BALANCE, KINDS, TERMS, Decomposition, Trends
 from bp2_rl.trajopt.figures.style import LEFT, RIGHT, letter, rows, shade_stance, stick_figures
 
-TERM_COLORS = dict(
+TERM_COLORS: dict[str, str] = dict(
     zip(
         TERMS,
         ("#0072B2", "#D55E00", "#56B4E9", "#332288", "#009E73", "#E69F00", "#882255", "#CC79A7"),
@@ -42,7 +45,7 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str 
         UserError: the robot has no such leg.
     """
     cycle = decomposition.cycle
-    leg = leg or _shown_leg(cycle)
+    leg = leg or cycle.hind_leg
     if leg not in decomposition.legs:
         raise UserError(f"leg must be one of {', '.join(decomposition.legs)}, got {leg!r}")
     figure = Figure(figsize=(WIDTH, 10.4), layout="constrained")
@@ -53,7 +56,7 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str 
     for axes, coordinate in zip(profiles, ("z", f"{leg} hip", f"{leg} knee"), strict=True):
         feet = (leg,) if coordinate.startswith(leg) else cycle.problem.stride.legs
         shade_stance(axes, cycle, feet)
-        _stack(axes, decomposition, coordinate)
+        stack_terms(axes, decomposition, coordinate)
         kind = coordinate.split()[-1]
         name = f"{KIND_TITLES[kind]}, {leg}" if kind in ("hip", "knee") else KIND_TITLES[kind]
         axes.set(title=name, ylabel=f"{_quantity(kind)} [{_unit(kind)}]", xlabel="Time / period", xlim=(0.0, 1.0))
@@ -80,24 +83,24 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str 
     return figure
 
 
-def _shown_leg(cycle: Cycle) -> str:
-    """The hind leg that stands first."""
-    return next(leg for feet in cycle.standing for leg in feet if not leg.startswith("F"))
-
-
-def _stack(axes: Axes, decomposition: Decomposition, coordinate: str) -> None:
+def stack_terms(axes: Axes, decomposition: Decomposition, coordinate: str) -> None:
     """The terms of one coordinate, positive ones stacked upwards and negative ones downwards."""
-    cycle = decomposition.cycle
+    along = [sign * decomposition.along(term, coordinate) for term, sign in zip(TERMS, BALANCE, strict=True)]
+    stack(axes, decomposition.cycle, list(zip(TERM_COLORS.values(), along, strict=True)))
+
+
+def stack(axes: Axes, cycle: Cycle, parts: Sequence[tuple[str, Float[np.ndarray, " N"]]]) -> None:
+    """Parts along a cycle, each with its colour, positive ones stacked upwards and negative ones downwards."""
     fine = np.linspace(0.0, 1.0, 12 * len(cycle.problem.points) + 1)
     share = ((cycle.starts[:, None] + cycle.motion.durations[:, None] * fine) / cycle.period).ravel()
     tops = np.zeros((2, share.size))
-    for term, sign in zip(TERMS, BALANCE, strict=True):
-        knots = sign * decomposition.along(term, coordinate).reshape(cycle.time.shape)
-        values = np.concatenate([np.interp(fine, cycle.problem.points, segment) for segment in knots])
-        if not np.any(values):
+    for color, along in parts:
+        if not np.any(along):
             continue
+        knots = along.reshape(cycle.time.shape)
+        values = np.concatenate([np.interp(fine, cycle.problem.points, segment) for segment in knots])
         for side, part in enumerate((np.maximum(values, 0.0), np.minimum(values, 0.0))):
-            axes.fill_between(share, tops[side], tops[side] + part, color=TERM_COLORS[term], linewidth=0)
+            axes.fill_between(share, tops[side], tops[side] + part, color=color, linewidth=0)
             tops[side] += part
     axes.axhline(0.0, color=INK, linewidth=0.8)
 
