@@ -15,12 +15,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from bp2_rl.robot.kernel.design import TRUNK, Design, Softness
-from bp2_rl.robot.kernel.equations import Accelerations, Arrow, Rows, of_legs
+from bp2_rl.robot.kernel.design import Design, Softness
+from bp2_rl.robot.kernel.equations import Accelerations, Arrow, Rows
 from bp2_rl.robot.kernel.legs import Legs, Rotation
-from bp2_rl.robot.kernel.vectors import Number, Pieces, Vector, add, cross, dot, over_legs, scaled
+from bp2_rl.robot.kernel.pieces import Pieces
+from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
 ITERATIONS = 4
 """Of Newton's method."""
@@ -33,7 +34,7 @@ class Floor(NamedTuple):
     joints: tuple[Vector, ...]  # velocity of that point at unit rate of each coordinate of the leg, world's axes
     friction: Number  # (N,)
     stiffness: Number  # D, 0 without contact
-    references: tuple[Number, ...]  # aref of +y, -y, -x and +x
+    references: tuple[Number, ...]  # aref of the edges to the left, right, back and front
 
     def edges(self, point: Vector) -> tuple[Number, ...]:
         """A velocity or acceleration of the point along the pyramid's edges."""
@@ -48,8 +49,8 @@ class Floor(NamedTuple):
 
     def force(self, edges: tuple[Number, ...]) -> Vector:
         """Of these forces along the edges, the sum in the world's axes."""
-        front, back, right, left = edges
-        return self.friction * (left - right), self.friction * (front - back), front + back + right + left
+        left, right, back, front = edges
+        return self.friction * (front - back), self.friction * (left - right), left + right + back + front
 
 
 class Stops(NamedTuple):
@@ -91,11 +92,11 @@ class Constraints(NamedTuple):
 
     def curvature(self, rows: OfRows) -> Arrow:
         """J' diag(D) J of the rows' stiffness D, before the trunk's is summed over the legs."""
-        front, back, right, left = rows.edges
+        left, right, back, front = rows.edges
         mu = self.floor.friction
         # The stiffness of a contact, a symmetric matrix without xy.
-        xx, yy, zz = mu * mu * (right + left), mu * mu * (front + back), front + back + right + left
-        xz, yz = mu * (left - right), mu * (front - back)
+        xx, yy, zz = mu * mu * (back + front), mu * mu * (left + right), left + right + back + front
+        xz, yz = mu * (front - back), mu * (left - right)
         rx, ry, rz = self.floor.lever
         # Moments of the forces that a unit of motion along x, y and z meets ...
         along_x = ry * xz, rz * xx - rx * xz, -ry * xx
@@ -180,14 +181,17 @@ def constraints_of(
     design: Design,
     legs: Legs,
     rotation: Rotation,
-    friction: Float[Array, " N"],
-    qpos: Float[Array, "23 N"],
-    qvel: Float[Array, "22 N"],
-) -> tuple[Constraints, Float[Array, "4 N"]]:
-    """All rows in this state (MuJoCo's coordinates), and the heights of the feet's centres, m."""
-    floor, heights = _on_the_floor(design, legs, rotation, qpos[2], friction, Accelerations.of(qvel, rotation))
-    stops = _at_the_stops(design, of_legs(qpos[TRUNK + 1 :])[:3], of_legs(qvel[TRUNK:])[:3])
-    return Constraints(floor, stops), heights
+    friction: Number,
+    height: Number,
+    coordinates: list[Number],
+    velocity: Accelerations,
+) -> tuple[Constraints, Number]:
+    """All rows, and the heights of the feet's centres, m.
+
+    Of a state given by the height of the trunk's origin, the legs' coordinates, and velocities in MuJoCo's coordinates.
+    """
+    floor, heights = _on_the_floor(design, legs, rotation, height, friction, velocity.in_world(rotation))
+    return Constraints(floor, _at_the_stops(design, coordinates[:3], velocity.legs[:3])), heights
 
 
 def _on_the_floor(

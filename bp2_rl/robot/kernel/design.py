@@ -5,6 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from flax import struct
 from jaxtyping import Array, Float, Int
 
 from bp2_rl.errors import UserError
@@ -14,6 +15,11 @@ from bp2_rl.robot.specs import LEGS
 
 TRUNK, LEG = 6, 4  # coordinates of the trunk and of a leg: abad, hip, knee, spring
 _FIRST_BODY, _FIRST_JOINT = 2, 1  # of the legs: the world and the trunk, the trunk's free joint stand before them
+
+
+def _number() -> Any:
+    """A field that is known when the program is compiled."""
+    return struct.field(pytree_node=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,41 +33,40 @@ class Softness:
     width: float  # m or rad
 
 
-@dataclasses.dataclass(frozen=True)
-class Body:
+class Body(struct.PyTreeNode):
     """A part that every leg has; (4, 1) each."""
 
     mass: Number  # kg
     inertia: Vector  # kg m2, principal, along its own axes
 
 
-@dataclasses.dataclass(frozen=True)
-class Design:
-    """BP2 as designed; lengths in m. `Design.of(model)` reads it."""
+class Design(struct.PyTreeNode):
+    """BP2 as designed; lengths in m. `Design.of(model)` reads it. What differs from leg to leg is (4, 1), over legs."""
 
-    timestep: float  # s
-    gravity: float  # m/s2
-    trunk_mass: float
-    trunk_inertia: Vector
-    trunk_com: Vector
     bodies: tuple[Body, Body, Body, Body]  # abad, thigh, shank, toe
     anchor: Vector  # of the abduction joint in the trunk
     abad_com: Number  # along x
     hip: Number  # along y, from the abduction joint
-    thigh: float  # from hip to knee
-    thigh_com: float  # below the hip
-    shank_com: float  # below the knee
-    toe_com: float  # below the knee, at no compression
-    foot: float  # its centre, likewise
-    foot_radius: float
-    armature: float  # kg m2, of every motor
-    spring: tuple[float, float]  # N/m, N s/m
-    stops: tuple[tuple[float, float, float], ...]  # of the spring: N/m, and the least and greatest length without force
-    ranges: tuple[tuple[float, float], ...]  # of abad, hip and knee, rad
-    range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0
-    range_softness: Softness
+    range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0 of abad, hip and knee
     foot_weight: Number  # MuJoCo's body_invweight0
-    floor_softness: Softness
+    timestep: float = _number()  # s
+    gravity: float = _number()  # m/s2
+    trunk_mass: float = _number()  # kg
+    trunk_inertia: Vector = _number()
+    trunk_com: Vector = _number()
+    thigh: float = _number()  # from hip to knee
+    thigh_com: float = _number()  # below the hip
+    shank_com: float = _number()  # below the knee
+    toe_com: float = _number()  # below the knee, at no compression
+    foot: float = _number()  # its centre, likewise
+    foot_radius: float = _number()
+    armature: float = _number()  # kg m2, of every motor
+    spring: tuple[float, float] = _number()  # N/m, N s/m
+    stops: tuple[tuple[float, float, float], ...] = _number()
+    """of the spring: N/m, and the least and greatest compression without force"""
+    ranges: tuple[tuple[float, float], ...] = _number()  # of abad, hip and knee, rad
+    range_softness: Softness = _number()
+    floor_softness: Softness = _number()
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":

@@ -8,38 +8,30 @@ from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from bp2_rl.robot.kernel.design import TRUNK, Design
+from bp2_rl.robot.kernel.design import Design
 from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Masses, Part, Plane, Rotation
-from bp2_rl.robot.kernel.vectors import Number, Pieces, Vector, add, cross, dot, over_legs, scaled
+from bp2_rl.robot.kernel.pieces import Pieces
+from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
 Rows = list[list[Number]]
 
 
 class Accelerations(NamedTuple):
-    """Or forces: of the trunk, six of (N,), and of each leg's four coordinates, (4, N)."""
+    """Or velocities, or forces: of the trunk, six of (N,), and of each leg's four coordinates, (4, N)."""
 
     trunk: list[Number]
     legs: list[Number]
 
-    @classmethod
-    def of(cls, generalized: Float[Array, "22 N"], rotation: Rotation) -> "Accelerations":
-        """Those of MuJoCo's coordinates, in which the trunk turns about its own axes."""
-        turn = rotation.to_world((generalized[3], generalized[4], generalized[5]))
-        return cls([*generalized[:3], *turn], of_legs(generalized[TRUNK:]))
+    def in_world(self, rotation: Rotation) -> "Accelerations":
+        """Of MuJoCo's coordinates, in which the trunk turns about its own axes, those in the world's."""
+        x, y, z, *turn = self.trunk
+        return Accelerations([x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs)
 
-    def generalized(self, rotation: Rotation) -> Float[Array, "22 N"]:
-        """Back in MuJoCo's coordinates."""
-        turn = rotation.to_trunk((self.trunk[3], self.trunk[4], self.trunk[5]))
-        legs = jnp.stack(self.legs, axis=1)
-        return jnp.concatenate([jnp.stack([*self.trunk[:3], *turn]), legs.reshape(-1, legs.shape[-1])])
-
-
-def of_legs(coordinates: Float[Array, "16 N"]) -> list[Float[Array, "4 N"]]:
-    """Abduction, hip, knee and spring of all legs, of MuJoCo's order leg by leg."""
-    legs = coordinates.reshape(4, 4, -1)
-    return [legs[:, i] for i in range(4)]
+    def in_mujoco(self, rotation: Rotation) -> "Accelerations":
+        """And back."""
+        x, y, z, *turn = self.trunk
+        return Accelerations([x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs)
 
 
 class Arrow(NamedTuple):
@@ -65,22 +57,21 @@ def smooth_force(
     masses: Masses,
     legs: Legs,
     rotation: Rotation,
-    qpos: Float[Array, "23 N"],
-    qvel: Float[Array, "22 N"],
-    applied: Float[Array, "22 N"],
+    compression: Number,
+    velocity: Accelerations,
+    applied: Accelerations,
 ) -> Accelerations:
     """All forces but the constraints': applied ones, springs, gravity and what velocities cost, N and Nm.
 
-    The state and the applied forces are in MuJoCo's coordinates.
+    The springs' compression in m; velocities and applied forces in MuJoCo's coordinates.
     """
-    spin, rates = (qvel[3], qvel[4], qvel[5]), of_legs(qvel[TRUNK:])
-    trunk, joints = _bias(design, masses, legs, rotation, spin, rates)
+    _, _, _, *spin = velocity.trunk
+    trunk, joints = _bias(design, masses, legs, rotation, (spin[0], spin[1], spin[2]), velocity.legs)
     stiffness, damping = design.spring
-    compression = of_legs(qpos[TRUNK + 1 :])[3]
-    spring = -stiffness * compression - damping * rates[3]
+    spring = -stiffness * compression - damping * velocity.legs[3]
     for stop, least, most in design.stops:
         spring = spring - stop * (compression - jnp.clip(compression, least, most))
-    outside = Accelerations.of(applied, rotation)
+    outside = applied.in_world(rotation)
     free = [force - bias for force, bias in zip(outside.legs, joints, strict=True)]
     free[3] = free[3] + spring
     return Accelerations([force - bias for force, bias in zip(outside.trunk, trunk, strict=True)], free)

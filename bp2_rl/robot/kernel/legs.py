@@ -112,10 +112,9 @@ class Legs(NamedTuple):
     parts: tuple[Part, Part, Part, Part]  # abad, thigh, shank, toe
 
     @classmethod
-    def of(cls, design: Design, masses: Masses, coordinates: Float[Array, "16 N"]) -> "Legs":
-        """That at these coordinates: leg by leg abad, hip, knee and spring, rad and m."""
-        angles = coordinates.reshape(4, 4, -1)
-        abad, hip, knee, compression = (angles[:, i] for i in range(4))
+    def of(cls, design: Design, masses: Masses, coordinates: list[Number]) -> "Legs":
+        """That at these coordinates: abad, hip and knee in rad, spring in m."""
+        abad, hip, knee, compression = coordinates
         (cos, sin), (cos_t, sin_t), (cos_s, sin_s) = cos_sin(abad), cos_sin(hip), cos_sin(hip + knee)
         knee_x, knee_z = -design.thigh * sin_t, -design.thigh * cos_t
         toe, foot = design.toe_com - compression, design.foot - compression

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from bp2_rl.robot.kernel.constraints import constraints_of, solve, solve_constraints
-from bp2_rl.robot.kernel.design import TRUNK, Design
+from bp2_rl.robot.kernel.design import LEG, TRUNK, Design
 from bp2_rl.robot.kernel.equations import Accelerations, Arrow, inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.legs import Legs, Masses, Rotation
-from bp2_rl.robot.kernel.vectors import Number, Pieces
+from bp2_rl.robot.kernel.pieces import Pieces, in_one_kernel
+from bp2_rl.robot.kernel.vectors import Number, Vector
 
 Quaternion = tuple[Number, Number, Number, Number]
 
@@ -35,19 +36,50 @@ def step(
         state: before the step.
         applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among them, N and Nm.
     """
-    pieces, (qpos, qvel, warmstart) = Pieces.of(friction), state
-    rotation, legs = pieces(partial(_pose, design), masses, qpos)
+    before = _State.of(state)
+    after, heights = in_one_kernel(_step, design, masses, friction, before, _split(applied))
+    return after.moving(), heights
+
+
+class _State(NamedTuple):
+    """The same number by number."""
+
+    place: Vector
+    quaternion: Quaternion
+    legs: list[Number]
+    velocity: Accelerations
+    warmstart: Accelerations
+
+    @classmethod
+    def of(cls, moving: Moving) -> "_State":
+        qpos, qvel, warmstart = moving
+        place, quaternion = (qpos[0], qpos[1], qpos[2]), (qpos[3], qpos[4], qpos[5], qpos[6])
+        return cls(place, quaternion, _of_legs(qpos[TRUNK + 1 :]), _split(qvel), _split(warmstart))
+
+    def moving(self) -> Moving:
+        qpos = jnp.concatenate([jnp.stack([*self.place, *self.quaternion]), _leg_by_leg(self.legs)])
+        return Moving(qpos, _joined(self.velocity), _joined(self.warmstart))
+
+
+def _step(
+    design: Design, masses: Masses, friction: Number, state: _State, applied: Accelerations
+) -> tuple[_State, Number]:
+    pieces, velocity = Pieces.of(friction), state.velocity
+    rotation, legs = pieces(partial(_pose, design), masses, state.quaternion, state.legs)
     inertia = inertia_matrix(pieces, design, masses, legs, rotation)
-    force = pieces(partial(smooth_force, design), masses, legs, rotation, qpos, qvel, applied)
-    constraints, heights = pieces(partial(constraints_of, design), legs, rotation, friction, qpos, qvel)
-    start = Accelerations.of(warmstart, rotation)
+    force = pieces(partial(smooth_force, design), masses, legs, rotation, state.legs[3], velocity, applied)
+    constraints, heights = pieces(
+        partial(constraints_of, design), legs, rotation, friction, state.place[2], state.legs, velocity
+    )
+    start = state.warmstart.in_world(rotation)
     acceleration, total = solve_constraints(pieces, inertia, force, constraints, start)
     damped = solve(pieces, _damped(inertia, design), total)
-    return pieces(partial(_integrated, design), state, rotation, acceleration, damped), heights
+    after = pieces(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
+    return after._replace(warmstart=acceleration.in_mujoco(rotation)), heights
 
 
-def _pose(design: Design, masses: Masses, qpos: Float[Array, "23 N"]) -> tuple[Rotation, Legs]:
-    return Rotation.of(_unit(qpos)), Legs.of(design, masses, qpos[TRUNK + 1 :])
+def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]) -> tuple[Rotation, Legs]:
+    return Rotation.of(_unit(quaternion)), Legs.of(design, masses, coordinates)
 
 
 def _damped(inertia: Arrow, design: Design) -> Arrow:
@@ -56,18 +88,21 @@ def _damped(inertia: Arrow, design: Design) -> Arrow:
     return inertia._replace(legs=[*others, [*spring[:3], spring[3] + design.timestep * design.spring[1]]])
 
 
-def _integrated(
-    design: Design, state: Moving, rotation: Rotation, acceleration: Accelerations, damped: Accelerations
-) -> Moving:
-    """The state after the step: the solver's `acceleration` is kept to start from, the `damped` one acts."""
-    qvel = state.qvel + design.timestep * damped.generalized(rotation)
-    place = state.qpos[:3] + design.timestep * qvel[:3]
-    joints = state.qpos[TRUNK + 1 :] + design.timestep * qvel[TRUNK:]
-    turned = jnp.stack(_turned(_unit(state.qpos), design.timestep * qvel[3:TRUNK]))
-    return Moving(jnp.concatenate([place, turned, joints]), qvel, acceleration.generalized(rotation))
+def _integrated(dt: float, state: _State, acceleration: Accelerations) -> _State:
+    """The state after the step."""
+    trunk = [v + dt * a for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)]
+    legs = [v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)]
+    (x, y, z), (vx, vy, vz, *spin) = state.place, trunk
+    turn = dt * spin[0], dt * spin[1], dt * spin[2]
+    return state._replace(
+        place=(x + dt * vx, y + dt * vy, z + dt * vz),
+        quaternion=_turned(_unit(state.quaternion), turn),
+        legs=[q + dt * v for q, v in zip(state.legs, legs, strict=True)],
+        velocity=Accelerations(trunk, legs),
+    )
 
 
-def _turned(q: Quaternion, by: Float[Array, "3 N"]) -> Quaternion:
+def _turned(q: Quaternion, by: Vector) -> Quaternion:
     """The orientation after a turn by a vector, rad, in its own axes."""
     w, x, y, z = q
     angle = jnp.sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2])
@@ -81,7 +116,26 @@ def _turned(q: Quaternion, by: Float[Array, "3 N"]) -> Quaternion:
     )
 
 
-def _unit(qpos: Float[Array, "23 N"]) -> Quaternion:
-    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+def _unit(quaternion: Quaternion) -> Quaternion:
+    w, x, y, z = quaternion
     scale = 1.0 / jnp.sqrt(w * w + x * x + y * y + z * z)
     return scale * w, scale * x, scale * y, scale * z
+
+
+def _split(generalized: Float[Array, "22 N"]) -> Accelerations:
+    return Accelerations([generalized[i] for i in range(TRUNK)], _of_legs(generalized[TRUNK:]))
+
+
+def _joined(x: Accelerations) -> Float[Array, "22 N"]:
+    return jnp.concatenate([jnp.stack(x.trunk), _leg_by_leg(x.legs)])
+
+
+def _of_legs(coordinates: Float[Array, "16 N"]) -> list[Number]:
+    """Abduction, hip, knee and spring of all legs, (4, N) each, from MuJoCo's order."""
+    legs = coordinates.reshape(LEG, LEG, -1)
+    return [legs[:, i] for i in range(LEG)]
+
+
+def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "16 N"]:
+    """And back."""
+    return jnp.stack(coordinates, axis=1).reshape(LEG * LEG, -1)

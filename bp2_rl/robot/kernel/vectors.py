@@ -1,16 +1,13 @@
-"""Tuples of three whose entries are arrays over robots, or legs and robots; and in what pieces all is computed."""
+"""Vectors whose entries are arrays over robots, or over legs and robots: tuples of three."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
 Number = Any
 """A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
 Vector = tuple[Number, Number, Number]
-T = TypeVar("T")
 
 
 def add(*vectors: Vector) -> Vector:
@@ -47,7 +44,7 @@ def cos_sin(angle: Array) -> tuple[Array, Array]:
     XLA's own are libm's, one number after the other: as slow as a third of the whole step. These are Cephes's
     polynomials about the nearest multiple of pi/2, which is taken off in three parts (Cody and Waite).
     """
-    quarter = jnp.round(angle * (2.0 / jnp.pi))
+    quarter = jnp.floor(angle * (2.0 / jnp.pi) + 0.5)
     x = ((angle - quarter * 1.5703125) - quarter * 4.837512969970703e-4) - quarter * 7.549789948768648e-8
     square = x * x
     sine = x + x * square * (-1.6666654611e-1 + square * (8.3321608736e-3 - square * 1.9515295891e-4))
@@ -57,32 +54,3 @@ def cos_sin(angle: Array) -> tuple[Array, Array]:
     odd = (turns == 1.0) | (turns == 3.0)
     cos, sin = jnp.where(odd, sine, cosine), jnp.where(odd, cosine, sine)
     return jnp.where((turns == 1.0) | (turns == 2.0), -cos, cos), jnp.where(turns >= 2.0, -sin, sin)
-
-
-class Pieces(NamedTuple):
-    """Computes a piece of a program apart from the rest.
-
-    XLA lets whatever is cheap be computed anew in each loop that needs it, and has no measure of how much that is in
-    long chains of products and sums: on a processor the whole step took twice as long as without any such fusion. What
-    is inside of a conditional is not fused with what is outside. The condition always holds, but XLA cannot know.
-    """
-
-    always: Bool[Array, ""] | None  # None: compute all in one
-
-    @classmethod
-    def of(cls, friction: Number) -> "Pieces":
-        """By the sign of a floor's friction, on processors; elsewhere a condition costs more than it saves."""
-        return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
-
-    def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
-        """piece(*inputs)."""
-        if self.always is None:
-            return piece(*inputs)
-        return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
-
-
-def _zeros_like(piece: Callable[..., T]) -> Callable[..., T]:
-    def zeros(*inputs: Any) -> Any:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(piece, *inputs))
-
-    return zeros

@@ -12,7 +12,7 @@ from landing import converged, random_states
 
 from bp2_rl.env.randomization import draw, randomize_c_model
 from bp2_rl.errors import UserError
-from bp2_rl.robot.kernel import constraints, vectors
+from bp2_rl.robot.kernel import constraints, millisecond, pieces
 from bp2_rl.robot.kernel.design import Design
 from bp2_rl.robot.kernel.legs import Masses
 from bp2_rl.robot.kernel.millisecond import Moving, step
@@ -113,14 +113,27 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
     np.testing.assert_array_less(abs(accelerations(21) - twenty).max(axis=0) / abs(twenty).max(axis=0), 1e-4)
 
 
-def test_computed_in_pieces_or_in_one_the_step_is_the_same(states, monkeypatch):
-    """Only what XLA fuses differs, and with it the rounding of float32."""
+def as_on_a_gpu(monkeypatch, **options):
+    monkeypatch.setattr(pieces.Pieces, "of", lambda friction: pieces.Pieces(None))
+    monkeypatch.setattr(millisecond, "in_one_kernel", functools.partial(pieces._pallas, **options))
+
+
+def test_in_pieces_or_in_one_kernel_the_step_is_the_same(states, monkeypatch):
+    """Only what the compiler fuses differs, and with it the rounding of float32."""
     in_pieces = stepped(BUILT)(*states)
-    monkeypatch.setattr(vectors.Pieces, "of", lambda friction: vectors.Pieces(None))
+    as_on_a_gpu(monkeypatch, interpret=True)
     in_one = stepped.__wrapped__(BUILT)(*states)
     for ours, theirs in zip(in_pieces, in_one, strict=True):
         scale = np.max(np.abs(theirs), axis=1, keepdims=True)
         np.testing.assert_allclose(ours / scale, theirs / scale, rtol=0, atol=1e-4)
+
+
+def test_for_a_gpu_a_millisecond_is_one_kernel(states, monkeypatch):
+    """As far as that can be told without one: it is handed to Triton, and little else is left around it."""
+    as_on_a_gpu(monkeypatch)
+    program = stepped.__wrapped__(BUILT).trace(*states).lower(lowering_platforms=("cuda",)).as_text()
+    assert program.count("xla.gpu.triton") == 1
+    assert program.count("stablehlo.multiply") < 50
 
 
 def test_cosine_and_sine_are_exact_to_float32():

@@ -1,0 +1,84 @@
+"""In what pieces the step is computed: one kernel on a GPU, several programs on a processor."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+T = TypeVar("T")
+BLOCK, WARPS = 32, 4
+"""Robots that a block of threads computes on a GPU, by so many warps: a thread a leg."""
+
+
+def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
+    """function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
+
+    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
+    each other.
+    """
+    if jax.default_backend() != "gpu":
+        return function(*inputs)
+    return _pallas(function, *inputs)
+
+
+def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
+    from jax.experimental import pallas
+    from jax.experimental.pallas import triton
+
+    leaves, structure = jax.tree.flatten(inputs)
+    shapes, results = jax.tree.flatten(jax.eval_shape(function, *inputs))
+    robots = max(leaf.shape[-1] for leaf in leaves)
+    block = min(BLOCK, robots & -robots)  # the largest power of two that divides them
+
+    def spec(array: Any) -> Any:
+        if array.shape[-1] == 1:
+            return pallas.BlockSpec(array.shape, lambda i: (0,) * array.ndim)
+        return pallas.BlockSpec((*array.shape[:-1], block), lambda i: (0,) * (array.ndim - 1) + (i,))
+
+    def kernel(*refs: Any) -> None:
+        given, wanted = refs[: len(leaves)], refs[len(leaves) :]
+        found = function(*jax.tree.unflatten(structure, [ref[...] for ref in given]))
+        for ref, x in zip(wanted, jax.tree.leaves(found), strict=True):
+            ref[...] = x
+
+    run = pallas.pallas_call(
+        kernel,
+        out_shape=shapes,
+        grid=(robots // block,),
+        in_specs=[spec(leaf) for leaf in leaves],
+        out_specs=[spec(shape) for shape in shapes],
+        compiler_params=triton.CompilerParams(num_warps=WARPS),
+        interpret=interpret,
+    )
+    return jax.tree.unflatten(results, run(*leaves))
+
+
+class Pieces(NamedTuple):
+    """Computes a piece of a program apart from the rest.
+
+    XLA lets whatever is cheap be computed anew in each loop that needs it, and has no measure of how much that is in
+    long chains of products and sums: on a processor the whole step took twice as long as without any such fusion. What
+    is inside of a conditional is not fused with what is outside. The condition always holds, but XLA cannot know.
+    """
+
+    always: Bool[Array, ""] | None  # None: compute all in one
+
+    @classmethod
+    def of(cls, friction: Any) -> "Pieces":
+        """By the sign of a floor's friction, on processors; elsewhere all is one kernel anyhow."""
+        return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
+
+    def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
+        """piece(*inputs)."""
+        if self.always is None:
+            return piece(*inputs)
+        return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
+
+
+def _zeros_like(piece: Callable[..., T]) -> Callable[..., T]:
+    def zeros(*inputs: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(piece, *inputs))
+
+    return zeros
