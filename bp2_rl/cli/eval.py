@@ -61,7 +61,7 @@ class EvalConfig:
     """How long to hold the speed; by default 20 (robustness: 15, sensitivity: 5, endurance: 180 at most). Not of
     sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots; by default 200. Of robustness."""
+    """How many robots are drawn; by default 200, by endurance 8. Of robustness and endurance."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()

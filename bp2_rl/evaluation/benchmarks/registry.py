@@ -45,7 +45,7 @@ BENCHMARKS = {
     "endurance": Benchmark(
         ramp_to_endurance,
         endurance,
-        ("robot", "speed", "acceleration", "hold", "operator", "heat", "quick"),
+        ("robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "heat", "quick"),
     ),
 }
 

@@ -26,8 +26,8 @@ from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.robot.thermal import Network, Temperatures, advance, heated
 
 Cause = Literal["winding", "torque margin", "fall", "none"]
-SETTLING = 6.0  # s under the last command before the clock starts; the last lap of them is how it runs cold
-LAP = 4.0  # s of running, over which work and speed are averaged
+EASING = 2.0  # s under the last command till the gait is steady
+LAP = 6.0  # s of running, over which work and speed are averaged
 MARGIN = 0.95  # of the cold speed: a robot that makes good less over a second has no torque margin left
 UPDATE = 50  # ms of running, after which the motors get the envelope of their temperatures
 POINTS = 6000  # of a cloud of torque over speed
@@ -100,16 +100,17 @@ class Try:
     limit: float  # C, of a winding
     longest: float  # s of heat
     pace: float
+    cold_lap: float = LAP  # s, the last before the clock starts
 
     @property
     def ramp(self) -> Ramp:
         """The schedule."""
-        return Ramp((self.speed, 0.0, 0.0), self.acceleration, hold=SETTLING + self.longest / self.pace)
+        return Ramp((self.speed, 0.0, 0.0), self.acceleration, hold=EASING + self.cold_lap + self.longest / self.pace)
 
     @property
     def start(self) -> float:
         """s into the run, when the clock starts: after a whole number of updates."""
-        return math.ceil((self.ramp.steady_from + SETTLING) / DT / UPDATE) * UPDATE * DT
+        return math.ceil((self.ramp.steady_from + EASING + self.cold_lap) / DT / UPDATE) * UPDATE * DT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +156,7 @@ class HotRun:
 
     endured: Endured
     course: Course
-    time: Float[np.ndarray, " M"]  # s of heat, of some milliseconds, evenly spread
+    time: Float[np.ndarray, " M"]  # s of heat, of some milliseconds, drawn at random
     rate: Float[np.ndarray, "M 12"]  # rad/s, then
     torque: Float[np.ndarray, "M 12"]  # Nm, then
 
@@ -166,19 +167,19 @@ def run_hot(policy: Policy, one: Try) -> HotRun:
     cold = motors_of(dataclasses.replace(config, hardware=one.robot))
     heating = Heating(one.network, cold, start=one.start, pace=one.pace, limit=one.limit)
     run = rollout_mujoco(policy, ramp, config, operator=one.operator, hardware=one.robot, watch=heating)
-    return hot_run(run, heating)
+    return hot_run(run, heating, one.cold_lap)
 
 
-def hot_run(run: Trajectory, heating: Heating) -> HotRun:
-    """What a watched run comes to."""
+def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:
+    """What a watched run comes to, with its last `cold_lap` seconds before the clock's start."""
     history, cold, start = heating.history, heating.cold, heating.start
     winding, case = (np.stack([getattr(t, part) for t in history]) for part in ("winding", "case"))
     update = np.clip((np.arange(len(run)) - start) // UPDATE, 0, len(history) - 1)
     motors = heated(cold, heating.network, Temperatures(winding[update], case[update]))
     use, end, pace = envelope_use(run, motors), len(run), heating.pace
 
-    def lap(stop: int) -> Lap:
-        part = slice(max(stop - LAP_STEPS, 0), max(stop, 1))
+    def lap(stop: int, steps: int) -> Lap:
+        part = slice(max(stop - steps, 0), max(stop, 1))
         torque, rate = run.torque[part], run.joint_velocity[part]
         return Lap(
             speed=float(np.linalg.norm(run.qpos[part][-1, :2] - run.qpos[part][0, :2])) / (len(torque) * DT),
@@ -190,15 +191,16 @@ def hot_run(run: Trajectory, heating: Heating) -> HotRun:
 
     seconds = np.arange(start, end - SECOND + 1, SECOND)  # the first sample of each
     middle = update[seconds + SECOND // 2]
-    shown = np.arange(start, end, max(1, (end - start) // POINTS))
+    clock = np.arange(start, end)
+    shown = np.sort(np.random.default_rng(0).choice(clock, min(POINTS, len(clock)), replace=False))
     return HotRun(
         endured=Endured(
-            commanded_speed=float(run.command[-1, 0]),
+            commanded_speed=round(float(run.command[-1, 0]), 6),  # it was told in float32
             pace=pace,
             seconds=_seconds(run, heating),
             cause="fall" if run.fell_at is not None else heating.over or "none",
-            first=lap(min(start, end)),
-            last=lap(end),
+            first=lap(min(start, end), round(cold_lap / DT)),
+            last=lap(end, LAP_STEPS),
             winding=_each(winding[-1]),
             case=_each(case[-1]),
             outside_envelope=int(np.sum(use.outside)),

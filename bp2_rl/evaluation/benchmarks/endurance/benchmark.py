@@ -13,7 +13,7 @@ import numpy as np
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.endurance import figures
 from bp2_rl.evaluation.benchmarks.endurance.calibration import calibrated, family, seconds_to
-from bp2_rl.evaluation.benchmarks.endurance.measured import AtSpeed, EnduranceMetrics, Held
+from bp2_rl.evaluation.benchmarks.endurance.measured import AtSpeed, Drawn, EnduranceMetrics, Held
 from bp2_rl.evaluation.benchmarks.endurance.tables import (
     TILES,
     describe_course,
@@ -31,13 +31,16 @@ from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.robot.specs import HardwareSpec, MotorHeat
 from bp2_rl.robot.thermal import Network
+from bp2_rl.settings.env import RandomizationConfig
 
 SPEED = specs.OUTDOOR_TOP_SPEED
 LONGEST = 2.0 * specs.ENDURANCE_TIME + 8.0  # s
 PACE = 8.0  # of the cheap runs
 LIMITLESS = 1000.0  # C: copper melts at 1085
+CALIBRATION = 12.0  # s of cold running; a hip's heat wavers by a tenth from one second to the next
+ROBOTS = 8  # drawn
 SCAN = 4.0, 6.0, 8.0, 9.5, 12.0, 14.0  # m/s, commands
 REAR_HIPS = specs.MOTOR_NAMES.index("RR_hip"), specs.MOTOR_NAMES.index("RL_hip")
 
@@ -48,14 +51,21 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     commands = tuple(dict.fromkeys((SPEED, top)))
     gait = Try(robot, setup.operator, SPEED, ramp.acceleration, _network(setup.heat), math.inf, longest=0.0, pace=1.0)
     scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
-    cold = [run.endured for run in _all(policy, [dataclasses.replace(gait, speed=speed) for speed in (SPEED, *scan)])]
+    others = () if setup.quick else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
+    laps = [
+        dataclasses.replace(gait, cold_lap=CALIBRATION),
+        *(dataclasses.replace(gait, speed=speed) for speed in scan),
+        *(dataclasses.replace(gait, robot=other) for other in others),
+    ]
+    ran = [run.endured for run in _all(policy, laps)]
+    cold, of_others = ran[: 1 + len(scan)], ran[1 + len(scan) :]
     cold_heat = max(cold[0].first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
     full = dataclasses.replace(gait, network=_network(heat), limit=heat.limit, longest=ramp.hold)
     fast = dataclasses.replace(full, pace=PACE)
     kinds = [fast] if setup.quick else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
-    ran = _all(policy, [dataclasses.replace(kind, speed=speed) for kind in kinds for speed in commands])
-    by_kind = [ran[i : i + len(commands)] for i in range(0, len(ran), len(commands))]
+    hot = _all(policy, [dataclasses.replace(kind, speed=speed) for kind in kinds for speed in commands])
+    by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
     runs, cheap = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
     limitless = [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]
     metrics = EnduranceMetrics(
@@ -75,6 +85,16 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         speeds=tuple(
             _at_speed(run, heat)
             for run in sorted((*cold, *(run.endured for run in runs[1:])), key=lambda run: run.commanded_speed)
+        ),
+        drawn=tuple(
+            Drawn(
+                other.friction,
+                other.mass_scale / robot.mass_scale,
+                other.peak_torque / robot.peak_torque,
+                other.losses.latency,
+                _at_speed(run, heat),
+            )
+            for other, run in zip(others, of_others, strict=True)
         ),
         family=family(setup.heat, cold_heat, max(runs[-1].endured.first.heat)),
     )
@@ -98,6 +118,25 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         metrics=metrics,
         results=endurance_results(metrics),
         tables=endurance_tables(metrics),
+    )
+
+
+def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpec, ...]:
+    """Robots drawn evenly from the ranges of training: friction, mass, strength and latency."""
+    rng, ranges = np.random.default_rng(seed), RandomizationConfig()
+    drawn = [
+        [float(rng.uniform(*bounds)) for bounds in (ranges.friction, ranges.mass, ranges.strength, ranges.latency)]
+        for _ in range(count)
+    ]
+    return tuple(
+        dataclasses.replace(
+            robot,
+            friction=robot.friction * friction,
+            mass_scale=robot.mass_scale * mass,
+            peak_torque=robot.peak_torque * strength,
+            losses=dataclasses.replace(robot.losses, latency=latency),
+        )
+        for friction, mass, strength, latency in drawn
     )
 
 

@@ -15,10 +15,10 @@ from bp2_rl.robot.specs import ENDURANCE_TIME, HEATING_RATE, MotorHeat
 from bp2_rl.robot.thermal import Network, Temperatures, advance
 
 RISE = HEATING_RATE * ENDURANCE_TIME  # K
-STEP = 0.5  # s
+STEP = 2.0  # s, at most; shorter for motors whose time constants are
 WAYS = 0.05, 1e4  # K/W, between which the way from winding to case is looked for; the last is none
 MEMBERS = 24  # of the family
-HALVINGS = 50
+HALVINGS = 30
 HOUR = 3600.0  # s: who runs for so long runs for ever
 
 Numbers = Float[np.ndarray, "..."]
@@ -50,7 +50,7 @@ def calibrated(heat: MotorHeat, cold_heat: float) -> MotorHeat:
     if heat.winding_to_case is not None:
         return heat
     shut = dataclasses.replace(heat, winding_to_case=WAYS[1])
-    if float(rise(Network.from_spec(shut, WAYS[1]), np.array(cold_heat))) < RISE:
+    if rise(Network.from_spec(shut, WAYS[1]), np.array([cold_heat]))[0] < RISE:
         return dataclasses.replace(shut, winding_capacity=most_copper(heat, cold_heat))
     way = ways(Network.from_spec(heat, 1.0), np.array([cold_heat]))
     return dataclasses.replace(heat, winding_to_case=float(way[0]))
@@ -62,7 +62,7 @@ def most_copper(heat: MotorHeat, cold_heat: float) -> float:
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         network = Network.from_spec(heat, WAYS[1]).replace(winding_capacity=float(np.exp(middle)))
-        low, high = (middle, high) if float(rise(network, np.array(cold_heat))) > RISE else (low, middle)
+        low, high = (middle, high) if rise(network, np.array([cold_heat]))[0] > RISE else (low, middle)
     return float(np.exp(low))
 
 
@@ -107,7 +107,7 @@ def rise(network: Network, cold_heat: Numbers) -> Numbers:
 
 def course(network: Network, cold_heat: Numbers, seconds: float) -> tuple[Float[np.ndarray, " T"], Temperatures]:
     """Times (s) and temperatures ("T ...") under a constant torque, from the air's temperature."""
-    steps = int(np.ceil(seconds / STEP))
+    steps = int(np.ceil(seconds / _step(network)))
     now = [Temperatures.uniform(float(network.air), cold_heat.shape)]
     for _ in range(steps):
         now.append(advance(network, now[-1], cold_heat, seconds / steps))
@@ -117,14 +117,23 @@ def course(network: Network, cold_heat: Numbers, seconds: float) -> tuple[Float[
 def seconds_to(network: Network, cold_heat: Numbers, limit: float) -> Numbers:
     """s until each winding is at the limit (C) under a constant torque; inf where it is not within an hour."""
     now, found = Temperatures.uniform(float(network.air), cold_heat.shape), np.full(cold_heat.shape, np.inf)
-    time = 0.0
+    time, step = 0.0, _step(network)
     while time < HOUR and not np.all(np.isfinite(found)):
-        after = advance(network, now, np.where(np.isfinite(found), 0.0, cold_heat), STEP)
+        after = advance(network, now, np.where(np.isfinite(found), 0.0, cold_heat), step)
         reached = (after.winding >= limit) & ~np.isfinite(found)
         share = (limit - now.winding) / np.where(reached, after.winding - now.winding, 1.0)
-        found = np.where(reached, time + share * STEP, found)
-        now, time = after, time + STEP
+        found = np.where(reached, time + share * step, found)
+        now, time = after, time + step
     return found
+
+
+def _step(network: Network) -> float:
+    """s, half of the shortest time constant or less."""
+    n = network
+    rate = (
+        1.0 / n.winding_capacity + 1.0 / n.case_capacity
+    ) / n.winding_to_case + 1.0 / n.case_to_air / n.case_capacity
+    return float(min(STEP, np.min(0.5 / rate)))
 
 
 def _stacked(temperatures: list[Temperatures], part: str) -> Any:

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from bp2_rl.evaluation.benchmarks.endurance.calibration import MEMBERS, RISE, course
 from bp2_rl.evaluation.benchmarks.endurance.measured import EnduranceMetrics, Held, joint_of
 from bp2_rl.evaluation.runs.heating import MARGIN, HotRun
-from bp2_rl.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, mark_level, styled
+from bp2_rl.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.specs import ENDURANCE_TIME, HEATING_RATE, HardwareSpec
@@ -61,11 +61,10 @@ def temperature_figure(metrics: EnduranceMetrics, cheap: Sequence[HotRun]) -> Fi
             mew=0.9, linestyle="",
         )  # fmt: skip
         axes.plot([0.0, ENDURANCE_TIME], [air, air + RISE], color=PAPER, linewidth=6.0, alpha=0.35, zorder=0.9)
-        mark_level(axes, limit, f"limit, {limit:g} °C")
-        axes.annotate(
-            f"{joint_of(held.hottest)}\n{run.seconds:.0f} s", (run.seconds, winding[-1, held.hottest]), (-8, -10),
-            textcoords="offset points", ha="right", va="top",
-        )  # fmt: skip
+        axes.axhline(limit, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
+        hottest = f"{joint_of(held.hottest)}: {run.seconds:.0f} s"
+        for at, text, color in ((-8, f"limit, {limit:g} °C", QUIET), (-24, hottest, INK)):
+            axes.annotate(text, (0.0, limit), (8, at), textcoords="offset points", va="center", color=color)
         axes.set(title=_title(held), xlabel="Time [s]", xlim=(0.0, max(ENDURANCE_TIME, run.seconds) * 1.02))
     panels[0].set(ylabel="Winding [°C]", ylim=(air - 5.0, None))
     handles = [Line2D([], [], color=color, linewidth=3, label=leg) for leg, color in LEG_COLORS.items()]
@@ -104,7 +103,7 @@ def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HotRun], robot: H
                     axes.plot(speeds, bound, color=color, linewidth=width)
             axes.set(title=f"{joint_of(i).capitalize()}, {end.first.speed:.1f} m/s", xlim=(-reach, reach))
             axes.text(
-                0.03, 0.05, f"{end.winding[i]:.0f} °C at the end", transform=axes.transAxes, color=FALL, fontsize=9,
+                0.03, 0.13, f"{end.winding[i]:.0f} °C at the end", transform=axes.transAxes, color=FALL, fontsize=9,
                 bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
             )  # fmt: skip
         row[0].set_ylabel("Joint torque [Nm]")
@@ -121,21 +120,23 @@ def margin_figure(metrics: EnduranceMetrics) -> Figure:
     count = len(metrics.held)
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
     panels = np.reshape(figure.subplots(2, count, sharex="col", sharey="row", height_ratios=(1.6, 1)), (2, count))
-    for column, held in zip(panels.T, metrics.held, strict=True):
-        share, speed = column
-        on = np.reshape(held.course.on_envelope, (-1, 12))
+    for (share, speed), held in zip(panels.T, metrics.held, strict=True):
+        on, cold = np.reshape(held.course.on_envelope, (-1, 12)), held.told.first.speed
         for name, members in GROUPS.items():
             values = 100.0 * np.mean(on[:, [specs.MOTOR_NAMES.index(motor) for motor in members]], axis=1)
-            share.plot(held.course.time, values, color=GROUP_COLORS[name], label=name)
-        share.set(title=_title(held), ylim=(0.0, None))
-        cold = held.told.first.speed
-        speed.plot(held.course.time, held.course.speed, color=FRONT)
-        mark_level(speed, cold, "cold")
-        mark_level(speed, MARGIN * cold, f"{MARGIN:.0%}: no margin")
+            share.plot(held.course.time, values, color=GROUP_COLORS[name])
+        share.set_title(_title(held))
+        speed.plot(held.course.time, 100.0 * np.array(held.course.speed) / max(cold, 1e-9), color=FRONT)
+        speed.axhline(100.0 * MARGIN, color=FALL, linewidth=1.1, linestyle=(0, (4, 2)))
+        speed.annotate(
+            "below this, no torque margin", (0.0, 100.0 * MARGIN), (6, 3), textcoords="offset points", va="bottom",
+            color=FALL, fontsize=9,
+        )  # fmt: skip
         speed.set(xlabel="Time [s]", xlim=(0.0, max(held.told.seconds, 1.0)))
     panels[0, 0].set_ylabel("On the envelope [%]")
-    panels[1, 0].set_ylabel("Speed [m/s]")
-    panels[1, 0].margins(y=0.15)
+    panels[0, 0].set_ylim(0.0, None)
+    panels[1, 0].set_ylabel("Speed [% of cold]")
+    panels[1, 0].set_ylim(100.0 * MARGIN - 1.0, 102.0)
     handles = [Line2D([], [], color=color, linewidth=3, label=name) for name, color in GROUP_COLORS.items()]
     figure.legend(handles=handles, loc="outside upper right", ncols=4, handlelength=1.4)
     return figure
@@ -149,6 +150,10 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
     line = sorted((at.speed, at.seconds) for at in metrics.speeds if at.seconds is not None and not at.fell)
     if line:
         axes.plot(*zip(*line, strict=True), "o-", color=FRONT, ms=5, label="by the heat of the cold gait")
+    upright = [one.ran for one in metrics.drawn if not one.ran.fell]
+    drawn = [(ran.speed, ran.seconds) for ran in upright if ran.seconds is not None]
+    if drawn:
+        axes.plot(*zip(*drawn, strict=True), "o", ms=4, mfc="white", mec=QUIET, label="likewise, drawn robots")
     run = [(held.told.first.speed, held.told.seconds) for held in metrics.held if held.told.cause == "winding"]
     if run:
         axes.plot(*zip(*run, strict=True), "s", color=FALL, ms=8, label="run with warming motors")
@@ -156,10 +161,11 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
     for speed, seconds in line:
         axes.annotate(f"{seconds:.0f} s", (speed, seconds), (7, 6), textcoords="offset points", fontsize=9)
     axes.set(
-        title="Endurance over speed", xlabel="Speed [m/s]", ylabel="Time to the limit [s]", yscale="log",
+        title="Endurance over speed", xlabel="Speed [m/s]", ylabel="Time to the limit [s]",
     )  # fmt: skip
     axes.margins(x=0.08, y=0.15)
-    legend_above(axes)
+    axes.set_ylim(0.0, None)
+    axes.legend(loc="lower left")
     return figure
 
 
@@ -178,19 +184,25 @@ def calibration_figure(metrics: EnduranceMetrics) -> Figure:
     for member, color in shown:
         network = Network.from_spec(metrics.heat, member.winding_to_case)
         network = network.replace(winding_capacity=member.winding_capacity)
-        time, t = course(network, np.array(metrics.cold_heat), ENDURANCE_TIME)
+        time, t = course(network, np.array([metrics.cold_heat]), ENDURANCE_TIME)
         way = f"{member.winding_to_case:.2g} K/W" if member.winding_to_case < 1e3 else "nothing given away"
-        axes.plot(
-            time, t.winding - metrics.heat.air - HEATING_RATE * time, color=color,
-            label=f"{member.winding_capacity:.0f} J/K, {way}", linewidth=2.2 if member is best else 1.4,
+        off = t.winding[:, 0] - metrics.heat.air - HEATING_RATE * time
+        axes.plot(time, off, color=color, linewidth=2.2 if member is best else 1.4)
+        furthest = int(np.argmax(np.abs(off)))
+        above = off[furthest] > 0.0
+        axes.annotate(
+            f"{member.winding_capacity:.0f} J/K, {way}", (time[furthest], off[furthest]), (0, 6 if above else -6),
+            textcoords="offset points", ha="center", va="bottom" if above else "top", color=color,
         )  # fmt: skip
-    axes.axhline(0.0, color=PAPER, linewidth=6.0, alpha=0.35)
+    axes.axhline(0.0, color=PAPER, linewidth=6.0, alpha=0.35, zorder=0.9)
+    axes.margins(y=0.14)
     axes.set(
         title="Off the straight line of 1.8 K/s", xlabel="Time [s]", ylabel="Winding [K]", xlim=(0.0, ENDURANCE_TIME)
     )
-    axes.legend(loc="upper right")
     capacity = [member.winding_capacity for member in metrics.family]
     panels = [figure.add_subplot(grid[row, 1]) for row in range(3)]
+    most = 1.05 * max(*capacity, metrics.heat.winding_capacity)
+    marks = ((best.winding_capacity, "straightest", "right", -4), (metrics.heat.winding_capacity, "used", "left", 4))
     rows = (
         ("To the case [K/W]", [m.winding_to_case if m.winding_to_case < 1e3 else np.nan for m in metrics.family]),
         ("Off straight [K]", [m.bend for m in metrics.family]),
@@ -202,10 +214,15 @@ def calibration_figure(metrics: EnduranceMetrics) -> Figure:
         panel.axvline(metrics.heat.winding_capacity, color=QUIET, linewidth=1.2, linestyle=(0, (4, 2)), zorder=0.9)
         panel.set_ylabel(label)
         panel.set_ylim(0.0, None)
-        panel.set_xlim(0.0, None)
+        panel.set_xlim(0.0, most)
         panel.tick_params(labelbottom=panel is panels[-1])
     panels[0].set_ylim(0.0, 3.0)
     panels[0].set_title("The family")
+    for at, text, side, by in marks:
+        panels[1].annotate(
+            text, (at, 0.9), (by, 0), xycoords=("data", "axes fraction"), textcoords="offset points", ha=side,
+            va="center", fontsize=9,
+        )  # fmt: skip
     panels[-1].set_xlabel("Winding [J/K]")
     figure.align_ylabels(panels)
     return figure

@@ -54,6 +54,17 @@ class AtSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
+class Drawn:
+    """A robot drawn as in training, at the paper's speed, with the motor of the robot that was not."""
+
+    friction: float  # of its feet
+    mass: float  # factor on every body
+    strength: float  # factor on the peak torque
+    latency: float  # s
+    ran: AtSpeed
+
+
+@dataclasses.dataclass(frozen=True)
 class EnduranceMetrics:
     """All of it."""
 
@@ -62,7 +73,13 @@ class EnduranceMetrics:
     cold_heat: float  # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was calibrated on
     held: tuple[Held, ...]  # the paper's speed, then the top
     speeds: tuple[AtSpeed, ...]
+    drawn: tuple[Drawn, ...]  # none in the quick version
     family: tuple[Member, ...]  # of motors that heat at the paper's rate
+
+    @property
+    def drawn_times(self) -> tuple[float, ...]:
+        """s to the limit of the drawn robots that did not fall, in order."""
+        return tuple(sorted(one.ran.seconds for one in self.drawn if one.ran.seconds is not None and not one.ran.fell))
 
     @property
     def straightest(self) -> Member:

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.endurance.measured import EnduranceMetrics, Held, joint_of
+from bp2_rl.evaluation.benchmarks.endurance.measured import AtSpeed, EnduranceMetrics, Held, joint_of
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show
-from bp2_rl.evaluation.runs.heating import MARGIN, SETTLING, UPDATE, Endured
+from bp2_rl.evaluation.runs.heating import EASING, LAP, MARGIN, UPDATE, Endured
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -25,9 +25,10 @@ def cause(metrics: EnduranceMetrics, run: Endured) -> str:
 
 def verdict(metrics: EnduranceMetrics) -> str:
     """All runs in one sentence."""
+    ends = {"winding": "{} too hot", "torque margin": "{} too weak", "fall": "fell", "none": "not ended"}
     return "; ".join(
-        f"{held.told.commanded_speed:g} m/s commanded: held for {held.told.seconds:.0f} s, ended by "
-        f"{cause(metrics, held.told)} ({joint_of(held.motor)})"
+        f"{held.told.commanded_speed:g} m/s: {held.told.seconds:.0f} s, "
+        f"{ends[held.told.cause].format(specs.MOTOR_NAMES[held.motor])}"
         for held in metrics.held
     )
 
@@ -47,12 +48,13 @@ def endurance_rows(metrics: EnduranceMetrics) -> tuple[Row, ...]:
         Row("... at the top", f"{mean_rate(metrics, top):.2f} K/s", "likewise"),
         Row("Hip to knee", f"{hip_to_knee(metrics, slow):.2f}", "rise of the hottest leg's windings"),
         Row("Magnets", f"{max(slow.told.case):.0f} °C", "hottest case at the end, at 10.74 m/s"),
-        Row("Torque cycle", f"x {growth(slow, 'torque'):.3f}", "root mean square, last seconds over first"),
-        Row("Speed cycle", f"x {growth(slow, 'rate'):.3f}", "likewise, of the hottest motor's joint"),
+        Row("Torque cycle", f"x {growth(slow, 'torque'):.3f}", "RMS, last seconds over first"),
+        Row("Speed cycle", f"x {growth(slow, 'rate'):.3f}", "likewise, of that motor's joint"),
         Row("On the envelope", on_envelope(slow), "hottest motor, first and last seconds"),
         Row("... at the top", on_envelope(top), "likewise"),
         Row("Margin, no limit", margin_end(slow), "10.74 m/s, if nothing could burn"),
         Row("... at the top", margin_end(top), "likewise"),
+        Row("Drawn robots", drawn_range(metrics), "10.74 m/s; by the heat of the cold gait"),
         Row("Cheap and full", show(max(agreements, default=None), ".1%"), "difference of their times, at most"),
         Row("Outside the envelope", f"{outside(metrics)}", "samples, of the hot one; must be 0"),
     )  # fmt: skip
@@ -85,6 +87,12 @@ def margin_end(held: Held) -> str:
     return f"{run.seconds:.0f} s, {max(run.winding):.0f} °C" if run.cause != "none" else f"> {run.seconds:.0f} s"
 
 
+def drawn_range(metrics: EnduranceMetrics) -> str:
+    """Shortest and longest time of the drawn robots."""
+    times = metrics.drawn_times
+    return f"{times[0]:.0f} to {times[-1]:.0f} s" if times else NOT_MEASURED
+
+
 def on_envelope(held: Held) -> str:
     """The hottest motor's share of time on the envelope, cold and hot."""
     first, last = (lap.on_envelope[held.hottest] for lap in (held.told.first, held.told.last))
@@ -104,6 +112,7 @@ def endurance_tables(metrics: EnduranceMetrics) -> tuple[Table, ...]:
         run_table(metrics),
         *(motor_table(metrics, held) for held in metrics.held),
         speed_table(metrics),
+        *((drawn_table(metrics),) if metrics.drawn else ()),
         family_table(metrics),
     )
 
@@ -211,18 +220,33 @@ def motor_table(metrics: EnduranceMetrics, held: Held) -> Table:
 def speed_table(metrics: EnduranceMetrics) -> Table:
     """How endurance goes with speed."""
     head = "Command", "Speed [m/s]", "RMS torque [Nm]", "Heat [W]", "To the limit [s]", "Motor"
+    lines = [(f"{at.commanded_speed:g} m/s", *_of_cold_gait(at)) for at in metrics.speeds]
+    return Table("Over speed, by the heat of the cold gait", head, lines)
+
+
+def drawn_table(metrics: EnduranceMetrics) -> Table:
+    """Robots drawn as in training, at the paper's speed."""
+    head = (
+        "Robot", "Friction", "Mass x", "Strength x", "Latency [ms]", "Speed [m/s]", "RMS torque [Nm]", "Heat [W]",
+        "To the limit [s]", "Motor",
+    )  # fmt: skip
     lines = [
         (
-            f"{at.commanded_speed:g} m/s",
-            f"{at.speed:.2f}",
-            f"{at.torque:.0f}",
-            f"{at.heat:.0f}",
-            "fell" if at.fell else show(at.seconds, ".0f") if at.seconds is not None else "> 3600",
-            at.motor,
+            f"{i}",
+            f"{one.friction:.2f}",
+            f"{one.mass:.2f}",
+            f"{one.strength:.2f}",
+            f"{1e3 * one.latency:.1f}",
+            *_of_cold_gait(one.ran),
         )
-        for at in metrics.speeds
+        for i, one in enumerate(metrics.drawn, 1)
     ]
-    return Table("Over speed, by the heat of the cold gait", head, lines)
+    return Table("Drawn robots at 10.74 m/s, by the heat of the cold gait", head, lines)
+
+
+def _of_cold_gait(at: AtSpeed) -> tuple[str, ...]:
+    seconds = "> 3600" if at.seconds is None else f"{at.seconds:.0f}"
+    return f"{at.speed:.2f}", f"{at.torque:.0f}", f"{at.heat:.0f}", "fell" if at.fell else seconds, at.motor
 
 
 def family_table(metrics: EnduranceMetrics) -> Table:
@@ -271,6 +295,7 @@ def endurance_results(metrics: EnduranceMetrics) -> dict[str, Any]:
         {
             "at_10.74": said(slow),
             "at_top": said(top),
+            "drawn_robots": metrics.drawn_times,
             "calibrated_on_86_s": metrics.is_input,
             "winding_capacity": metrics.heat.winding_capacity,
             "winding_to_case": metrics.heat.winding_to_case,
@@ -287,7 +312,7 @@ def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
     """The schedules in one line."""
     return (
         f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s at {ramp.acceleration:g} m/s²; "
-        f"{SETTLING:g} s later the clock starts with motors as warm as the air, and the command is held until a "
+        f"{EASING + LAP:g} s later the clock starts with motors as warm as the air, and the command is held until a "
         f"winding is at its limit, or the speed over a second is below {MARGIN:.0%} of the cold one (no torque "
         f"margin), or the robot falls; {ramp.hold:g} s at most"
     )
