@@ -67,7 +67,7 @@ class EvalConfig:
     operator: HeadingHold = HeadingHold()
     heat: MotorHeat = MotorHeat()
     quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs eight times as fast as motion, and no scan."""
+    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True

@@ -1,8 +1,8 @@
 """A run whose motors warm up, and the envelope that their temperatures leave them while it is under way.
 
 Before the clock starts the robot gets up to speed with motors as warm as the air. From then on, heat may run faster
-than motion, as the gait is periodic and a motor's time constants are a minute and more: at a pace of 8, a second of
-running heats the motors as 8 seconds do. A pace of 1 is the run as it would be.
+than motion, as the gait is periodic and a motor's time constants are a minute and more: at a pace of 4, a second of
+running heats the motors as 4 seconds do. A pace of 1 is the run as it would be.
 """
 
 import dataclasses

@@ -37,7 +37,7 @@ from bp2_rl.settings.env import RandomizationConfig
 
 SPEED = specs.OUTDOOR_TOP_SPEED
 LONGEST = 2.0 * specs.ENDURANCE_TIME + 8.0  # s
-PACE = 8.0  # of the cheap runs
+PACE = 4.0  # of the cheap runs: heat over seconds wavers, so a faster pace samples too few of them
 LIMITLESS = 1000.0  # C: copper melts at 1085
 CALIBRATION = 12.0  # s of cold running; a hip's heat wavers by a tenth from one second to the next
 ROBOTS = 8  # drawn

@@ -101,11 +101,8 @@ def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HotRun], robot: H
             for limits, color, width in ((cold, INK, 1.1), (torque_limits(hot, speeds), FALL, 1.6)):
                 for bound in limits:
                     axes.plot(speeds, bound, color=color, linewidth=width)
-            axes.set(title=f"{joint_of(i).capitalize()}, {end.first.speed:.1f} m/s", xlim=(-reach, reach))
-            axes.text(
-                0.03, 0.13, f"{end.winding[i]:.0f} °C at the end", transform=axes.transAxes, color=FALL, fontsize=9,
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
-            )  # fmt: skip
+            warmed = f"{joint_of(i).capitalize()}, {end.first.speed:.1f} m/s, to {end.winding[i]:.0f} °C"
+            axes.set(title=warmed, xlim=(-reach, reach))
         row[0].set_ylabel("Joint torque [Nm]")
         if points is not None:
             figure.colorbar(points, ax=list(row), label="Time [s]", pad=0.02).outline.set_visible(False)

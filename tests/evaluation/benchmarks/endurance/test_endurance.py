@@ -101,7 +101,7 @@ def test_drawn_robots_are_within_the_ranges_of_training_and_the_seeds_own():
 
 def test_the_quick_version_runs_both_speeds_fast_and_nothing_else(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(), Setup(speed=15.0, quick=True, robot="ideal"))
-    assert [(one.speed, one.pace) for one in ran] == [(10.74, 1.0), (10.74, 8.0), (15.0, 8.0)]
+    assert [(one.speed, one.pace) for one in ran] == [(10.74, 1.0), (10.74, module.PACE), (15.0, module.PACE)]
     assert all(held.full is None and held.limitless is None for held in evaluation.metrics.held)
     assert evaluation.metrics.held[0].told.seconds == pytest.approx(86.1, abs=0.1)
     assert_fits(evaluation)
