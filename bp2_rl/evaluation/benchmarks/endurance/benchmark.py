@@ -167,6 +167,8 @@ def _at_speed(cold: Endured, heat: MotorHeat) -> AtSpeed:
 
 
 def _seconds_to_limit(run: Endured, heat: MotorHeat) -> float | None:
-    """By the heat of the cold gait alone."""
+    """By the heat of the cold gait alone; None of a robot that never got into it."""
+    if run.cause == "fall" and run.seconds == 0.0:
+        return None
     first = float(np.min(seconds_to(_network(heat), np.array(run.first.heat), heat.limit)))
     return first if math.isfinite(first) else None

@@ -1,5 +1,7 @@
 """The benchmark on robots whose heat is known: what is put in, what is predicted, what is shown."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -16,13 +18,20 @@ from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import BUILT, MotorHeat
 from bp2_rl.settings.env import RandomizationConfig
 
+REMEMBERED = {name: functools.cache(getattr(calibration, name)) for name in ("calibrated", "family")}
 HOTTEST = specs.MOTOR_NAMES.index("RL_hip")
 
 
 @pytest.fixture(autouse=True)
 def roughly(monkeypatch):
-    """A calibration to a fifth of a per mille of R_wc, as every call of the laws is checked here and takes its time."""
+    """A rougher calibration, long steps, few robots: every call of a law is checked, and so it is slow."""
+    monkeypatch.setattr(calibration, "STEP", 5.0)  # s: a straight line between them is off by 0.02 s
+    monkeypatch.setattr(calibration, "HOUR", 600.0)
+    monkeypatch.setattr(module, "SCAN", (9.5, 12.0))
+    monkeypatch.setattr(module, "ROBOTS", 2)
     monkeypatch.setattr(calibration, "HALVINGS", 16)
+    for name, remembered in REMEMBERED.items():
+        monkeypatch.setattr(module, name, remembered)
 
 
 @pytest.fixture
@@ -78,10 +87,10 @@ def test_the_papers_86_s_are_put_in_and_the_top_speeds_are_predicted(make_policy
     assert evaluation.good
     assert evaluation.verdict.startswith("10.74 m/s: 86 s, RL_hip too hot; 15 m/s: ")
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
-    assert [at.commanded_speed for at in metrics.speeds] == [4.0, 6.0, 8.0, 9.5, 10.74, 12.0, 14.0, 15.0]
+    assert [at.commanded_speed for at in metrics.speeds] == [9.5, 10.74, 12.0, 15.0]
     times = [at.seconds for at in metrics.speeds if at.seconds is not None]
     assert times == sorted(times, reverse=True)
-    assert len(metrics.drawn_times) == len({one.friction for one in metrics.drawn}) == 8
+    assert len(metrics.drawn_times) == len({one.friction for one in metrics.drawn}) == 2
     assert {one.pace for one in ran} == {1.0, module.PACE}
     assert from_json(EnduranceMetrics, to_json(metrics)) == metrics
     assert all(len(line) == len(table.head) for table in evaluation.tables for line in table.lines)
