@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.specs import MotorHeat, RobotName
 from bp2_rl.settings.training import LARGEST_SEED
 
 Backend = Literal["mujoco", "mjx"]
@@ -24,6 +24,8 @@ class Setup:
     robots: Annotated[int, Within(1, 2**20)] | None = None
     seed: Annotated[int, Within(0, LARGEST_SEED)] | None = None
     operator: HeadingHold = HEADING_HOLD
+    heat: MotorHeat = MotorHeat()
+    quick: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""

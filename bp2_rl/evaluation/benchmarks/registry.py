@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
+from bp2_rl.evaluation.benchmarks.endurance.benchmark import endurance, ramp_to_endurance
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -41,6 +42,11 @@ BENCHMARKS = {
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
     "losses": Benchmark(ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),
+    "endurance": Benchmark(
+        ramp_to_endurance,
+        endurance,
+        ("robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "heat", "quick"),
+    ),
 }
 
 

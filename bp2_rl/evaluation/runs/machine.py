@@ -48,7 +48,7 @@ JUDGE = Numerics()
 
 
 class Machine:
-    """A robot and its state: `model`, `data`, and the motors that move it.
+    """A robot and its state: `model`, `data`, and the motors that move it, which may change as it runs.
 
     Its torque keeps to the envelope at the start of each step; of a robot whose hardware says so (`envelope`), at its
     end as well, and so all the time: a step whose torque leaves the envelope is taken again with less.
@@ -63,9 +63,6 @@ class Machine:
         self.motors = motors_of(config)
         self.resistance = Resistance.from_hardware(hardware)
         self._throughout = hardware.envelope == "throughout"
-        self._steepness = stall_torque(  # of the envelope's falling line, Nm s/rad
-            hardware.joint_peak_torque, hardware.joint_corner_speed, hardware.joint_no_load_speed
-        ) / hardware.joint_no_load_speed  # fmt: skip
 
     def millisecond(
         self,
@@ -109,6 +106,12 @@ class Machine:
             self._advance(torque, steps)
         return torque
 
+    @property
+    def _steepness(self) -> Any:
+        """Of the envelope's falling line, Nm s/rad."""
+        motors = self.motors
+        return stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
+
     def copy(self) -> "Machine":
         """Another robot like this one, in the state that this one is in."""
         twin = copy.copy(self)
@@ -151,7 +154,8 @@ class Machine:
 class SwiftMachine(Machine):
     """The same robot twice as fast, for a judge in a hurry: the laws of motors and losses are compiled.
 
-    Compiled code rounds otherwise, so two machines agree as two runs do that begin a hair's breadth apart.
+    Compiled code rounds otherwise, so two machines agree as two runs do that begin a hair's breadth apart. Its motors
+    stay as they are: each others would be compiled anew.
     """
 
     def step(

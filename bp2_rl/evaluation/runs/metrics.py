@@ -281,9 +281,12 @@ class EnvelopeUse(NamedTuple):
     outside: Bool[np.ndarray, "N 12"]  # beyond a limit by more than ROUNDING
 
 
-def envelope_use(run: Trajectory) -> EnvelopeUse:
-    """Compare every applied torque with the torque-speed envelope at the same instant."""
-    motors, qd = actuator.Actuator.from_hardware(run.hardware), run.joint_velocity
+def envelope_use(run: Trajectory, motors: actuator.Actuator | None = None) -> EnvelopeUse:
+    """Compare every applied torque with the torque-speed envelope at the same instant.
+
+    `motors` are those of each sample where they changed with time.
+    """
+    motors, qd = motors or actuator.Actuator.from_hardware(run.hardware), run.joint_velocity
     before = np.concatenate([run.torque[:1], run.torque[:-1]])
     low, high = actuator.torque_limits(motors, qd, actuator.bus_voltage(motors, before, qd))
     margin = np.minimum(high - run.torque, run.torque - low)

@@ -35,6 +35,7 @@ from bp2_rl.settings.env import EnvConfig
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
+Watch = Callable[[Machine, Float[np.ndarray, "12"]], bool]  # after a millisecond under this torque: whether to stop
 
 SETTLING_TIME = 4.0  # s of standing before the clock starts
 SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
@@ -57,6 +58,7 @@ def rollout_mujoco(
     world: World = LEVEL,
     gyro_bias: float = 0.0,
     machine: type[Machine] = Machine,
+    watch: Watch | None = None,
 ) -> Trajectory:
     """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
 
@@ -64,7 +66,9 @@ def rollout_mujoco(
     CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
     and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
     controller take it for. Joint targets act after its latency; until the first does, it stands. `gyro_bias` (rad/s) is
-    that of the gyro from which the operator has the heading. `machine` is the kind that takes the milliseconds.
+    that of the gyro from which the operator has the heading. `machine` is the kind that takes the milliseconds. `watch`
+    is shown the machine after each millisecond with the torque that it applied; it may change the machine's motors,
+    and says when it has seen enough.
     """
     robot = dataclasses.replace(config, hardware=hardware or config.hardware)
     body = standing_start(robot, world, machine)
@@ -91,7 +95,8 @@ def rollout_mujoco(
                 recording.torque[step] = body.millisecond(position, velocity, numerics)
                 recording.foot_force[step] = foot_forces(model, data)
                 fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
-                if fell or recording.qpos[step, 0] >= finish:
+                enough = watch is not None and watch(body, recording.torque[step])
+                if fell or enough or recording.qpos[step, 0] >= finish:
                     return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
             command = np.asarray(next_command)
     return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")

@@ -13,6 +13,7 @@ from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
 from bp2_rl.evaluation.runs.metrics import measure
 from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.robot.specs import MotorHeat
 
 
 @pytest.fixture
@@ -53,8 +54,9 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
-        backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1, operator=HeadingHold(1.0)
-    )
+        backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
+        operator=HeadingHold(1.0), heat=MotorHeat(air=30.0), quick=True,
+    )  # fmt: skip
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)
     for name, benchmark in BENCHMARKS.items():
