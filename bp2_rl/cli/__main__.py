@@ -10,6 +10,7 @@ COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
+    "figures": "draw the paper's figures of robots and athletes, and check what it says of them",
     "study": "compare recipes over seeds: the ablation, and the time to 10.74 m/s",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
