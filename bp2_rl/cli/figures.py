@@ -16,6 +16,7 @@ from bp2_rl.cli.dispatch import choose
 from bp2_rl.config import load_config, save_config, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.figures.registry import FIGURES, Entry
+from bp2_rl.files import require_name
 from bp2_rl.folders import open_report
 
 if TYPE_CHECKING:
@@ -51,8 +52,9 @@ def _figure(name: str, argv: Sequence[str]) -> None:
     """Draw a figure as the command line says, print its tables, and leave its report."""
     entry = FIGURES[name]
     arguments = app.parse(_arguments(name, entry), argv, f"bp2 figures {name}")
+    require_name(arguments.out)
+    drawn = entry.draw(arguments.settings)  # what it is told is read first: a mistake leaves no folder
     open_folder(arguments.out, name)
-    drawn = entry.draw(arguments.settings)
     show(drawn)
     leave(arguments.out, name, arguments.settings, drawn)
     print(f"pictures and numbers: {arguments.out}")
@@ -69,7 +71,7 @@ def _arguments(name: str, entry: Entry) -> type[Any]:
 
 
 def open_folder(folder: Path, name: str) -> None:
-    """Make a folder for a figure's report, before anything is drawn for it.
+    """Make a folder for a figure's report, before anything is written to it.
 
     Raises:
         UserError: it cannot be made or written, or holds anything but an old report of this figure.

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, BboxBase
 
 from bp2_rl.plotting import QUIET
 
@@ -72,13 +72,13 @@ def label(axes: Axes, points: Sequence[tuple[float, float]], names: Sequence[str
             axes.annotate("", (x, y), place, textcoords="offset points", arrowprops=line, zorder=3.5)
 
 
-def _overlap(one: Bbox, other: Bbox) -> float:
+def _overlap(one: BboxBase, other: BboxBase) -> float:
     """The area that two boxes share, pixels."""
     wide = min(one.x1, other.x1) - max(one.x0, other.x0)
     high = min(one.y1, other.y1) - max(one.y0, other.y0)
     return wide * high if wide > 0 and high > 0 else 0.0
 
 
-def _outside(box: Bbox, page: Bbox) -> float:
+def _outside(box: BboxBase, page: BboxBase) -> float:
     """The area of a box that is not on the page, pixels."""
     return box.width * box.height - _overlap(box, page)

@@ -51,6 +51,7 @@ COMMANDS = {
         f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
         for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "figures")
     },
+    **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race")},
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
 }
 """Each command's module, and the words that come before its flags."""
@@ -75,6 +76,8 @@ WORK = (
     "bp2_rl.cli.trajopt.output.progress",
     "bp2_rl.trajopt.codesign.study.study_codesign",
     "bp2_rl.trajopt.decomposition.decompose",
+    "bp2_rl.figures.scaling.figure.scaling_figure",
+    "bp2_rl.figures.race.figure.race_figure",
 )
 """Where a command has looked at all it was told, and begins to work."""
 

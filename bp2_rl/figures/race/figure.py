@@ -16,7 +16,7 @@ from bp2_rl.figures.race.numbers import (
     measure,
     paper_profile,
     read,
-    read_run,
+    read_reports,
 )
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.race.statements import compare
@@ -34,7 +34,7 @@ Profiles = dict[str, Profile]
 def race(settings: RaceSettings) -> Drawn:
     """The figure, its tables, and what comes of what the paper says of it."""
     athletes, profiles = read(settings)
-    runs = tuple(map(read_run, settings.runs))
+    runs = read_reports(settings.runs)
     numbers = measure(athletes, profiles, runs)
     figure = race_figure(numbers, profiles, {athlete.name: profile for athlete, profile in runs})
     return Drawn(numbers, (time_table(numbers), start_table(numbers)), compare(numbers), {"race": figure})

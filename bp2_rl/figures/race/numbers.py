@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,8 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.optimize import root_scalar
 
-from bp2_rl.errors import UserError
+from bp2_rl.evaluation.runs.metrics import RIPPLE
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.published import sprints
 from bp2_rl.published.sprints import TRACK, Athlete
@@ -182,30 +184,24 @@ def measure_start(profile: Profile) -> Start | None:
 # --- Simulated runs ------------------------------------------------------------------------------------------
 
 
-def read_run(folder: Path) -> tuple[Athlete, Profile]:
-    """The race in a report of a sprint, its clock and its speeds as that report's.
+def read_reports(folders: Sequence[Path]) -> tuple[tuple[Athlete, Profile], ...]:
+    """The races in reports of sprints, their clocks and speeds as those reports'; raises UserError for others."""
+    from bp2_rl.figures.reports import read_runs  # slow to import, and mostly not needed
 
-    Raises:
-        UserError: no such report.
-    """
+    return tuple(follow(name, run) for name, _, run in read_runs(folders, BENCHMARK))
+
+
+def follow(name: str, run: Trajectory) -> tuple[Athlete, Profile]:
+    """A run's race, by the measures of the sprint benchmark: splits, and speeds as means over `RIPPLE` around."""
     from bp2_rl.evaluation.benchmarks.sprint import measure_splits, track_position
-    from bp2_rl.evaluation.report.folder import TRAJECTORY, read_report
-    from bp2_rl.evaluation.runs.metrics import RIPPLE
-    from bp2_rl.evaluation.runs.trajectory import Trajectory
 
-    report = read_report(folder)
-    if report.benchmark != BENCHMARK:
-        raise UserError(f"--runs {folder} is a report of {report.benchmark}: make one with --benchmark {BENCHMARK}")
-    run = Trajectory.load(folder / TRAJECTORY)
-    splits = measure_splits(run)
-    robot = report.conditions.get("robot", "own").partition(":")[0]
-    along = track_position(run)[0]
-    behind, ahead = (np.interp(run.time + shift, run.time, along) for shift in (-RIPPLE / 2, RIPPLE / 2))
-    span = np.minimum(run.time + RIPPLE / 2, run.time[-1]) - np.maximum(run.time - RIPPLE / 2, run.time[0])
+    splits, along = measure_splits(run), track_position(run)[0]
+    ends = np.clip((run.time - RIPPLE / 2, run.time + RIPPLE / 2), run.time[0], run.time[-1])
+    behind, ahead = np.interp(ends, run.time, along)
     distances, times = tuple(split.distance for split in splits), tuple(split.time for split in splits)
     arrived = bool(splits) and splits[-1].distance == TRACK
-    athlete = Athlete(f"simulated, {robot} robot", times[-1] if arrived else math.inf, 0.0, distances, times)
-    return athlete, Profile(run.time, along, (ahead - behind) / span)
+    athlete = Athlete(name, times[-1] if arrived else math.inf, 0.0, distances, times)
+    return athlete, Profile(run.time, along, (ahead - behind) / (ends[1] - ends[0]))
 
 
 # --- The paper's race ----------------------------------------------------------------------------------------

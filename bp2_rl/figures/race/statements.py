@@ -70,8 +70,10 @@ def _greatest(racer: Racer) -> Comparison:
     if not racer.means:
         return Comparison(said, "not known", "not comparable", "no citable splits ship here: see --athletes")
     fastest = max(racer.means)
-    found = f"{fastest:.2f} m/s from split to split"
-    return Comparison(said, found, "same" if fastest > FAST else "differs", "" if fastest > FAST else "by these splits")
+    found = f"{fastest:.2f} m/s in the mean of the fastest split"
+    if fastest > FAST:
+        return Comparison(said, found, "same")
+    return Comparison(said, found, "not comparable", "between splits the greatest speed is above their mean")
 
 
 def _standard(category: str, level: int) -> float:
