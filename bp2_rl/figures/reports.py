@@ -7,6 +7,7 @@ from typing import NamedTuple
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report, read_report
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.files import require_name
 
 
 class Run(NamedTuple):
@@ -33,6 +34,7 @@ def read_runs(folders: Sequence[Path], benchmark: str) -> tuple[Run, ...]:
 
 
 def _read(folder: Path, benchmark: str) -> Report:
+    require_name(folder)
     report = read_report(folder)
     if report.benchmark != benchmark:
         wanted = f"name one that python eval.py --benchmark {benchmark} leaves"
