@@ -19,7 +19,7 @@ from bp2_rl.robot.specs import GRAVITY
 PAPER, SIMULATED, WHEELED = FALL, FRONT, LEG_COLORS["RR"]  # colours of BP2, of ours, and of robots on wheels
 MASSES = np.geomspace(1e-2, 1e4, 400)  # kg, of the law
 SHARES = 0.8, 0.4  # of the law, drawn as lines
-LEFT = 1.2, 75.0  # kg and W, where lines are named
+LEFT = 1.15  # of an axis's first value: where lines are named
 
 
 def scaling(settings: ScalingSettings) -> Drawn:
@@ -73,7 +73,9 @@ def _draw_law(axes: Axes, numbers: ScalingNumbers) -> None:
     _scatter(axes, numbers, lambda robot: (robot.mass, robot.top_speed))
     axes.set(xscale="log", yscale="log", xlabel="Body mass [kg]", ylabel="Greatest speed [m/s]")
     masses = [robot.mass for robot in numbers.robots] + [species.mass for species in numbers.mammals]
-    axes.set(xlim=(0.5 * min(masses), 2.0 * max(masses)), ylim=(0.5, 30.0), title="A   Speed over body mass")
+    axes.set(xlim=(0.5 * min(masses), 2.0 * max(masses)), title="A   Speed over body mass")
+    speeds = [0.6, 25.0, *(species.top_speed for species in numbers.mammals)]
+    axes.set_ylim(0.8 * min(speeds), 1.2 * max(speeds))
     _plain_ticks(axes)
     axes.legend(loc="lower right", fontsize=8.5)
 
@@ -117,7 +119,7 @@ def _draw_ratios(axes: Axes, numbers: ScalingNumbers) -> None:
 
 def _name_law(axes: Axes, numbers: ScalingNumbers) -> None:
     for share in SHARES:
-        _along(axes, f"{share:.0%} of the law", LEFT[0], lambda mass, share=share: share * float(speed_law(mass)))
+        _along(axes, f"{share:.0%} of the law", lambda mass, share=share: share * float(speed_law(mass)))
     everyone = (*numbers.simulated, numbers.treadmill, numbers.bp2, *(r for r in numbers.robots if r.name != BP2))
     points = [(robot.mass, robot.top_speed) for robot in everyone]
     names = [_with_share(numbers, robot) for robot in everyone]
@@ -126,8 +128,8 @@ def _name_law(axes: Axes, numbers: ScalingNumbers) -> None:
 
 def _name_motors(axes: Axes, numbers: ScalingNumbers) -> None:
     ratio = numbers.bp2.demand_as_printed or 1.0
-    _along(axes, f"{ratio:.3f}", LEFT[1], lambda envelope: ratio * envelope)
-    _along(axes, f"{BAND[0]:g} to {BAND[1]:g}", LEFT[1], lambda envelope: BAND[1] * envelope)
+    _along(axes, f"{ratio:.3f}", lambda envelope: ratio * envelope)
+    _along(axes, f"{BAND[0]:g} to {BAND[1]:g}", lambda envelope: BAND[1] * envelope)
     everyone = [
         r for r in (*numbers.simulated, numbers.treadmill, numbers.bp2, *numbers.robots) if r.demand is not None
     ]
@@ -177,8 +179,9 @@ def _color(numbers: ScalingNumbers, robot: Placed) -> str:
     return colors[_group(numbers, robot)]
 
 
-def _along(axes: Axes, text: str, x: float, line: Callable[[float], float]) -> None:
-    """Write above a line, at x, in its direction."""
+def _along(axes: Axes, text: str, line: Callable[[float], float]) -> None:
+    """Write above a line, at its left end, in its direction."""
+    x = LEFT * axes.get_xlim()[0]
     ends = axes.transData.transform([(x, line(x)), (1.05 * x, line(1.05 * x))])
     angle = np.rad2deg(np.arctan2(*(ends[1] - ends[0])[::-1]))
     axes.annotate(
