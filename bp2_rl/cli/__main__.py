@@ -11,6 +11,7 @@ COMMANDS = {
     "eval": "run a policy and measure it",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "pendulum": "Huygens' pendulums: energy exchange, sections, torques, and what they say of gaits",
+    "figures": "draw the paper's figures of robots and athletes, and check what it says of them",
     "study": "compare recipes over seeds: the ablation, and the time to 10.74 m/s",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",

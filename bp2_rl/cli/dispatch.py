@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from bp2_rl.errors import UserError
 
@@ -16,6 +16,22 @@ def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequ
         commands: what there is, by name, each with what it does.
         argv: the rest of the line.
     """
+
+    def run(name: str, rest: Sequence[str]) -> int:
+        try:
+            command = importlib.import_module(f"{package}.{name}")
+        except UserError as missing:  # a package that the command needs
+            print(f"error: {missing}", file=sys.stderr)
+            return 2
+        return command.main(rest)
+
+    return choose(program, commands, argv, run)
+
+
+def choose(
+    program: str, commands: Mapping[str, str], argv: Sequence[str], run: Callable[[str, Sequence[str]], int]
+) -> int:
+    """Run the command that `argv` begins with, by its name and the rest of the line, or say what there is."""
     listed = "\n".join(f"  {name:8} {what}" for name, what in commands.items())
     usage = f"usage: {program} COMMAND ...\n\ncommands:\n{listed}"
     if not argv:
@@ -28,9 +44,4 @@ def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequ
     if name not in commands:
         print(f"error: no command {name!a}; {program} has: {', '.join(commands)}", file=sys.stderr)
         return 2
-    try:
-        command = importlib.import_module(f"{package}.{name}")
-    except UserError as missing:  # a package that the command needs
-        print(f"error: {missing}", file=sys.stderr)
-        return 2
-    return command.main(rest)
+    return run(name, rest)

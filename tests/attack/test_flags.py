@@ -51,6 +51,7 @@ COMMANDS = {
         f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
         for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "objective", "figures")
     },
+    **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race")},
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
     **{
         f"pendulum {what}": ("bp2_rl.cli.pendulum", [what])
@@ -81,6 +82,8 @@ WORK = (
     "bp2_rl.trajopt.objective.compare_objectives",
     "bp2_rl.trajopt.decomposition.decompose",
     "bp2_rl.cli.pendulum.output.open_folder",
+    "bp2_rl.figures.scaling.figure.scaling_figure",
+    "bp2_rl.figures.race.figure.race_figure",
 )
 """Where a command has looked at all it was told, and begins to work."""
 

@@ -51,7 +51,7 @@ def test_help_imports_nothing_slow():
         "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
         "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
-        "trajopt solve --speed 0", "pendulum torque --length 0",
+        "trajopt solve --speed 0", "pendulum torque --length 0", "figures scaling --nope", "figures speed",
     ],
 )  # fmt: skip
 def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):

@@ -32,29 +32,15 @@ from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, mark_level, moving_mean, styled
+from bp2_rl.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position
 
-TRACK = 100.0  # m
-MARKS = tuple(range(10, 101, 10))  # m, of the splits
 LAUNCH = 5.0  # m, as in the paper
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 TIME_LIMIT = 30.0  # s
 ACCELERATION = 3.0  # m/s2; most policies stall at 5
 TILES = "100 m", "Mean acceleration", "Best second", "Lane used", "Fall", "Peak motor power"
-
-BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
-"""Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world record, Berlin 2009 (Graubner and
-Nixdorf, Biomechanical analysis of the sprint and hurdles events at the 2009 IAAF World Championships in Athletics, New
-Studies in Athletics 26, 2011)."""
-
-OTHERS = {  # s over 100 m
-    "Bolt, Berlin 2009": BOLT_SPLITS[-1],
-    "Lyles, Paris 2024": 9.78,
-    "trained sprinter": 11.2,  # this and the next two: paper, Results, Hundred-meter sprint benchmark
-    "BP2, paper": specs.SPRINT_100M_TIME,
-    "untrained adults": 16.1,
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -379,7 +365,7 @@ def _draw_lane(axes: Axes, run: Trajectory) -> None:
 
 
 def _draw_times(axes: Axes, time: float | None) -> None:
-    times = OTHERS | ({POLICY: round(time, 2)} if time is not None else {})
+    times = TIMES | ({POLICY: round(time, 2)} if time is not None else {})
     ranked = sorted(times, key=lambda name: -times[name])
     for place, name in enumerate(ranked):
         ours = name == POLICY

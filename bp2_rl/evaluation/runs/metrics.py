@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.published.robots import power_demand
 from bp2_rl.robot import actuator, specs
 from bp2_rl.robot.clearance import Clearance, clearance
 
@@ -266,9 +267,9 @@ def froude_number(speed: float) -> float:
 
 
 def motor_demand(run: Trajectory, speed: float) -> float:
-    """m g v / (tau_max omega_max): what is asked of the motors over what one can give (paper, Fig. 1 inset)."""
+    """The `power_demand` of the robot that ran."""
     hardware = run.hardware
-    return run.mass * specs.GRAVITY * speed / (hardware.joint_peak_torque * hardware.joint_no_load_speed)
+    return power_demand(run.mass, specs.GRAVITY, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed)
 
 
 # --- Motors --------------------------------------------------------------------------------------------------

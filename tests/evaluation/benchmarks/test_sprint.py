@@ -13,7 +13,6 @@ from bp2_rl.evaluation.benchmarks import sprint as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.sprint import (
-    BOLT_SPLITS,
     SprintMetrics,
     foot_centres,
     foot_edges,
@@ -28,6 +27,7 @@ from bp2_rl.evaluation.benchmarks.sprint import (
     verdict,
 )
 from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.published.sprints import BOLT_SPLITS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import foot_geom_ids, load_model
 

@@ -1,0 +1,46 @@
+"""The figures of the paper that are drawn here: each with its panel, what it may be told, and the function that draws.
+
+A new figure is an entry. Nothing slow is imported before a figure is drawn: a mistaken flag is answered at once.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bp2_rl.figures.race.settings import RaceSettings
+from bp2_rl.figures.scaling.settings import ScalingSettings
+
+if TYPE_CHECKING:
+    from bp2_rl.figures.drawn import Drawn
+
+
+class Entry(NamedTuple):
+    """One figure."""
+
+    panel: str  # of the paper
+    what: str  # it shows
+    settings: type[Any]  # a frozen dataclass with defaults
+    draw: Callable[[Any], "Drawn"]
+
+
+def _scaling(settings: ScalingSettings) -> "Drawn":
+    from bp2_rl.figures.scaling.figure import scaling
+
+    return scaling(settings)
+
+
+def _race(settings: RaceSettings) -> "Drawn":
+    from bp2_rl.figures.race.figure import race
+
+    return race(settings)
+
+
+FIGURES = {
+    "scaling": Entry(
+        "Fig. 1, inset, Table S1",
+        "greatest speed over body mass, and what is asked of the motors",
+        ScalingSettings,
+        _scaling,
+    ),
+    "race": Entry("Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, _race),
+}
+"""By name."""
