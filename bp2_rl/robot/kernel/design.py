@@ -99,15 +99,7 @@ class Design(struct.PyTreeNode):
             foot_radius=float(model.geom_size[feet[0], 0]),
             armature=float(model.dof_armature[TRUNK]),
             spring=(float(model.jnt_stiffness[LEG]), float(model.dof_damping[TRUNK + LEG - 1])),
-            stops=tuple(
-                (
-                    float(model.tendon_stiffness[i]),
-                    float(model.tendon_lengthspring[i, 0]),
-                    float(model.tendon_lengthspring[i, 1]),
-                )
-                for i in range(model.ntendon)
-                if model.wrap_objid[model.tendon_adr[i]] == LEG
-            ),
+            stops=_stops(model, 0),
             ranges=tuple((float(low), float(high)) for low, high in model.jnt_range[first]),
             range_weights=tuple(_column(x) for x in model.dof_invweight0[TRUNK:].reshape(len(LEGS), LEG)[:, :3].T),
             range_softness=_softness(model, model.jnt_solref[_FIRST_JOINT], model.jnt_solimp[_FIRST_JOINT]),
@@ -122,6 +114,17 @@ def _softness(model: mujoco.MjModel, reference: np.ndarray, impedance: np.ndarra
     _require(time > 0 and (middle, power) == (0.5, 2.0), "a constraint's solref or solimp")
     time = max(time, 2.0 * float(model.opt.timestep))
     return Softness(1.0 / (most * time * ratio) ** 2, 2.0 / (most * time), least, most, width)
+
+
+def _stops(model: mujoco.MjModel, leg: int) -> tuple[tuple[float, float, float], ...]:
+    """The tendons along a leg's spring."""
+    spring = _FIRST_JOINT + LEG * leg + LEG - 1
+    mine = np.flatnonzero(model.wrap_objid[model.tendon_adr] == spring)
+    ranges = model.tendon_lengthspring[mine]
+    return tuple(
+        (float(stiffness), float(least), float(most))
+        for stiffness, (least, most) in zip(model.tendon_stiffness[mine], ranges, strict=True)
+    )
 
 
 def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
@@ -142,13 +145,19 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
     _require(all(np.all(x == 0) for x in off), "parts off their axes")
     for name in ("body_pos", "body_ipos"):  # but for the sides, legs are equal
         _require(np.ptp(getattr(model, name)[bodies[:, 2:]], axis=0).max() == 0, "legs of different lengths")
-    for x in (
+    of_legs = (
         model.jnt_stiffness[joints],
         model.jnt_range[joints],
         model.dof_damping[TRUNK:],
         model.dof_armature[TRUNK:],
-    ):
+    )
+    for x in (*of_legs, np.array([_stops(model, leg) for leg in legs])):
         _require(np.ptp(x.reshape(len(LEGS), -1), axis=0).max() == 0, "unlike legs")
+    motors = np.flatnonzero(model.jnt_limited)
+    for x in (model.jnt_solref[motors], model.jnt_solimp[motors], model.dof_armature[TRUNK:].reshape(-1, LEG)[:, :3].T):
+        _require(np.ptp(x, axis=0).max() == 0, "unlike joints")
+    for x in (model.geom_solref[feet], model.geom_solimp[feet], model.geom_size[feet]):
+        _require(np.ptp(x, axis=0).max() == 0, "unlike feet")
     _require(np.all(model.dof_damping[TRUNK:].reshape(-1, LEG)[:, :3] == 0), "damped joints")
     _require(not np.any(model.dof_frictionloss), "dry friction in MuJoCo's own joints")
     _require(len(feet) == len(legs) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL, "other contacts")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from bp2_rl.robot.kernel.design import Design
-from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Masses, Part, Plane, Rotation
+from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Masses, Momentum, Part, Plane, Rotation
 from bp2_rl.robot.kernel.pieces import Pieces
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
@@ -45,10 +45,11 @@ class Arrow(NamedTuple):
 def inertia_matrix(pieces: Pieces, design: Design, masses: Masses, legs: Legs, rotation: Rotation) -> Arrow:
     """The inertia matrix, kg, kg m and kg m2."""
     whole = pieces(Composite.of, legs)
+    momenta = pieces(Legs.momenta, legs, whole)
     return Arrow(
         trunk=pieces(partial(_trunk_block, design), masses, legs, whole, rotation),
-        coupling=pieces(partial(_coupling, design), legs, whole, rotation),
-        legs=pieces(partial(_legs_block, design), legs, whole),
+        coupling=pieces(partial(_coupling, design), legs, momenta, rotation),
+        legs=pieces(partial(_legs_block, design), legs, momenta),
     )
 
 
@@ -119,19 +120,18 @@ def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, r
     ]
 
 
-def _coupling(design: Design, legs: Legs, whole: Composite, rotation: Rotation) -> Rows:
+def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation) -> Rows:
     """Momentum about the trunk's origin of each joint at unit rate, in the world's axes."""
     rows = []
-    for linear, angular in legs.momenta(whole):
+    for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)
         about_origin = add(legs.to_trunk(angular), cross(design.anchor, in_trunk))
         rows.append([*rotation.to_world(in_trunk), *rotation.to_world(about_origin)])
     return rows
 
 
-def _legs_block(design: Design, legs: Legs, whole: Composite) -> Rows:
+def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Rows:
     """Of abduction, hip, knee and spring: what a joint feels of the momentum of those below it."""
-    momenta = legs.momenta(whole)
     knee_x, knee_z = legs.knee
     block: Rows = [
         [momenta[0].angular[0]],

@@ -149,6 +149,9 @@ def test_cosine_and_sine_are_exact_to_float32():
         (lambda m: m.body_ipos.__setitem__((3, 1), 0.01), "parts off their axes"),
         (lambda m: m.body_pos.__setitem__((4, 2), -0.3), "legs of different lengths"),
         (lambda m: m.jnt_axis.__setitem__((2, 0), 1.0), "the axes of its joints"),
+        (lambda m: m.geom_solimp.__setitem__((-1, 4), 3.0), "unlike feet"),
+        (lambda m: m.jnt_solref.__setitem__((2, 0), 0.01), "unlike joints"),
+        (lambda m: m.tendon_stiffness.__setitem__(-1, 1e3), "unlike legs"),
         (lambda m: m.dof_frictionloss.__setitem__(7, 1.0), "dry friction"),
     ],
 )
