@@ -284,7 +284,7 @@ def defaults_here(
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     defaults = make_config(stage, preset, weights, robot or "built")
-    if defaults.impl in ("c", "kernel") and not on_cpu:
+    if defaults.impl == "c" and not on_cpu:
         defaults = dataclasses.replace(defaults, impl="jax")
     return preset, defaults
 

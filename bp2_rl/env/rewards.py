@@ -15,7 +15,7 @@ from bp2_rl.settings.env import Kernel, RewardConfig
 
 Scalar = Float[Array, ""]
 PAPERS_KERNEL = Kernel()
-TAIL = 2.0  # m/s or rad/s: the error at which the tracking kernel's tail ends, beyond the command itself
+TAIL = 1.0  # m/s or rad/s: the error at which the tracking kernel's tail ends at rest; half the command is added
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -68,7 +68,7 @@ def _kernel(
     bell = jnp.exp(-2.0 * squared_norm(error) / square_width)
     if tail == 0.0:
         return bell
-    line = 1.0 - jnp.linalg.norm(error) / (TAIL + jnp.linalg.norm(command))
+    line = 1.0 - jnp.linalg.norm(error) / (TAIL + 0.5 * jnp.linalg.norm(command))
     return (1.0 - tail) * bell + tail * jnp.maximum(line, 0.0)
 
 

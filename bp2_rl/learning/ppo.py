@@ -61,7 +61,8 @@ class PPO:
         loss = -mean min(rho A, clip(rho, 1 - epsilon, 1 + epsilon) A) + c_v/2 mean (v - V)^2 - c_e mean entropy
 
     v - V, delta and A are 0 at a step at which the time limit cut an episode short. gamma is `discounting`, lambda
-    `gae_lambda`, epsilon `clipping`, c_v `value_coefficient` and c_e `entropy_cost`.
+    `gae_lambda`, epsilon `clipping`, c_v `value_coefficient` and c_e `entropy_cost`,
+    which may decay (`entropy_decay`).
 
     Args:
         env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
@@ -263,7 +264,7 @@ class PPO:
     ) -> tuple[tuple[Any, Any], dict[str, Array]]:
         """One gradient step: ((params, optimizer) after it, what it was made of)."""
         config = self.config
-        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key)
+        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key, step)
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -285,16 +286,18 @@ class PPO:
         normalizer: running_statistics.RunningStatisticsState,
         data: Transition,
         key: Array,
+        step: Array | int = 0,
     ) -> tuple[Array, dict[str, Array]]:
-        """Brax's PPO loss with this learner's hyperparameters; `data` has axes (robot, time)."""
+        """Brax's PPO loss with this learner's hyperparameters in train step `step`; `data` has axes (robot, time)."""
         config = self.config
+        entropy_cost: Any = config.entropy_cost / (1.0 + step / config.entropy_decay)  # Brax asks for a float
         return losses.compute_ppo_loss(  # pyright: ignore[reportReturnType]
             params,
             normalizer,
             data,
             key,
             ppo_network=self.network,
-            entropy_cost=config.entropy_cost,
+            entropy_cost=entropy_cost,
             discounting=config.discounting,
             reward_scaling=config.reward_scaling,
             gae_lambda=config.gae_lambda,

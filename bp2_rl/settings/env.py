@@ -115,8 +115,8 @@ class TerminationConfig:
 @dataclasses.dataclass(frozen=True)
 class Kernel:
     """Of the tracking reward: exp(-2 e^2 / W^2) with W^2 = floor^2 + (speed commanded / width)^2, and for the yaw rate
-    W = yaw_width; but a share `tail` of either is a straight line that ends at an error as large as the command and
-    2 m/s (rad/s) more. The defaults are the paper's."""
+    W = yaw_width; but a share `tail` of either is a straight line that ends at an error of 1 m/s (rad/s) and half of
+    the command. The defaults are the paper's."""
 
     floor: Extent = 1.0  # m/s
     width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")

@@ -12,7 +12,8 @@ from bp2_rl.errors import UserError
 from bp2_rl.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import kinematics, specs
 
-SHIPPED = "reference_motions/bp2_trot.npz"  # below assets/
+LIBRARIES = "bp2_trot", "bp2_trot_slow"
+"""Those that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
 MEND = "make it anew with `bp2 trajopt library build`"
 Size = Annotated[float, Within(0.01, 10.0)]
 
@@ -47,7 +48,7 @@ class KinematicConfig:
 class CollocationConfig:
     """Which motion library is played, and how it grows out of standing."""
 
-    path: str = ""  # of the library; empty: the one that ships
+    path: str = LIBRARIES[0]  # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
     stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
     """m/s, below which steps shrink, to nothing when standing"""
 
@@ -58,7 +59,8 @@ class CollocationConfig:
     @property
     def file(self) -> Path:
         """Where the library is."""
-        return Path(self.path) if self.path else asset_path(SHIPPED)
+        name = self.path or LIBRARIES[0]  # once that was written as nothing
+        return asset_path(f"reference_motions/{name}.npz") if name in LIBRARIES else Path(self.path)
 
     @property
     def sha256(self) -> str:

@@ -16,14 +16,13 @@ from aim import StandIn
 from aim_run import SMALL
 from rich.progress import Progress
 
-from bp2_rl.assets import asset_path
 from bp2_rl.cli.trajopt.solutions import load_family
 from bp2_rl.config import save_config
 from bp2_rl.evaluation.report.folder import Report
 from bp2_rl.learning import run
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.gait import SHIPPED
+from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.trajopt.family import FamilyConfig
 from bp2_rl.trajopt.problem import Problem
 from bp2_rl.trajopt.solution import save_solution
@@ -60,7 +59,7 @@ def original(tmp_path_factory):
     (folder / "report").mkdir()
     report = Report("topspeed", {"weights_sha256": weights}, {"topspeed": {"top_speed": 9.5}}, {})
     save_config(folder / "report/metrics.json", report)
-    shutil.copy(asset_path(SHIPPED), folder / "library.npz")
+    shutil.copy(CollocationConfig().file, folder / "library.npz")
     keep_solved(folder)
     return folder
 

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
 from bp2_rl.gait.collocation.file import MotionLibrary, broken, load_library, save_library
-from bp2_rl.settings.gait import SHIPPED
+from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.trajopt.family import FamilyConfig, arrays_of, family_of, provenance_of
 from bp2_rl.trajopt.solution import Solution, load_solution
 from bp2_rl.trajopt.sweep import best_of
@@ -17,7 +16,7 @@ def load_solutions(path: Path | None) -> list[Solution]:
     Raises:
         UserError: there are none, or they cannot be read.
     """
-    path = asset_path(SHIPPED) if path is None else path
+    path = CollocationConfig().file if path is None else path
     try:
         if path.is_dir():
             return _load_folder(path)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from bp2_rl.robot.kernel.constraints import constraints_of, solve, solve_constraints
+from bp2_rl.robot.kernel.constraints import Constraints, constraints_of, solve, solve_constraints
 from bp2_rl.robot.kernel.design import LEG, TRUNK, Design
 from bp2_rl.robot.kernel.equations import Accelerations, Arrow, inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.legs import Legs, Masses, Rotation
@@ -36,8 +36,7 @@ def step(
         state: before the step.
         applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among them, N and Nm.
     """
-    before = _State.of(state)
-    after, heights = in_one_kernel(_step, design, masses, friction, before, _split(applied))
+    after, heights = _step(design, masses, friction, _State.of(state), _split(applied))
     return after.moving(), heights
 
 
@@ -64,18 +63,54 @@ class _State(NamedTuple):
 def _step(
     design: Design, masses: Masses, friction: Number, state: _State, applied: Accelerations
 ) -> tuple[_State, Number]:
-    pieces, velocity = Pieces.of(friction), state.velocity
+    pieces = Pieces.of(friction)
+    rotation, legs, inertia = in_one_kernel(partial(_posed, pieces), design, masses, state)
+    force, constraints, start, heights = in_one_kernel(
+        partial(_acted_on, pieces), design, masses, friction, legs, rotation, state, applied
+    )
+    acceleration, total = in_one_kernel(partial(solve_constraints, pieces), inertia, force, constraints, start)
+    after = in_one_kernel(partial(_moved, pieces), design, inertia, rotation, state, acceleration, total)
+    return after, heights
+
+
+def _posed(pieces: Pieces, design: Design, masses: Masses, state: _State) -> tuple[Rotation, Legs, Arrow]:
+    """Where everything is, and its inertia."""
     rotation, legs = pieces(partial(_pose, design), masses, state.quaternion, state.legs)
-    inertia = inertia_matrix(pieces, design, masses, legs, rotation)
+    return rotation, legs, inertia_matrix(pieces, design, masses, legs, rotation)
+
+
+def _acted_on(
+    pieces: Pieces,
+    design: Design,
+    masses: Masses,
+    friction: Number,
+    legs: Legs,
+    rotation: Rotation,
+    state: _State,
+    applied: Accelerations,
+) -> tuple[Accelerations, Constraints, Accelerations, Number]:
+    """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
+    velocity = state.velocity
     force = pieces(partial(smooth_force, design), masses, legs, rotation, state.legs[3], velocity, applied)
     constraints, heights = pieces(
         partial(constraints_of, design), legs, rotation, friction, state.place[2], state.legs, velocity
     )
-    start = state.warmstart.in_world(rotation)
-    acceleration, total = solve_constraints(pieces, inertia, force, constraints, start)
+    return force, constraints, state.warmstart.in_world(rotation), heights
+
+
+def _moved(
+    pieces: Pieces,
+    design: Design,
+    inertia: Arrow,
+    rotation: Rotation,
+    state: _State,
+    acceleration: Accelerations,
+    total: Accelerations,
+) -> _State:
+    """The state after the step under these forces in all; the next starts from these accelerations."""
     damped = solve(pieces, _damped(inertia, design), total)
     after = pieces(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
-    return after._replace(warmstart=acceleration.in_mujoco(rotation)), heights
+    return after._replace(warmstart=acceleration.in_mujoco(rotation))
 
 
 def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]) -> tuple[Rotation, Legs]:

@@ -1,4 +1,4 @@
-"""In what pieces the step is computed: one kernel on a GPU, several programs on a processor."""
+"""In what pieces the step is computed: a few kernels on a GPU, many small programs on a processor."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -10,49 +10,6 @@ from jaxtyping import Array, Bool
 T = TypeVar("T")
 BLOCK, WARPS = 32, 4
 """Robots that a block of threads computes on a GPU, by so many warps: a thread a leg."""
-
-
-def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
-    """function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
-
-    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
-    each other.
-    """
-    if jax.default_backend() != "gpu":
-        return function(*inputs)
-    return _pallas(function, *inputs)
-
-
-def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
-    from jax.experimental import pallas
-    from jax.experimental.pallas import triton
-
-    leaves, structure = jax.tree.flatten(inputs)
-    shapes, results = jax.tree.flatten(jax.eval_shape(function, *inputs))
-    robots = max(leaf.shape[-1] for leaf in leaves)
-    block = min(BLOCK, robots & -robots)  # the largest power of two that divides them
-
-    def spec(array: Any) -> Any:
-        if array.shape[-1] == 1:
-            return pallas.BlockSpec(array.shape, lambda i: (0,) * array.ndim)
-        return pallas.BlockSpec((*array.shape[:-1], block), lambda i: (0,) * (array.ndim - 1) + (i,))
-
-    def kernel(*refs: Any) -> None:
-        given, wanted = refs[: len(leaves)], refs[len(leaves) :]
-        found = function(*jax.tree.unflatten(structure, [ref[...] for ref in given]))
-        for ref, x in zip(wanted, jax.tree.leaves(found), strict=True):
-            ref[...] = x
-
-    run = pallas.pallas_call(
-        kernel,
-        out_shape=shapes,
-        grid=(robots // block,),
-        in_specs=[spec(leaf) for leaf in leaves],
-        out_specs=[spec(shape) for shape in shapes],
-        compiler_params=triton.CompilerParams(num_warps=WARPS),
-        interpret=interpret,
-    )
-    return jax.tree.unflatten(results, run(*leaves))
 
 
 class Pieces(NamedTuple):
@@ -67,7 +24,7 @@ class Pieces(NamedTuple):
 
     @classmethod
     def of(cls, friction: Any) -> "Pieces":
-        """By the sign of a floor's friction, on processors; elsewhere all is one kernel anyhow."""
+        """By the sign of a floor's friction, on processors; elsewhere there are kernels."""
         return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
 
     def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
@@ -75,6 +32,56 @@ class Pieces(NamedTuple):
         if self.always is None:
             return piece(*inputs)
         return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
+
+
+def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
+    """function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
+
+    Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
+    each other. The function may close over numbers, but not over arrays.
+
+    Triton's time grows faster than a kernel: all of the step as one compiles for twice as long as its quarters do.
+    """
+    if jax.default_backend() != "gpu":
+        return function(*inputs)
+    return _pallas(function, *inputs)
+
+
+def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -> T:
+    from jax.experimental import pallas
+    from jax.experimental.pallas import triton
+
+    leaves, structure = jax.tree.flatten(inputs)
+    leaves = [jnp.atleast_1d(leaf) for leaf in leaves]
+    inputs = jax.tree.unflatten(structure, leaves)
+    shapes, results = jax.tree.flatten(jax.eval_shape(function, *inputs))
+    shapes = [jax.ShapeDtypeStruct(shape.shape or (1,), shape.dtype) for shape in shapes]
+    robots = max(leaf.shape[-1] for leaf in leaves)
+    block = min(BLOCK, robots & -robots)  # the largest power of two that divides them
+
+    def spec(array: Any) -> Any:
+        *legs, last = array.shape
+        axes = len(legs)
+        if last == 1:
+            return pallas.BlockSpec(array.shape, lambda i: (0,) * (axes + 1))
+        return pallas.BlockSpec((*legs, block), lambda i: (0,) * axes + (i,))
+
+    def kernel(*refs: Any) -> None:
+        given, wanted = refs[: len(leaves)], refs[len(leaves) :]
+        found = function(*jax.tree.unflatten(structure, [ref[...] for ref in given]))
+        for ref, x in zip(wanted, jax.tree.leaves(found), strict=True):
+            ref[...] = jnp.broadcast_to(x, ref.shape)
+
+    run = pallas.pallas_call(
+        kernel,
+        out_shape=shapes,
+        grid=(robots // block,),
+        in_specs=[spec(leaf) for leaf in leaves],
+        out_specs=[spec(shape) for shape in shapes],
+        compiler_params=triton.CompilerParams(num_warps=WARPS),
+        interpret=interpret,
+    )
+    return jax.tree.unflatten(results, run(*leaves))
 
 
 def _zeros_like(piece: Callable[..., T]) -> Callable[..., T]:
