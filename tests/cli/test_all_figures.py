@@ -48,7 +48,7 @@ class Page(html.parser.HTMLParser):
     def handle_starttag(self, tag, attrs):
         told = dict(attrs)
         if tag == "data":
-            self._at = told["data-at"], json.loads(told["value"])
+            self._at = told["data-at"], json.loads(told["value"] or "")
         self.ids |= {told["id"]} if "id" in told else set()
         self.links += [told["href"]] if tag == "a" else []
         self.loads += [told[name] for name in ("src", "href", "srcset") if name in told and tag != "a"]
