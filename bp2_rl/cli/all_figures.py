@@ -85,16 +85,20 @@ def _make_all(chosen: Arguments) -> None:
     choice = Choice(policy, chosen.quick, chosen.video)
     keys: dict[str, str] = {}
     missing = {source.name: "not run yet" for source in SOURCES}
-    _write(chosen, choice, keys, missing)
+    _write(chosen, missing)
     for source in SOURCES:
         keys[source.name] = key = key_of(source, choice, bp2_rl.__version__, keys)
         try:
-            _make(source, choice, key, chosen)
+            if others := [name for name in source.runs if name in missing]:
+                raise FailedError(f"left out, as {others[0]} failed")
+            made = _make(source, choice, key, chosen)
         except FailedError as error:
-            missing[source.name] = str(error)
+            missing[source.name], made = str(error), False
+            print(f"{source.name:14} {error}", flush=True)
         else:
             del missing[source.name]
-        _write(chosen, choice, keys, missing)
+        if made or source is SOURCES[-1]:
+            _write(chosen, missing)
     print(f"index: {chosen.out / PAGE}")
 
 
@@ -107,17 +111,18 @@ def _open(folder: Path) -> None:
             raise UserError(f"--out {folder} holds another report: name another folder") from None
 
 
-def _make(source: Source, choice: Choice, key: str, chosen: Arguments) -> None:
-    """Let a command leave its report in its folder, unless that is there."""
+def _make(source: Source, choice: Choice, key: str, chosen: Arguments) -> bool:
+    """Let a command leave its report in its folder; whether it had to: not if that is there.
+
+    Raises:
+        FailedError: it cannot be run, or fails; what was in its folder stays.
+    """
     if not is_known(source):
         raise FailedError(f"this version has no {source.command}")
     folder = chosen.out / source.name
-    others = [name for name in source.runs if not (chosen.out / name).is_dir()]
-    if others:
-        raise FailedError(f"left out, as {others[0]} failed")
     if not chosen.fresh and is_current(source, folder, key):
         print(f"{source.name:14} as it was", flush=True)
-        return
+        return False
     print(f"{source.name:14} {source.command} ...", flush=True)
     begun = time.monotonic()
     with new_folder(folder) as fresh:
@@ -136,6 +141,7 @@ def _make(source: Source, choice: Choice, key: str, chosen: Arguments) -> None:
         seconds = time.monotonic() - begun
         save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
     print(f"{'':14} {seconds:.0f} s", flush=True)
+    return True
 
 
 def is_known(source: Source) -> bool:
@@ -159,7 +165,7 @@ def _checksum(file: Path) -> str:
     return hashlib.sha256(read_bytes(file)).hexdigest()
 
 
-def _write(chosen: Arguments, choice: Choice, keys: dict[str, str], missing: dict[str, str]) -> None:
+def _write(chosen: Arguments, missing: dict[str, str]) -> None:
     """The page and its numbers, of what there is."""
     from bp2_rl.figures.index.page import Made, index_page
 
@@ -170,12 +176,12 @@ def _write(chosen: Arguments, choice: Choice, keys: dict[str, str], missing: dic
     groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in GROUPS.items()}
     seconds = {name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()}
     made = [Made(source, folders[source.name], seconds[source.name]) for source in SOURCES if source.name in folders]
-    said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(choice)}{', short versions' if choice.quick else ''}"
+    said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(chosen)}{', short versions' if chosen.quick else ''}"
     rows = [row for of_group in groups.values() for row in of_group]
     report = IndexReport(
         version=bp2_rl.__version__,
-        policy=policy_name(choice),
-        quick=choice.quick,
+        policy=policy_name(chosen),
+        quick=chosen.quick,
         commands={each.source.name: each.source.command for each in made},
         seconds=seconds,
         missing=dict(missing),
@@ -186,9 +192,9 @@ def _write(chosen: Arguments, choice: Choice, keys: dict[str, str], missing: dic
     save_config(chosen.out / METRICS, report)
 
 
-def policy_name(choice: Choice) -> str:
+def policy_name(chosen: Arguments) -> str:
     """The policy, wherever it lies: the one that ships, or a folder's name."""
-    return "that ships" if choice.policy == asset_path(DEFAULT_POLICY) else choice.policy.name
+    return "that ships" if chosen.policy is None else chosen.policy.name
 
 
 def _numbers(row: Row) -> dict[str, Any]:

@@ -107,6 +107,8 @@ def look_up(reports: Reports, at: str) -> Any:
     value = reports[source]
     for step in path.split("/"):
         key, equal, wanted = step.partition("=")
+        if value is None:  # what was not measured has no parts
+            return None
         try:
             if equal:
                 value = next(entry for entry in value if _same(entry[key], wanted))
