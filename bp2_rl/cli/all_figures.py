@@ -176,6 +176,7 @@ def _write(chosen: Arguments, missing: dict[str, str]) -> None:
     groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in GROUPS.items()}
     seconds = {name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()}
     made = [Made(source, folders[source.name], seconds[source.name]) for source in SOURCES if source.name in folders]
+    commands = {source.name: source.command for source in SOURCES}
     said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(chosen)}{', short versions' if chosen.quick else ''}"
     rows = [row for of_group in groups.values() for row in of_group]
     report = IndexReport(
@@ -188,7 +189,7 @@ def _write(chosen: Arguments, missing: dict[str, str]) -> None:
         verdicts={row.item.id: row.verdict for row in rows},
         numbers={row.item.id: _numbers(row) for row in rows if _numbers(row)},
     )
-    write_text(chosen.out / PAGE, index_page(groups, made, missing, said))
+    write_text(chosen.out / PAGE, index_page(groups, made, commands, missing, said))
     save_config(chosen.out / METRICS, report)
 
 

@@ -85,7 +85,7 @@ WORK = (
     "bp2_rl.cli.pendulum.output.open_folder",
     "bp2_rl.figures.scaling.figure.scaling_figure",
     "bp2_rl.figures.race.figure.race_figure",
-    "bp2_rl.figures.robot.robot_figure",
+    "bp2_rl.figures.robot.measure",
     "bp2_rl.figures.rewards.rewards_figure",
     "bp2_rl.cli.all_figures._make",
 )

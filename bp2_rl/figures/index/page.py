@@ -24,18 +24,24 @@ class Made(NamedTuple):
     seconds: float
 
 
-def index_page(groups: Mapping[str, Iterable[Row]], made: Iterable[Made], missing: Mapping[str, str], said: str) -> str:
+def index_page(
+    groups: Mapping[str, Iterable[Row]],
+    made: Iterable[Made],
+    commands: Mapping[str, str],
+    missing: Mapping[str, str],
+    said: str,
+) -> str:
     """The page.
 
     Args:
         groups: rows by heading.
         made: the commands whose reports are there.
+        commands: all there are, by name.
         missing: why others' are not, by name.
         said: how all was made, in one line.
     """
     made, groups = tuple(made), {heading: tuple(rows) for heading, rows in groups.items()}
     rows = [row for of_group in groups.values() for row in of_group]
-    commands = {each.source.name: each.source.command for each in made}
     there = {(each.source.name, file.name) for each in made for file in _shown(each.folder)}
     tables = "".join(
         f"<h2>{html.escape(heading)}</h2>{_table(rows, commands, there)}" for heading, rows in groups.items()
