@@ -1,4 +1,4 @@
-"""`bp2 figures FIGURE`: the paper's figures of robots and athletes, each with every number in it."""
+"""`bp2 figures FIGURE`: a figure of the paper with every number in it; `bp2 figures --all`: all of them."""
 
 import dataclasses
 import sys
@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.cli import app
+from bp2_rl.cli.all_figures import FLAG, run_all
 from bp2_rl.cli.dispatch import choose
 from bp2_rl.config import load_config, save_config, to_json
 from bp2_rl.errors import UserError
@@ -40,8 +41,12 @@ class Report:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The figure that `argv` (the process's arguments by default) names; the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if FLAG in words:
+        return run_all(words)
     commands = {name: f"{entry.what} ({entry.panel})" for name, entry in FIGURES.items()}
-    return choose("bp2 figures", commands, list(sys.argv[1:] if argv is None else argv), _run)
+    commands[FLAG] = "every panel that can be made, and a page that says of each item of the paper what is ours"
+    return choose("bp2 figures", commands, words, _run)
 
 
 def _run(name: str, argv: Sequence[str]) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.scaling.settings import ScalingSettings
+from bp2_rl.figures.settings import RewardsSettings, RobotSettings, StridesSettings
 
 if TYPE_CHECKING:
     from bp2_rl.figures.drawn import Drawn
@@ -34,6 +35,24 @@ def _race(settings: RaceSettings) -> "Drawn":
     return race(settings)
 
 
+def _robot(settings: RobotSettings) -> "Drawn":
+    from bp2_rl.figures.robot import robot
+
+    return robot(settings)
+
+
+def _rewards(settings: RewardsSettings) -> "Drawn":
+    from bp2_rl.figures.rewards import rewards
+
+    return rewards(settings)
+
+
+def _strides(settings: StridesSettings) -> "Drawn":
+    from bp2_rl.figures.strides import strides
+
+    return strides(settings)
+
+
 FIGURES = {
     "scaling": Entry(
         "Fig. 1, inset, Table S1",
@@ -42,5 +61,10 @@ FIGURES = {
         _scaling,
     ),
     "race": Entry("Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, _race),
+    "robot": Entry(
+        "Fig. 2, Fig. S1, Table S3", "the robot as it is modelled, and its dimensions", RobotSettings, _robot
+    ),
+    "rewards": Entry("Table S4", "reward coefficients, and how their weights go with speed", RewardsSettings, _rewards),
+    "strides": Entry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
 }
 """By name."""

@@ -84,13 +84,6 @@ class CouplingAccount:
     velocity_force: VelocityForce
 
 
-@dataclasses.dataclass(frozen=True)
-class CouplingAccounts:
-    """Those of a family of solutions."""
-
-    by_speed: tuple[CouplingAccount, ...]
-
-
 def account_coupling(solution: Solution) -> CouplingAccount:
     """Everything that is said of coupling at one speed."""
     sources = split_sources(solution)

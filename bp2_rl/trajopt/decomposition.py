@@ -114,6 +114,15 @@ class Trends:
     covered: Float[np.ndarray, " S"]  # as `Coupling.covered`, of the hip
 
 
+@dataclasses.dataclass(frozen=True)
+class TermMeans:
+    """Average forces at one speed, by kind (`KINDS`) and term (`TERMS`)."""
+
+    speed: float  # m/s
+    average: dict[str, dict[str, float]]  # N, Nm
+    share: dict[str, dict[str, float]]
+
+
 def decompose(solution: Solution) -> Decomposition:
     """The terms at every mesh point of a whole gait cycle; at a touchdown the impulses they give.
 
@@ -213,6 +222,21 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
         velocity_force=np.array([peak_velocity_force(part) for part in parts]),
         opposing=np.array([coupling.opposing for coupling in couplings]),
         covered=np.array([coupling.covered for coupling in couplings]),
+    )
+
+
+def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:
+    """The average forces and their shares, by name."""
+
+    def named(values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
+        return {
+            kind: dict(zip(TERMS, map(float, column), strict=True))
+            for kind, column in zip(KINDS, values.T, strict=True)
+        }
+
+    return tuple(
+        TermMeans(float(speed), named(average), named(share))
+        for speed, average, share in zip(trends.speeds, trends.average, trends.share, strict=True)
     )
 
 

@@ -51,7 +51,8 @@ COMMANDS = {
         f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
         for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "objective", "figures")
     },
-    **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race")},
+    **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race", "robot", "rewards")},
+    "figures --all": ("bp2_rl.cli.figures", ["--all"]),
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
     **{
         f"pendulum {what}": ("bp2_rl.cli.pendulum", [what])
@@ -84,6 +85,9 @@ WORK = (
     "bp2_rl.cli.pendulum.output.open_folder",
     "bp2_rl.figures.scaling.figure.scaling_figure",
     "bp2_rl.figures.race.figure.race_figure",
+    "bp2_rl.figures.robot.measure",
+    "bp2_rl.figures.rewards.rewards_figure",
+    "bp2_rl.cli.all_figures._make",
 )
 """Where a command has looked at all it was told, and begins to work."""
 

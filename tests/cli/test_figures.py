@@ -5,10 +5,17 @@ import pytest
 from bp2_rl.cli import figures
 from bp2_rl.cli.figures import Report, main
 from bp2_rl.config import load_config
+from bp2_rl.evaluation.runs import rollout
 from bp2_rl.figures.registry import FIGURES
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.fixture(autouse=True)
+def settled_soon(monkeypatch):
+    """The robot that is drawn comes to rest sooner."""
+    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
+
+
+@pytest.mark.parametrize("name", [name for name in FIGURES if name != "strides"])  # which is drawn of a run
 def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced
@@ -38,6 +45,7 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
         (["race", "--athletes", "nowhere.csv"], "cannot be read"),
         (["race", "--runs", "nowhere"], "no report in nowhere"),
         (["scaling", "--runs", "nowhere"], "no report in nowhere"),
+        (["strides"], "--runs takes one report"),
         (["scaling", "--speed", "3"], "--speed"),
     ],
 )

@@ -52,7 +52,7 @@ def _figures(arguments: Arguments) -> None:
     from rich.console import Console
 
     from bp2_rl.plotting import save_figure
-    from bp2_rl.trajopt import coupling_account, decomposition
+    from bp2_rl.trajopt import coupling_account, decomposition, figure_numbers
     from bp2_rl.trajopt.coordinates import decompose_links
     from bp2_rl.trajopt.coupling import split_sources
     from bp2_rl.trajopt.figures.coupling import coordinates_figure, coupling_figure
@@ -70,10 +70,15 @@ def _figures(arguments: Arguments) -> None:
         ("coordinates", coordinates_figure(terms, decompose_links(shown))),
     ):
         save_figure(figure, arguments.out / f"{name}.png")
-    save_config(arguments.out / NUMBERS, coupling_account.CouplingAccounts(tuple(accounts)))
+    account = next(account for account in accounts if account.speed == shown.problem.speed)
+    numbers = figure_numbers.FigureNumbers(
+        shown=figure_numbers.number_shown(shown, terms, trends),
+        means=decomposition.means_by_speed(trends),
+        by_speed=tuple(accounts),
+    )
+    save_config(arguments.out / NUMBERS, numbers)
     print(f"at {shown.problem.speed:g} m/s, closure of the equations of motion: {terms.closure:.1e} N or Nm")
     print(f"C_z / (m g) at its peak: {decomposition.peak_velocity_force(terms):.2f}")
-    account = next(account for account in accounts if account.speed == shown.problem.speed)
     print(
         f"coupled inertia opposes main inertia at {account.opposing:.0%} of the hips' peaks and covers "
         f"{account.covered:.0%} of it; its sources close to {sources.closure:.0e} of the largest"
@@ -81,4 +86,4 @@ def _figures(arguments: Arguments) -> None:
     for line in (*coupling_account.remarks(account), *decomposition.remarks(trends)):
         print(line)
     Console(width=max(Console().width, 110)).print(coupling_account.tabulate(accounts))
-    print(f"figures, and all numbers of coupling in {NUMBERS}: {arguments.out}")
+    print(f"figures, and all their numbers in {NUMBERS}: {arguments.out}")

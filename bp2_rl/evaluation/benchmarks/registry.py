@@ -8,6 +8,7 @@ from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.endurance.benchmark import endurance, ramp_to_endurance
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
+from bp2_rl.evaluation.benchmarks.mechanism.benchmark import mechanism, ramp_to_mechanism
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
@@ -46,6 +47,9 @@ BENCHMARKS = {
         ramp_to_endurance,
         endurance,
         ("robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "heat", "quick"),
+    ),
+    "mechanism": Benchmark(
+        ramp_to_mechanism, mechanism, ("robot", "speed", "acceleration", "hold", "operator", "quick")
     ),
 }
 

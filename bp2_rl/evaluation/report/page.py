@@ -23,8 +23,8 @@ def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool)
     conditions = "".join(
         f"<tr><th>{_escape(k)}</th><td>{_escape(v)}</td></tr>" for k, v in evaluation.conditions.items()
     )
-    return _PAGE.format(
-        title=_escape(f"{evaluation.benchmark}: {evaluation.subject}"),
+    return document(
+        title=f"{evaluation.benchmark}: {evaluation.subject}",
         header=f"{_verdict(evaluation)}<p class=quiet>BP2 in {_escape(evaluation.backend)}</p>",
         body=f"{_tiles(evaluation)}{film}{figures}{''.join(map(_section, (measures, *evaluation.tables)))}"
         f"<h2>Conditions</h2><table class=conditions><tbody>{conditions}</tbody></table>",
@@ -39,7 +39,12 @@ def overview(evaluations: Sequence[Evaluation]) -> str:
         for each in evaluations
     )
     policy = f"<p class=quiet>{_escape(evaluations[0].conditions['policy'])}</p>"
-    return _PAGE.format(title="BP2: all benchmarks", header=policy, body=sections)
+    return document("BP2: all benchmarks", policy, sections)
+
+
+def document(title: str, header: str, body: str, style: str = "") -> str:
+    """A whole page in the house's look; header, body and further style sheet are HTML and CSS already."""
+    return _PAGE.format(title=_escape(title), header=header, body=body, style=style)
 
 
 def _verdict(evaluation: Evaluation) -> str:
@@ -111,6 +116,7 @@ th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
 th:last-child, td:last-child {{ padding-right: 0; }}
 .conditions th {{ width: 8rem; font-weight: 600; }}
 .conditions td {{ overflow-wrap: anywhere; }}
+{style}
 </style>
 </head>
 <body>

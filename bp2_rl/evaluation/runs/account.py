@@ -83,7 +83,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
         mujoco.mj_mulM(model, data, force["momentum"][k], change[k] / run.dt)
         force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
         force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]  # implicit, as the integrator has it
-        _split_constraints(model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k])
+        split_constraints(model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k])
         soles.height[k] = data.geom_xpos[feet, 2] - specs.FOOT_RADIUS
         for leg, geom in enumerate(feet):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
@@ -116,7 +116,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
     ), soles
 
 
-def _split_constraints(
+def split_constraints(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     floor: int,

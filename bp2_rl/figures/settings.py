@@ -1,0 +1,35 @@
+"""What the smaller figures may be told; read before anything slow is imported."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.robot.specs import RobotName
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotSettings:
+    """Draw the robot as it is modelled, with its dimensions (paper, Fig. 2, Fig. S1, Table S3)."""
+
+    robot: RobotName = "built"
+
+
+@dataclasses.dataclass(frozen=True)
+class RewardsSettings:
+    """Draw how the weights of imitation and of tracking go with the commanded speed (paper, Table S4)."""
+
+    speed: Annotated[float, Within(0.1, 100.0)] = 15.5
+    """the greatest command, m/s"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+
+
+@dataclasses.dataclass(frozen=True)
+class StridesSettings:
+    """Draw three cycles of a run's gait as keyframes (paper, Fig. 5 A)."""
+
+    runs: tuple[Path, ...] = ()
+    """folder of a report of eval.py --benchmark topspeed"""
