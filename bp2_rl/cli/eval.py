@@ -27,6 +27,7 @@ BenchmarkName = Literal[
     "losses",
     "sensitivity",
     "endurance",
+    "stability",
     "all",
 ]
 
@@ -46,8 +47,9 @@ class EvalConfig:
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
-    on robots other than the one assumed. endurance: how long the motors last at 10.74 m/s and at the top speed. all:
-    one after the other."""
+    on robots other than the one assumed. endurance: how long the motors last at 10.74 m/s and at the top
+    speed. stability: whether the gait repeats itself under noise, and how hard it may be pushed, at the same two.
+    all: one after the other."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
@@ -61,13 +63,14 @@ class EvalConfig:
     """How long to hold the speed; by default 20 (robustness: 15, sensitivity: 5, endurance: 180 at most). Not of
     sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn; by default 200, by endurance 8. Of robustness and endurance."""
+    """How many robots are drawn; by default 200 (endurance 8, stability 6). Of these three."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()
     heat: MotorHeat = MotorHeat()
     quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan."""
+    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
+    stability: 30 strides at 10.74 m/s, no return map, pushes in four directions."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True
