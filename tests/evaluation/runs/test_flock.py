@@ -12,7 +12,7 @@ from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 
 CONFIG = EnvConfig(reference="kinematic")
-RAMP = Ramp((1.5, 0.0, 0.0), acceleration=5.0, hold=0.3)
+RAMP = Ramp((1.5, 0.0, 0.0), acceleration=10.0, hold=0.1)
 NOBODY = HeadingHold(limit=0.0)
 
 
