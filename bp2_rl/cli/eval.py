@@ -28,6 +28,7 @@ BenchmarkName = Literal[
     "sensitivity",
     "endurance",
     "mechanism",
+    "stability",
     "all",
 ]
 
@@ -48,7 +49,8 @@ class EvalConfig:
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
     on robots other than the one assumed. endurance: how long the motors last at 10.74 m/s and at the top speed.
-    mechanism: whose inertia balances whose, at five speeds. all: one after the other."""
+    mechanism: whose inertia balances whose, at five speeds. stability: whether the gait repeats itself under noise, and
+    how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after the other."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
@@ -62,14 +64,14 @@ class EvalConfig:
     """How long to hold the speed; by default 20 (robustness: 15, sensitivity and mechanism: 5, endurance: 180 at most).
     Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn; by default 200, by endurance 8. Of robustness and endurance."""
+    """How many robots are drawn; by default 200 (endurance 8, stability 6). Of these three."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()
     heat: MotorHeat = MotorHeat()
     quick: bool = False
     """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
-    mechanism: two speeds."""
+    mechanism: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four directions."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True

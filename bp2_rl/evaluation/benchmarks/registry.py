@@ -14,6 +14,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
 from bp2_rl.evaluation.benchmarks.sprint import race, sprint
+from bp2_rl.evaluation.benchmarks.stability.benchmark import ramp_to_stability, stability
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
@@ -50,6 +51,9 @@ BENCHMARKS = {
     ),
     "mechanism": Benchmark(
         ramp_to_mechanism, mechanism, ("robot", "speed", "acceleration", "hold", "operator", "quick")
+    ),
+    "stability": Benchmark(
+        ramp_to_stability, stability, ("robot", "speed", "acceleration", "robots", "seed", "operator", "quick")
     ),
 }
 

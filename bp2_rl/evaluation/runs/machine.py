@@ -23,7 +23,7 @@ from bp2_rl.settings.env import EnvConfig
 DT = specs.PHYSICS_STEP
 OUTSIDE = 0.1  # Nm, beyond the envelope at a step's end, that is not worth another trial
 TRIALS = 12  # of a step, at most; two or three mostly do
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,22 +92,24 @@ class Machine:
         if not self._throughout:
             self._advance(torque, steps)
             return torque
-        voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, data, start, _STATE)
+        voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(self.model, data, start, STATE)
         limits = torque_limits(self.motors, qd, voltage)
         for _ in range(TRIALS):
             self._advance(torque, steps)
             beyond = _beyond(self.motors, torque, data.qvel[MOTOR_QVEL], voltage)
             if np.max(np.abs(beyond)) <= OUTSIDE:
                 break
-            torque = _less(self.motors, torque, beyond, self._steepness * seconds * self._mobility(), limits, qd)
-            mujoco.mj_setState(self.model, data, start, _STATE)
+            torque = _less(
+                self.motors, torque, beyond, self.steepness * seconds * mobility(self.model, self.data), limits, qd
+            )
+            mujoco.mj_setState(self.model, data, start, STATE)
         else:
             self._advance(torque, steps)
         return torque
 
     @property
-    def _steepness(self) -> Any:
+    def steepness(self) -> Any:
         """Of the envelope's falling line, Nm s/rad."""
         motors = self.motors
         return stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
@@ -142,14 +144,6 @@ class Machine:
             data.qfrc_applied[:] = losses.generalized(losses.loss(self.resistance, data.qpos, data.qvel, torque))
         mujoco.mj_step(self.model, data, nstep=steps)
 
-    def _mobility(self) -> Float[np.ndarray, "12"]:
-        """Acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
-        unit = np.zeros((specs.NUM_MOTORS, self.model.nv))
-        unit[np.arange(specs.NUM_MOTORS), MOTOR_QVEL] = 1.0
-        answer = np.empty_like(unit)
-        mujoco.mj_solveM(self.model, self.data, answer, unit)
-        return answer[np.arange(specs.NUM_MOTORS), MOTOR_QVEL]
-
 
 class SwiftMachine(Machine):
     """The same robot twice as fast, for a judge in a hurry: the laws of motors and losses are compiled.
@@ -167,24 +161,35 @@ class SwiftMachine(Machine):
     ) -> Float[np.ndarray, "12"]:
         """As `Machine.step`."""
         data = self.data
-        laws = _compiled(self.motors, self.resistance, self._steepness, seconds)  # pyright: ignore[reportArgumentType]
+        laws = compiled_laws(self.motors, self.resistance, self.steepness, seconds)  # pyright: ignore[reportArgumentType]
         before, qpos, qvel = data.ctrl.copy(), data.qpos.copy(), data.qvel.copy()
         forces = laws.ask(before, qpos, qvel, q_target, qd_target)
-        start = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, data, start, _STATE)
+        start = np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(self.model, data, start, STATE)
         for _ in range(TRIALS if self._throughout else 0):
             self._apply(forces, steps)
-            tried = laws.correct(forces[:12], before, qpos, qvel, data.qvel, self._mobility())
+            tried = laws.correct(forces[:12], before, qpos, qvel, data.qvel, mobility(self.model, self.data))
             if tried[-1] <= OUTSIDE:
                 return forces[:12]
             forces = tried[:-1]
-            mujoco.mj_setState(self.model, data, start, _STATE)
+            mujoco.mj_setState(self.model, data, start, STATE)
         self._apply(forces, steps)
         return forces[:12]
 
     def _apply(self, forces: Float[np.ndarray, "34"], steps: int) -> None:
         self.data.ctrl[:], self.data.qfrc_applied[:] = forces[:12], forces[12:]
         mujoco.mj_step(self.model, self.data, nstep=steps)
+
+
+def mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "12"]:
+    """Acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
+    answer = np.empty_like(_UNIT)
+    mujoco.mj_solveM(model, data, answer, _UNIT)
+    return answer[np.arange(specs.NUM_MOTORS), MOTOR_QVEL]
+
+
+_UNIT = np.zeros((specs.NUM_MOTORS, NV))
+_UNIT[np.arange(specs.NUM_MOTORS), MOTOR_QVEL] = 1.0
 
 
 # --- What is done about the envelope at a step's end --------------------------------------------------------------
@@ -206,15 +211,20 @@ def _less(motors: Actuator, torque: Any, beyond: Any, response: Any, limits: tup
 
 
 @dataclasses.dataclass(frozen=True)
-class _Laws:
-    """Compiled in float64, from arrays to one array: the motors' torque (12), then the losses' forces (22)."""
+class Laws:
+    """Compiled in float64, from arrays to one array: the motors' torque (12), then the losses' forces (22).
 
-    ask: Callable[..., Float[np.ndarray, " _"]]  # what is asked for
-    correct: Callable[..., Float[np.ndarray, " _"]]  # what to try next, and how far the torque was outside
+    Arrays may have an axis of robots in front.
+    """
+
+    ask: Callable[..., Float[np.ndarray, "... _"]]  # what is asked for
+    correct: Callable[..., Float[np.ndarray, "... _"]]  # what to try next, and how far the torque was outside
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled(motors: Actuator, resistance: Resistance | None, steepness: float, seconds: float) -> _Laws:
+def compiled_laws(motors: Actuator, resistance: Resistance | None, steepness: float, seconds: float) -> Laws:
+    """The laws of motors and losses for steps of so many seconds; `steepness` is the falling line's, Nm s/rad."""
+
     def with_losses(qpos: Array, qvel: Array, torque: Array) -> tuple[Array, ...]:
         if resistance is None:
             return torque, jnp.zeros_like(qvel)
@@ -234,17 +244,22 @@ def _compiled(motors: Actuator, resistance: Resistance | None, steepness: float,
         less = _less(motors, torque, beyond, steepness * seconds * mobility, limits, qd)
         return *with_losses(qpos, qvel, less), jnp.max(jnp.abs(beyond), keepdims=True)
 
-    return _Laws(_packed(ask, (12, NQ, NV, 12, 12)), _packed(correct, (12, 12, NQ, NV, NV, 12)))
+    return Laws(_packed(ask, (12, NQ, NV, 12, 12)), _packed(correct, (12, 12, NQ, NV, NV, 12)))
 
 
-def _packed(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> Callable[..., Float[np.ndarray, " _"]]:
+def _packed(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> Callable[..., Float[np.ndarray, "... _"]]:
     """A law of arrays of these sizes as one program from one array to one: half of the time of a call is its arrays."""
     at = np.cumsum(sizes)[:-1].tolist()
-    program = jax.jit(lambda packed: jnp.concatenate(law(*jnp.split(packed, at))))
 
-    def call(*arrays: Float[np.ndarray, " _"]) -> Float[np.ndarray, " _"]:
+    def packed(values: Array) -> Array:
+        return jnp.concatenate(law(*jnp.split(values, at)))
+
+    one, flock = jax.jit(packed), jax.jit(jax.vmap(packed))
+
+    def call(*arrays: Float[np.ndarray, "... _"]) -> Float[np.ndarray, "... _"]:
+        values = np.concatenate(arrays, axis=-1)
         with jax.enable_x64(True):
-            return np.asarray(program(np.concatenate(arrays)))
+            return np.asarray((one if values.ndim == 1 else flock)(values))
 
     return call
 

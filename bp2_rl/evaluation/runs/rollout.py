@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.controller import Controller, Targets, motors_of
-from bp2_rl.env.observations import measure
+from bp2_rl.env.observations import add_noise, measure
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
@@ -31,7 +31,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NQ, NU, NV, foot_geom_ids, load_model
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
@@ -74,7 +74,7 @@ def rollout_mujoco(
     body = standing_start(robot, world, machine)
     model, data = body.model, body.data
     numerics.apply(model)
-    behind = _control_steps_behind(robot.hardware.losses.latency)
+    behind = control_steps_behind(robot.hardware.losses.latency)
     issued = [(np.array(specs.STAND_JOINTS), np.zeros(NU))] * len(behind)  # before the start
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
@@ -151,8 +151,8 @@ def mjx_run(
     # A run counts to the fall only, and a robot falls before its trunk touches.
     motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
     physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
-    control = _control_step(policy, config, operator)
-    late = _control_steps_behind(hardware.losses.latency)
+    control = control_step(policy, config, operator)
+    late = control_steps_behind(hardware.losses.latency)
     behind, longest = jnp.array(late), max(late) + 1
     before = Targets(jnp.array(specs.STAND_JOINTS), jnp.zeros(NU))
 
@@ -207,22 +207,29 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
     return forces
 
 
-def _control_steps_behind(latency: float) -> list[int]:
+def control_steps_behind(latency: float) -> list[int]:
     """How many control steps ago the target was issued that acts in each ms of a control step."""
     longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
     return [int(in_force(age, np.array(latency))) for age in ages(longest)]
 
 
-def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
+def control_step(
+    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, noise: RandomizationConfig | None = None
+) -> Callable[..., Any]:
     """One tick of 200 Hz.
 
     (controller state, command, qpos, qvel, scheduled command) -> (controller state, targets, reference, next command).
+    With sensor noise of these deviations two more arguments come last: a random key, and how much of the noise, 0 to 1.
     """
     controller = Controller(config)
 
-    def control(state, command, qpos, qvel, scheduled):
+    def control(state, command, qpos, qvel, scheduled, key: Any = None, share: Any = None):
         command, qpos, qvel, scheduled = (jnp.asarray(x, jnp.float32) for x in (command, qpos, qvel, scheduled))
-        action = policy(controller.observe(state, command, measure(qpos, qvel)))
+        measured = measure(qpos, qvel)
+        if noise is not None:
+            noisy = add_noise(measured, noise, key)
+            measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
+        action = policy(controller.observe(state, command, measured))
         next_command = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
         # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
         return *controller.act(state, command, action), next_command
@@ -233,7 +240,7 @@ def _control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHo
 # One compilation serves all runs of a policy: a benchmark may need many.
 @functools.lru_cache(maxsize=8)
 def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
-    return jax.jit(_control_step(policy, config, operator))
+    return jax.jit(control_step(policy, config, operator))
 
 
 @functools.lru_cache(maxsize=8)
