@@ -1,10 +1,10 @@
-"""`bp2 export`: copy a run's policy to a folder of its own, with what was measured of it on its card."""
+"""`bp2 export`: a run's policy in a folder of its own: as it is, or as what runs on a robot."""
 
 import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -14,7 +14,7 @@ from bp2_rl.errors import UserError
 
 @dataclasses.dataclass(frozen=True)
 class ExportConfig:
-    """Copy a run's policy to a folder of its own, to keep it or to pass it on.
+    """Copy a run's policy to a folder of its own, to keep it or to pass it on, or write what a robot's computer needs.
 
     With reports, the copy's card says what was measured: run eval.py on the policy first.
     """
@@ -22,9 +22,12 @@ class ExportConfig:
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")]
     """A training run's folder or a policy folder."""
     to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """The copy's folder; a policy that is there is replaced."""
+    """The copy's folder; a policy or a bundle that is there is replaced."""
+    format: Literal["policy", "onnx"] = "policy"
+    """policy: a copy, with its card. onnx: a bundle that runs without JAX: the network, the reference motion, a
+    controller of NumPy and onnxruntime, and a rehearsal in C MuJoCo (docs/deploy.md)"""
     report: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")] = ()
-    """A folder that eval.py wrote of this policy; may be given several times."""
+    """A folder that eval.py wrote of this policy; may be given several times. Not with onnx, which has no card."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def export(config: ExportConfig) -> None:
     """Export as configured; nothing is written before everything has been read and fits together."""
+    if config.format == "onnx" and config.report:
+        raise UserError("--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx")
     # MuJoCo binds this library when imported and fails if it is not there; nothing is drawn here.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
@@ -43,6 +48,13 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
+    if config.format == "onnx":
+        from bp2_rl.deploy.bundle import write_bundle
+
+        write_bundle(config.to, policy)
+        print(f"exported {config.run} to {config.to}")
+        print(f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse")
+        return
     results = policy.card.results
     for folder in config.report:
         report = read_report(folder)

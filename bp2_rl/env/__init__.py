@@ -1,4 +1,4 @@
-"""The MDP. Importing this registers `bp2` with `brax.envs`."""
+"""The MDP. Importing this registers `bp2`, `bp2_ideal` and `bp2_kinematic` with `brax.envs`."""
 
 # isort: off
 from bp2_rl.robot import mjx  # noqa: F401  # before Brax, which imports MJX and lets it print
@@ -6,8 +6,10 @@ from brax import envs
 # isort: on
 
 from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.named import CONFIGS, maker_of
 from bp2_rl.settings.env import EnvConfig
 
 __all__ = ["BP2Env", "EnvConfig"]
 
-envs.register_environment("bp2", BP2Env)
+for name in CONFIGS:
+    envs.register_environment(name, maker_of(name))  # pyright: ignore[reportArgumentType]  # it is only called

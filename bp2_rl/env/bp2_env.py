@@ -1,11 +1,17 @@
 """BP2Env: high-speed running of BP2 as a Brax environment."""
 
 import dataclasses
+import functools
+import warnings
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import mujoco
-from brax import envs
+import numpy as np
+from brax import base, envs, kinematics
+from brax.io import image, mjcf
 from jaxtyping import Array, Float
 
 from bp2_rl.env import commands, observations, randomization, rewards, termination
@@ -135,6 +141,31 @@ class BP2Env(envs.Env):
     def dt(self) -> float:
         """The control step, s."""
         return specs.CONTROL_STEP
+
+    # --- To look at it with Brax's tools --------------------------------------------------------------------------
+
+    @functools.cached_property
+    def sys(self) -> base.System:
+        """The robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
+        with warnings.catch_warnings():  # that Brax's physics is not maintained, which nothing here uses
+            warnings.filterwarnings("ignore", message="Brax System", category=UserWarning)
+            return mjcf.load_model(load_model(self.config.hardware))
+
+    def render(
+        self,
+        trajectory: Sequence[PipelineState] | PipelineState,
+        height: int = 240,
+        width: int = 320,
+        camera: str | None = None,
+    ) -> Sequence[np.ndarray] | np.ndarray:
+        """Pictures of one robot's `pipeline_state`s, as Brax's environments make them; needs a GL library."""
+        states: Any = trajectory if isinstance(trajectory, PipelineState) else list(trajectory)
+        return image.render_array(self.sys, states, height, width, camera)
+
+    def brax_state(self, state: PipelineState) -> base.State:
+        """One robot's `pipeline_state` with the places of its links: what `brax.io.html.render(env.sys, ...)` shows."""
+        x, xd = kinematics.forward(self.sys, state.q, state.qd)
+        return base.State(q=state.q, qd=state.qd, x=x, xd=xd, contact=None)  # pyright: ignore[reportCallIssue]
 
     # --- The parts of a step -------------------------------------------------------------------------------------
 

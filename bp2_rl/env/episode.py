@@ -32,6 +32,16 @@ class PipelineState(struct.PyTreeNode):
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
 
+    @property
+    def q(self) -> Float[Array, "... 23"]:
+        """The coordinates, by the name that Brax's renderer asks for."""
+        return self.physics.qpos
+
+    @property
+    def qd(self) -> Float[Array, "... 22"]:
+        """Their rates, likewise."""
+        return self.physics.qvel
+
 
 class Starts:
     """The starts that a config describes, for a robot with this model."""

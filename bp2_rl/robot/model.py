@@ -83,6 +83,16 @@ def load_model(
     return model
 
 
+def model_xml(hardware: HardwareSpec = IDEAL) -> str:
+    """What `load_model` compiles, in one text of MJCF with numbers to six digits; raises as `load_spec`."""
+    spec = load_spec(hardware)
+    spec.option.timestep = PHYSICS_STEP
+    if hardware.solid_legs:
+        _make_legs_solid(spec)
+    spec.compile()
+    return spec.to_xml()
+
+
 def let_converge(
     model: mujoco.MjModel, *, iterations: int = 100, line_search: int = 50, tolerance: float | None = None
 ) -> None:

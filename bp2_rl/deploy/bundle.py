@@ -1,0 +1,152 @@
+"""A policy as a folder for a robot's computer: network, reference motion, settings, and the controller's code.
+
+policy.onnx        the network: observation (1, n) -> action (1, 12)
+reference.npz      the reference motion as plain arrays
+deploy.json        observation layout, units, joint order, gains, limits, rates
+onboard/           the controller: NumPy and onnxruntime alone
+robots/NAME.xml    robots to rehearse on, in C MuJoCo
+requirements.txt   what to install, with versions that were tried together
+"""
+
+import dataclasses
+import importlib.metadata
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bp2_rl.deploy import onboard
+from bp2_rl.deploy.network import to_onnx
+from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch
+from bp2_rl.deploy.reference import playback
+from bp2_rl.env.controller import motors_of
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
+from bp2_rl.evaluation.runs.operator import HEADING_HOLD
+from bp2_rl.files import require_name, write_bytes, write_npz, write_text
+from bp2_rl.folders import new_folder
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import specs
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import model_xml
+from bp2_rl.robot.specs import ROBOTS, HardwareSpec
+from bp2_rl.settings.env import EnvConfig
+
+CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
+UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
+PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
+WATCH = Watch(
+    silence=0.05,
+    stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
+    braking=1.0,  # what policies brake at on bad ground
+    joint_margin=0.3,  # joints bounce off their stops by a few hundredths
+    joint_speed=100.0,  # five times what the motors can do
+    turning=50.0,
+    up_length=0.2,
+)
+
+
+def write_bundle(directory: Path, policy: Policy) -> None:
+    """Write the policy's bundle to `directory`, whole or not at all; a bundle that is there is replaced.
+
+    Raises:
+        UserError: the controller cannot run this policy, a package is missing, or the place cannot be written.
+    """
+    require_name(directory)
+    settings, arrays = describe(policy)
+    network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **_texts(settings["policy"])})
+    try:
+        place = Path(directory).resolve()
+        if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
+            raise FileExistsError(0, "the folder holds files that are no bundle's; choose another")
+        with new_folder(place) as fresh:
+            write_bytes(fresh / NETWORK, network)
+            write_npz(fresh / REFERENCE, arrays)
+            write_text(fresh / SETTINGS, json.dumps(settings, indent=1, allow_nan=False) + "\n")
+            write_text(fresh / NEEDS, "".join(f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES))
+            for folder in (CODE, ROBOT_FOLDER):
+                (fresh / folder).mkdir()
+            for module in sorted(Path(onboard.__file__).parent.glob("*.py")):
+                write_bytes(fresh / CODE / module.name, module.read_bytes())
+            for name, hardware in _robots(policy.card.env).items():
+                write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
+    except OSError as error:
+        raise UserError(f"cannot write bundle {directory}: {error.strerror or error}") from error
+
+
+def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """(What deploy.json says, the arrays of reference.npz) of a policy.
+
+    Raises:
+        UserError: the controller of a bundle cannot run it.
+    """
+    card, env = policy.card, policy.card.env
+    unknown = [name for name, _ in card.observation_layout if name not in OBSERVATION]
+    if unknown:
+        raise UserError(
+            f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
+            f"{', '.join(OBSERVATION)}"
+        )
+    reference, arrays = playback(env)
+    control, commands = env.control, env.commands
+    sideways = commands.max_lateral, commands.max_yaw_rate
+    settings = {
+        "format": FORMAT,
+        "policy": {
+            "stage": card.stage,
+            "created": card.created,
+            "weights_sha256": card.weights_sha256,
+            "library_sha256": card.library_sha256,
+            "config_hash": card.config_hash,
+            "bp2_rl": card.versions.get("bp2_rl", "unknown"),
+        },
+        "units": UNITS,
+        "rates": {"policy": specs.POLICY_RATE, "drives": specs.FORCE_LOOP_RATE},  # Hz
+        "joints": list(specs.MOTOR_NAMES),
+        "joint_range": [list(bounds) for bounds in (specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE) * 4],
+        "observation": [list(entry) for entry in card.observation_layout],
+        "control": {
+            "mode": control.mode,
+            "action_scale": control.action_scale,
+            "action_limit": control.action_limit,
+            "feedforward": control.feedforward,
+            "stand": list(specs.STAND_JOINTS),
+        },
+        "gains": {"stiffness": control.stiffness, "damping": control.damping},
+        "command": {
+            "least": [-commands.max_backward, *(-most for most in sideways)],
+            "most": [commands.max_forward, *sideways],
+        },
+        "watchdog": dataclasses.asdict(WATCH),
+        "reference": reference,
+        "operator": dataclasses.asdict(HEADING_HOLD),
+        "robots": {name: _machine(env, hardware) for name, hardware in _robots(env).items()},
+    }
+    return settings, arrays
+
+
+def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
+    """Robots to rehearse on: those that have names, and the policy's own where it has none."""
+    own = {"own": env.hardware} if name_of(env.hardware) == OWN else {}
+    return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
+
+
+def _machine(env: EnvConfig, hardware: HardwareSpec) -> dict[str, Any]:
+    """Motors, bus and losses of a robot, as `onboard.robot` wants them; null: no limit."""
+    motors = motors_of(dataclasses.replace(env, hardware=hardware))
+    drive = {
+        name: getattr(motors, name)
+        for name in ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "current_lag", "torque_rate")
+    }
+    bus, resistance = motors.bus, Resistance.from_hardware(hardware)
+    return {
+        "drive": {name: value if math.isfinite(value) else None for name, value in drive.items()},
+        "bus": None if bus is None else {name: getattr(bus, name) for name in ("power_out", "power_in", "sag")},
+        "losses": None if resistance is None else {k: float(v) for k, v in vars(resistance).items()},
+    }
+
+
+def _texts(values: dict[str, Any]) -> dict[str, str]:
+    return {name: str(value) for name, value in values.items()}

@@ -1,0 +1,85 @@
+"""A policy's network as ONNX: standardisation, layers, activations; and that onnxruntime computes the same."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bp2_rl.errors import UserError
+from bp2_rl.learning.policy import Policy
+
+INPUT, OUTPUT = "observation", "action"
+OPSET, IR_VERSION = 17, 8
+"""What every onnxruntime from 1.12 on reads."""
+SAMPLES, CLOSE = 256, 1e-5
+"""On so many random observations onnxruntime's action must be the policy's but for float32's rounding."""
+
+
+def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
+    """The network as an ONNX model: `observation` (batch, n) -> `action` (batch, 12), float32, not clipped.
+
+    Raises:
+        UserError: the package onnx is missing.
+    """
+    helper, checker, numpy_helper = _onnx()
+    from onnx import TensorProto
+
+    card = policy.card
+    arrays = {"mean": policy.mean, "std": policy.std}
+    nodes = [
+        helper.make_node("Sub", [INPUT, "mean"], ["centred"]),
+        helper.make_node("Div", ["centred", "std"], ["hidden_0"]),
+    ]
+    for i, (kernel, bias) in enumerate(policy.layers):
+        last = i == len(policy.layers) - 1
+        arrays |= {f"kernel_{i}": kernel, f"bias_{i}": bias}
+        out = OUTPUT if last else f"sum_{i}"
+        nodes.append(helper.make_node("Gemm", [f"hidden_{i}", f"kernel_{i}", f"bias_{i}"], [out]))
+        if not last:
+            nodes += _activation(helper, card.activation, f"sum_{i}", f"hidden_{i + 1}")
+    graph = helper.make_graph(
+        nodes,
+        "bp2_policy",
+        [helper.make_tensor_value_info(INPUT, TensorProto.FLOAT, ["batch", card.observation_size])],
+        [helper.make_tensor_value_info(OUTPUT, TensorProto.FLOAT, ["batch", card.action_size])],
+        [numpy_helper.from_array(array, name) for name, array in arrays.items()],
+    )
+    model = helper.make_model(
+        graph, producer_name="bp2_rl", ir_version=IR_VERSION, opset_imports=[helper.make_opsetid("", OPSET)]
+    )
+    helper.set_model_props(model, dict(metadata))
+    checker.check_model(model, full_check=True)
+    content = model.SerializeToString()
+    _compare(policy, content)
+    return content
+
+
+def _activation(helper: Any, name: str, before: str, after: str) -> list[Any]:
+    if name == "swish":
+        gate = f"{before}_gate"
+        return [helper.make_node("Sigmoid", [before], [gate]), helper.make_node("Mul", [before, gate], [after])]
+    return [helper.make_node({"elu": "Elu", "tanh": "Tanh", "relu": "Relu"}[name], [before], [after])]
+
+
+def _compare(policy: Policy, content: bytes) -> None:
+    """Raise unless onnxruntime finds what the policy says, for observations as far out as sensors are."""
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    drawn = np.random.default_rng(0).normal(size=(SAMPLES, policy.card.observation_size))
+    observation = (policy.mean + 2.0 * policy.std * drawn).astype(np.float32)
+    (found,) = session.run([OUTPUT], {INPUT: observation})
+    expected = policy(observation)
+    error = float(np.max(np.abs(np.asarray(found) - expected) / (1.0 + np.abs(expected))))
+    if not error <= CLOSE:
+        raise RuntimeError(f"onnxruntime {onnxruntime.__version__} is off by {error:.1e} from the policy")
+
+
+def _onnx() -> tuple[Any, Any, Any]:
+    try:
+        import onnxruntime  # noqa: F401
+        from onnx import checker, helper, numpy_helper
+    except ModuleNotFoundError as error:
+        install = 'pip install -c constraints.txt -e ".[deploy]"'
+        raise UserError(f"--format onnx needs the package {error.name}: {install}") from error
+    return helper, checker, numpy_helper

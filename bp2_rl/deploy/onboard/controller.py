@@ -1,0 +1,251 @@
+"""The policy at 200 Hz on a robot's own computer: NumPy and onnxruntime alone.
+
+    controller = Controller("my_bundle")
+    while True:                                            # every 5 ms
+        targets = controller.step(measurement, command)    # joint targets for the drives' 1 kHz PD loop
+
+A watchdog looks at everything that comes in. Where sensors fall silent or say what cannot be, the joints are led to the
+standing pose and kept there until `reset`; where the operator falls silent, the robot slows down to a stand under the
+policy.
+"""
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import onnxruntime
+
+from .motion import Pose, load_motion
+
+FORMAT = 1
+SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
+WARMING = 20  # ticks before the first
+
+
+class Measurement(NamedTuple):
+    """What encoders and IMU report; joints in the order of `joints` in `deploy.json`."""
+
+    joint_position: np.ndarray  # (12) rad
+    joint_velocity: np.ndarray  # (12) rad/s
+    up: np.ndarray  # (3) the world's vertical in the body frame (x forward, y left, z up)
+    angular_velocity: np.ndarray  # (3) rad/s, body frame
+    time: float  # s, when it arrived, by the clock whose time `step` is told
+
+
+class Targets(NamedTuple):
+    """What the drives follow until the next tick: torque = stiffness (position - q) + damping (velocity - qd)."""
+
+    position: np.ndarray  # (12) rad
+    velocity: np.ndarray  # (12) rad/s
+
+
+@dataclasses.dataclass(frozen=True)
+class Watch:
+    """What the watchdog lets pass; `watchdog` in `deploy.json`."""
+
+    silence: float  # s without a new measurement, beyond which the robot stands
+    stand_time: float  # s, in which the joints are led to the standing pose
+    braking: float  # m/s2, at which the command falls where the operator says nothing
+    joint_margin: float  # rad, by which a joint may be beyond its range
+    joint_speed: float  # rad/s
+    turning: float  # rad/s, of the trunk
+    up_length: float  # by which the length of `up` may differ from 1
+
+
+class _Seen(NamedTuple):
+    """What an observation is made of."""
+
+    command: np.ndarray
+    phase: float  # cycles
+    measurement: Measurement
+    last_action: np.ndarray
+
+
+OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
+    "command": lambda seen, stand: seen.command,
+    "phase": lambda seen, stand: (math.sin(2.0 * math.pi * seen.phase), math.cos(2.0 * math.pi * seen.phase)),
+    "joint_position": lambda seen, stand: seen.measurement.joint_position - stand,
+    "joint_velocity": lambda seen, stand: seen.measurement.joint_velocity,
+    "up": lambda seen, stand: seen.measurement.up,
+    "angular_velocity": lambda seen, stand: seen.measurement.angular_velocity,
+    "last_action": lambda seen, stand: seen.last_action,
+}
+"""How each entry of a policy's observation is made, by its name in the layout."""
+
+
+class Controller:
+    """One robot's controller. Not for several threads.
+
+    Args:
+        folder: a bundle that `bp2 export --format onnx` wrote.
+        clock: seconds; only asked where `step` is not told the time.
+
+    Raises:
+        ValueError: the folder is no bundle of this format, or its parts do not fit together.
+    """
+
+    def __init__(self, folder: Path | str, clock: Callable[[], float] = time.monotonic):
+        folder = Path(folder)
+        self.settings = read_settings(folder)
+        control, limits = self.settings["control"], self.settings["command"]
+        self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
+        self.watch = Watch(**self.settings["watchdog"])
+        self._stand = np.array(control["stand"])
+        bounds = np.array(self.settings["joint_range"])
+        spread = self.watch.joint_margin + np.ptp(bounds, axis=1) / 2.0
+        self._middle = np.concatenate((bounds.mean(axis=1), np.zeros(15)))
+        self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
+        self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
+        self._residual = control["mode"] == "residual"
+        self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
+        self._scale, self._limit = control["action_scale"], control["action_limit"]
+        with np.load(folder / REFERENCE) as arrays:
+            self.motion = load_motion(self.settings["reference"], dict(arrays))
+        self._network = _load_network(folder / NETWORK)
+        unknown = [name for name, _ in self.settings["observation"] if name not in OBSERVATION]
+        size = self._network.get_inputs()[0].shape[-1]
+        if unknown or size != sum(size for _, size in self.settings["observation"]):
+            raise ValueError(f"{folder}: the network reads {size} numbers, {SETTINGS} lists others {unknown}")
+        self.reset()
+        still = Measurement(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+        for _ in range(WARMING):  # else the first ticks are the slowest
+            self._act(still)
+        self.reset()
+
+    def reset(self, phase: float = 0.0) -> None:
+        """Begin anew, at a phase of the gait in cycles: the only way out of a stand that the watchdog commanded."""
+        self.fault = ""
+        """Why the watchdog took over; empty where it did not."""
+        self._phase = phase
+        self._last_action = np.zeros(12, np.float32)
+        self.command = np.zeros(3, np.float32)
+        self._targets = Targets(self._stand.copy(), np.zeros(12))
+        self._measurement: Measurement | None = None
+        self._heard: float | None = None
+        self._stopped = 0.0
+        self._stopped_at = self._targets.position
+
+    def step(
+        self, measurement: Measurement | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
+    ) -> Targets:
+        """The joint targets until the next tick, 5 ms on. Never raises for what a sensor or a link may bring.
+
+        Args:
+            measurement: the newest there is, though it may have been seen before; None where none is new.
+            command: m/s forward, m/s to the left, rad/s; None where the operator is silent.
+            now: s; by default the clock's time.
+        """
+        now = self._clock() if now is None else now
+        if not self.fault:
+            self._look(measurement, now)
+        if not self.fault:
+            self._obey(command)
+            if self._measurement is None:  # the first is still on its way
+                return self._targets
+            targets = self._act(self._measurement)
+            if np.isfinite(targets.position).all():
+                self._targets = targets
+                return targets
+            self._stop("the network's answer is not finite", now)
+        self._targets = self._to_stand(now)
+        return self._targets
+
+    # --- The watchdog -----------------------------------------------------------------------------------------
+
+    def _look(self, measurement: Measurement | None, now: float) -> None:
+        """Take the measurement, or stop."""
+        if measurement is not None:
+            if fault := self._fault_of(measurement):
+                return self._stop(fault, now)
+            self._measurement, self._heard = measurement, measurement.time
+        silent = now - (now if self._heard is None else self._heard)
+        if silent > self.watch.silence:
+            self._stop(f"no measurement for {1e3 * silent:.0f} ms", now)
+        return None
+
+    def _fault_of(self, measurement: Measurement) -> str:
+        """What is wrong with a measurement, if anything is. Every comparison is one that NaN fails."""
+        q, qd, up, turning, time = measurement
+        x, y, z = up.tolist()
+        sound = np.abs(np.concatenate((q, qd, turning)) - self._middle) <= self._reach
+        if sound.all() and abs(math.hypot(x, y, z) - 1.0) <= self.watch.up_length and math.isfinite(time):
+            return ""
+        for name, value in zip(Measurement._fields, measurement, strict=True):
+            if not np.isfinite(value).all():
+                return f"{name} is not finite"
+        if not sound[:12].all():
+            return "joint_position is beyond the joints' range"
+        if not sound[12:24].all():
+            return "joint_velocity is faster than any joint"
+        return "up is no direction" if sound.all() else "angular_velocity is faster than any trunk"
+
+    def _stop(self, fault: str, now: float) -> None:
+        self.fault, self._stopped, self._stopped_at = fault, now, self._targets.position
+
+    def _to_stand(self, now: float) -> Targets:
+        """From where the targets were to the standing pose, along a cubic that begins and ends at rest."""
+        time = self.watch.stand_time
+        s = min(max((now - self._stopped) / time, 0.0), 1.0)
+        way = self._stand - self._stopped_at
+        return Targets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
+
+    # --- The policy -------------------------------------------------------------------------------------------
+
+    def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
+        """Take the command, within what the policy was trained for; without one slow down."""
+        if command is not None and np.isfinite(asked := np.asarray(command, float)).all():
+            self.command = np.clip(asked, self._least, self._most).astype(np.float32)
+            return
+        speed = float(np.linalg.norm(self.command[:2]))
+        slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
+        self.command = self.command * np.float32(slower)
+
+    def _act(self, measurement: Measurement) -> Targets:
+        """One tick: observation, network, reference, targets."""
+        seen = _Seen(self.command, self._phase, measurement, self._last_action)
+        parts = [OBSERVATION[name](seen, self._stand) for name, _ in self.settings["observation"]]
+        observation = np.concatenate(parts, dtype=np.float32)[None]
+        answer: Any = self._network.run(None, {"observation": observation})[0]
+        action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
+        command = self.command.astype(float).tolist()
+        self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
+        self._last_action = action
+        offset = self._scale * action.astype(float)
+        if not self._residual:
+            return Targets(self._stand + offset, np.zeros(12))
+        pose: Pose = self.motion(command, self._phase)
+        return Targets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+
+
+def read_settings(folder: Path | str) -> dict[str, Any]:
+    """What `deploy.json` in a bundle says.
+
+    Raises:
+        ValueError: there is none, or it is of another format.
+    """
+    path = Path(folder) / SETTINGS
+    if not path.is_file():
+        raise ValueError(f"no bundle in {folder}: it has no {SETTINGS}")
+    settings = json.loads(path.read_text())
+    if settings.get("format") != FORMAT:
+        raise ValueError(f"{path} has format {settings.get('format')}, this controller reads {FORMAT}")
+    return settings
+
+
+def _load_network(path: Path) -> onnxruntime.InferenceSession:
+    """The network on one core: what it takes in is small, and threads would only wait for each other."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+
+def describe(settings: Mapping[str, Any]) -> str:
+    """The bundle in one line."""
+    policy = settings["policy"]
+    return f"{policy['stage']} policy of {policy['created']}, weights {policy['weights_sha256'][:12]}"

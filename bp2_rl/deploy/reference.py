@@ -1,0 +1,65 @@
+"""A reference motion as plain numbers: what `onboard.motion` needs to play it."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bp2_rl.env.controller import motion_of
+from bp2_rl.errors import UserError
+from bp2_rl.gait.collocation.gait import CollocationGait
+from bp2_rl.gait.collocation.table import load_table
+from bp2_rl.gait.standing import Standing
+from bp2_rl.gait.stepping import nominal_feet
+from bp2_rl.robot import kinematics, specs
+from bp2_rl.settings.env import EnvConfig
+
+Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
+"""`reference` of deploy.json, and the arrays of reference.npz."""
+
+
+def playback(config: EnvConfig) -> Playback:
+    """The numbers of the motion that the config names, on its robot.
+
+    Raises:
+        UserError: the controller of a bundle cannot play it.
+    """
+    motion = motion_of(config)
+    if isinstance(motion, CollocationGait):
+        return _trot(motion)
+    if isinstance(motion, Standing):
+        with jax.enable_x64(True):
+            pose, rate = motion(jnp.zeros(3), jnp.zeros(())), motion.phase_rate(jnp.zeros(3))
+        return {"kind": "none", "phase_rate": float(rate)}, {"pose": np.asarray(pose.joint_position)}
+    raise UserError(
+        f"a policy trained on the {config.reference} reference cannot be exported as onnx: the controller plays "
+        "collocation and none; train with --reference collocation"
+    )
+
+
+def _trot(gait: CollocationGait) -> Playback:
+    hardware = gait.hardware
+    table = load_table(gait.file, hardware.leg_length)
+    with jax.enable_x64(True):
+        rest = gait(jnp.zeros(3), jnp.zeros(()))
+    sag = np.asarray(rest.spring_compression)
+    angles = np.reshape(specs.STAND_JOINTS, (4, 3))
+    settings = {
+        "kind": "collocation",
+        "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
+        "foot_circle": float(np.max(np.linalg.norm(nominal_feet(hardware), axis=-1))),  # m, of the outermost foot
+        "sag": float(sag[0]),  # m, of a spring at rest
+        "foot_radius": specs.FOOT_RADIUS,  # m
+        "leg_length": hardware.leg_length,  # m, of the thigh and of the lower leg alike
+        "thigh_lateral": specs.THIGH_LATERAL,  # m, abduction axis to the leg's plane
+        "straight_knee": specs.KNEE_RANGE[1],  # rad, at which a leg has no reach left
+    }
+    arrays = {
+        "strides": table.strides,  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+        "cubics": table.cubics,
+        "stand_feet": kinematics.foot_position(angles, sag + specs.FOOT_RADIUS, hardware),  # m
+        "leg_origins": kinematics.leg_origins(hardware),  # m
+        "stand_torque": np.asarray(rest.torque)[1:3],  # Nm, hip and knee
+    }
+    return settings, arrays

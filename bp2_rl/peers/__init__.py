@@ -1,0 +1,19 @@
+"""BP2 among other projects' environments. Nothing here is imported unless its package asks for it."""
+
+GYMNASIUM = {"bp2": "BP2-v0", "bp2_ideal": "BP2Ideal-v0", "bp2_kinematic": "BP2Kinematic-v0"}
+"""What each named environment is called in Gymnasium, after `bp2_rl/`."""
+EPISODE = 1000  # control steps, 5 s
+
+
+def register_gymnasium() -> None:
+    """Register `bp2_rl/BP2-v0` and the others with Gymnasium, which calls this as it is imported."""
+    import gymnasium
+
+    for name, ours in GYMNASIUM.items():
+        if (identity := f"bp2_rl/{ours}") not in gymnasium.registry:
+            gymnasium.register(
+                identity,
+                entry_point="bp2_rl.peers.gymnasium_env:BP2GymEnv",
+                max_episode_steps=EPISODE,
+                kwargs={"name": name},
+            )

@@ -1,0 +1,125 @@
+"""What `bp2 export --format onnx` writes, and how it refuses."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bp2_rl.cli import export as command
+from bp2_rl.deploy.bundle import describe, write_bundle
+from bp2_rl.deploy.onboard.controller import OBSERVATION
+from bp2_rl.env.observations import LAYOUT
+from bp2_rl.errors import UserError
+from bp2_rl.learning.policy import Policy, save_policy
+from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig
+
+ALONE = """
+import sys
+for name in ("jax", "jaxlib", "brax", "flax", "bp2_rl", "mujoco", "scipy", "onnx", "jaxtyping"):
+    sys.modules[name] = None  # importing it fails
+import numpy as np
+from onboard.controller import Controller, Measurement
+controller = Controller(".")
+stand = np.array(controller.settings["control"]["stand"])
+level = Measurement(stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+for k in range(10):
+    targets = controller.step(level, (1.0, 0.0, 0.0), 0.0)
+print(controller.fault, np.isfinite(targets.position).all(), np.abs(targets.position - stand).max() > 1e-3)
+"""
+
+
+def tiny(make_card, **changes) -> Policy:
+    card = make_card(**changes)
+    size = card.observation_size
+    kernel, bias = np.zeros((size, 4), np.float32), np.zeros(4, np.float32)
+    layers = (kernel, bias), (np.zeros((4, 12), np.float32), np.zeros(12, np.float32))
+    return Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
+    return tmp_path
+
+
+def test_it_runs_without_jax_and_without_bp2_rl(bundle):
+    done = subprocess.run([sys.executable, "-c", ALONE], cwd=bundle, capture_output=True, text=True, check=False)
+    assert (done.stdout.split(), done.stderr) == (["True", "True"], "")
+
+
+def test_its_settings_say_what_a_robot_needs(bundle, shipped):
+    settings = json.loads((bundle / "deploy.json").read_text())
+    env = shipped.card.env
+    assert settings["observation"] == [list(entry) for entry in shipped.card.observation_layout]
+    assert settings["joints"] == list(specs.MOTOR_NAMES)
+    assert settings["rates"] == {"policy": 200.0, "drives": 1000.0}
+    assert settings["gains"] == {"stiffness": env.control.stiffness, "damping": env.control.damping}
+    assert settings["command"]["most"][0] == env.commands.max_forward
+    assert settings["policy"]["weights_sha256"] == shipped.card.weights_sha256
+    assert settings["joint_range"][2] == list(specs.KNEE_RANGE)
+    assert set(settings["robots"]) >= {"built", "ideal"}
+
+
+def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
+    save_policy(here / "run" / "policy", tiny(make_card))
+    for _ in range(2):  # a bundle that is there is replaced
+        assert command.main(["run", "--to", "robot", "--format", "onnx"]) == 0
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "exported run to robot",
+        "try it: cd robot && pip install -r requirements.txt && python -m onboard.rehearse",
+    ]
+    assert {path.name for path in Path("robot").iterdir()} == {
+        "deploy.json", "onboard", "policy.onnx", "reference.npz", "requirements.txt", "robots",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--to", "robot", "--report", "report"], "a bundle has none"),
+        (["--to", "run"], "holds files that are no bundle's"),
+        (["--to", "run/policy/card.json"], "cannot write bundle run/policy/card.json"),
+    ],
+)
+def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
+    save_policy(here / "run" / "policy", tiny(make_card))
+    assert command.main(["run", "--format", "onnx", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert err.count("\n") == 1
+    assert not Path("robot").exists()
+
+
+def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
+    kinematic = EnvConfig(reference="kinematic")
+    with pytest.raises(UserError, match="trained on the kinematic reference"):
+        write_bundle(tmp_path / "robot", tiny(make_card, env=kinematic))
+    layout = (*make_card().observation_layout, ("smell", 2))
+    with pytest.raises(UserError, match="the policy sees smell, which"):
+        describe(tiny(make_card, observation_layout=layout))
+    assert not (tmp_path / "robot").exists()
+
+
+def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
+    with pytest.raises(ValueError, match=r"no bundle in .*: it has no deploy.json"):
+        onboard.controller.Controller(tmp_path)
+    settings = json.loads((bundle / "deploy.json").read_text())
+    for name in ("policy.onnx", "reference.npz"):
+        (tmp_path / name).write_bytes((bundle / name).read_bytes())
+    for changed, words in (
+        ({"format": 99}, "has format 99, this controller reads 1"),
+        ({"observation": [["command", 3], ["smell", 2]]}, "reads .* numbers"),
+    ):
+        (tmp_path / "deploy.json").write_text(json.dumps(settings | changed))
+        with pytest.raises(ValueError, match=words):
+            onboard.controller.Controller(tmp_path)
+
+
+def test_every_entry_of_the_observation_is_known():
+    assert {entry.name for entry in LAYOUT} <= set(OBSERVATION)

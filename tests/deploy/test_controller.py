@@ -1,0 +1,228 @@
+"""The controller without JAX does what the one of training does, and what its watchdog is for."""
+
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bp2_rl.deploy.onboard.controller import Measurement
+from bp2_rl.env.controller import Controller as Trained
+from bp2_rl.env.observations import Measurement as Seen
+
+TICKS = 2000
+DT = 0.005
+STAND = np.array([0.0, 0.62, -1.24] * 4)
+
+
+@pytest.fixture(scope="module")
+def controller(onboard, bundle):
+    return onboard.controller.Controller(bundle)
+
+
+@pytest.fixture
+def fresh(controller):
+    controller.reset()
+    return controller
+
+
+def standing(time: float, **changes) -> Measurement:
+    fields = {
+        "joint_position": STAND.copy(),
+        "joint_velocity": np.zeros(12),
+        "up": np.array([0.0, 0.0, 1.0]),
+        "angular_velocity": np.zeros(3),
+        "time": time,
+    }
+    return Measurement(**(fields | changes))
+
+
+def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
+    """Targets of so many seconds of ticks; `measure` makes a measurement, or none, of a time."""
+    times = start + DT * np.arange(round(seconds / DT))
+    return [controller.step(measure(now), command, now) for now in times], times[-1] + DT
+
+
+# --- The same as in training ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def loop(onboard, bundle, shipped, controller):
+    """What a robot's 2,000 ticks from a stand to 10.74 m/s were: (measurements, commands, targets), and how it ran.
+
+    Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is shown afterwards.
+    """
+    plan = onboard.world.Plan(hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0)
+    world, inbox = onboard.world.World(bundle, "built", plan), onboard.rehearse.Inbox()
+    controller.reset()
+    ticks = []
+    for k in range(5 * TICKS):
+        now = 1e-3 * k
+        if k % 5 == 0:
+            for kind, values in world.says(k, now):
+                inbox.take(kind, values, now)
+            targets = inbox.tick(controller, now)
+            world.hears(targets, now)
+            ticks.append((np.concatenate(inbox.measurement[:4]), inbox.command, np.stack(targets)))
+        world.millisecond(k, now)
+    assert controller.fault == ""
+    assert world.fell_at is None
+    assert world.outcome()["mean_speed"] > 10.0
+    return [np.stack(part) for part in zip(*ticks, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("double", "position_error", "velocity_error"),
+    [
+        (True, 1e-5, 1e-4),  # its law to the letter: what is left is the network's float32
+        (False, 2e-5, 1e-2),  # as it trains: float32 takes that much of JAX's own, where a knee is all but straight
+    ],
+    ids=["float64", "float32"],
+)
+def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, double, position_error, velocity_error):
+    """Each keeps its own phase and last action for all 10 s, so what differs would add up.
+
+    Physics of its own for each would not do: contacts drive runs apart that begin a last bit apart.
+    """
+    trained = Trained(shipped.card.env)
+
+    def tick(state, seen):
+        measured, command = seen
+        action = shipped(trained.observe(state, command, Seen(*jnp.split(measured, [12, 24, 27]))))
+        state, targets, _ = trained.act(state, command, action)
+        return state, jnp.stack([targets.position, targets.velocity])
+
+    measured, command, found = loop
+    with jax.enable_x64(double):
+        dtype = jnp.float64 if double else jnp.float32
+        # The controller hears the command in float32, as every policy does.
+        command = jnp.asarray(command.astype(np.float32), dtype)
+        start = trained.init()
+        start = start.replace(phase=start.phase.astype(dtype), last_action=start.last_action.astype(jnp.float32))
+        _, targets = jax.jit(lambda *seen: jax.lax.scan(tick, start, seen))(jnp.asarray(measured, dtype), command)
+        position, velocity = np.abs(found - np.asarray(targets)).max(axis=(0, 2))
+    assert len(found) == TICKS
+    assert position <= position_error  # rad
+    assert velocity <= velocity_error  # rad/s
+
+
+def test_a_tick_takes_less_than_a_millisecond(fresh):
+    """Of the processor; of five batches the best, as others may share its core's caches."""
+    batches = np.zeros((5, 200))
+    for k in range(batches.size):
+        measurement, before = standing(k * DT), time.thread_time()
+        fresh.step(measurement, (8.0, 0.0, 0.1), k * DT)
+        batches.flat[k] = time.thread_time() - before
+    assert np.percentile(batches, 99, axis=1).min() <= 1e-3
+
+
+# --- The watchdog ---------------------------------------------------------------------------------------------------
+
+
+def spoilt(name, value):
+    def measure(now):
+        if name == "time":
+            return standing(value)
+        array = standing(now)._asdict()[name]
+        array[1] = value
+        return standing(now, **{name: array})
+
+    return measure
+
+
+@pytest.mark.parametrize(
+    ("measure", "fault"),
+    [
+        (spoilt("joint_position", np.nan), "joint_position is not finite"),
+        (spoilt("joint_velocity", np.nan), "joint_velocity is not finite"),
+        (spoilt("up", np.nan), "up is not finite"),
+        (spoilt("angular_velocity", -np.inf), "angular_velocity is not finite"),
+        (spoilt("time", np.nan), "time is not finite"),
+        (spoilt("joint_position", 3.0), "joint_position is beyond the joints' range"),
+        (spoilt("joint_velocity", 300.0), "joint_velocity is faster than any joint"),
+        (spoilt("angular_velocity", 80.0), "angular_velocity is faster than any trunk"),
+        (spoilt("up", 1.0), "up is no direction"),
+    ],
+    ids=lambda value: value.replace(" ", "_") if isinstance(value, str) else "",
+)
+def test_one_impossible_measurement_ends_in_a_commanded_stand(fresh, measure, fault):
+    ran, now = run(fresh, 0.0, 0.5, standing)
+    assert fresh.fault == ""
+    assert np.abs(ran[-1].position - STAND).max() > 0.02  # it was on its way
+    fresh.step(measure(now), (2.0, 0.0, 0.0), now)
+    assert fresh.fault == fault
+    led, _ = run(fresh, now, 1.5, standing)  # all is well again; that is nothing to rely on
+    assert fresh.fault == fault
+    assert np.stack([targets.position for targets in led[-50:]]) == pytest.approx(np.tile(STAND, (50, 1)), abs=1e-12)
+    assert not np.any(led[-1].velocity)
+    assert np.isfinite([*led[0].position, *led[0].velocity]).all()
+
+
+def test_the_way_to_the_stand_is_smooth(fresh):
+    ran, now = run(fresh, 0.0, 0.5, standing)
+    led, _ = run(fresh, now, 1.2, spoilt("up", np.nan))
+    position = np.stack([ran[-1].position, *(targets.position for targets in led)])
+    largest = np.abs(ran[-1].position - STAND).max()
+    time = fresh.watch.stand_time
+    assert np.abs(np.diff(position, axis=0)).max() <= 1.5 * largest * DT / time + 1e-12  # a cubic's greatest slope
+    velocity = np.stack([targets.velocity for targets in led])
+    moving = slice(1, round(time / DT) - 1)
+    slope = np.gradient(position[1:], DT, axis=0)[moving]
+    assert velocity[moving] == pytest.approx(slope, abs=2.0 * largest * DT**2 / time**3 + 1e-9)  # -2 h^2 of a cubic
+
+
+def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
+    _, now = run(fresh, 0.0, 0.5, standing)
+    last = now - DT
+    run(fresh, now, 0.045, lambda _: None)
+    assert fresh.fault == ""
+    led, _ = run(fresh, last + 0.051, 1.2, lambda _: None)
+    assert fresh.fault == "no measurement for 51 ms"
+    assert led[-1].position == pytest.approx(STAND, abs=1e-12)
+
+
+def test_the_same_measurement_again_is_silence(fresh):
+    old = standing(0.0)
+    run(fresh, 0.0, 0.2, lambda now: old)
+    assert "no measurement for" in fresh.fault
+
+
+def test_a_few_lost_measurements_are_bridged(fresh):
+    run(fresh, 0.0, 3.0, lambda now: standing(now) if round(now / DT) % 8 == 0 else None)
+    assert fresh.fault == ""
+
+
+def test_reset_is_the_way_on(fresh):
+    run(fresh, 0.0, 0.1, spoilt("up", np.nan))
+    assert fresh.fault
+    fresh.reset()
+    again, _ = run(fresh, 0.2, 0.5, standing)
+    fresh.reset()
+    assert fresh.fault == ""
+    assert [t.position.tolist() for t in run(fresh, 5.0, 0.5, standing)[0]] == [t.position.tolist() for t in again]
+
+
+@pytest.mark.parametrize("silence", [None, (np.nan, 0.0, 0.0)], ids=["none", "not_finite"])
+def test_a_silent_operator_brakes_the_robot_to_a_stand(fresh, silence):
+    _, now = run(fresh, 0.0, 0.5, standing, (2.0, 0.1, 0.2))
+    _, now = run(fresh, now, 0.5, standing, silence)
+    assert fresh.fault == ""
+    speed = np.hypot(2.0, 0.1) - fresh.watch.braking * 0.5
+    assert np.hypot(*fresh.command[:2]) == pytest.approx(speed, abs=1e-4)
+    run(fresh, now, 2.0, standing, silence)
+    assert fresh.command.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_command_is_kept_within_what_was_trained(fresh, shipped):
+    commands = shipped.card.env.commands
+    run(fresh, 0.0, 0.01, standing, (99.0, -99.0, 99.0))
+    most = commands.max_forward, -commands.max_lateral, commands.max_yaw_rate
+    assert fresh.command == pytest.approx(most)
+
+
+def test_before_the_first_measurement_it_stands(fresh):
+    waited, now = run(fresh, 0.0, 1.0, lambda _: None)
+    assert all((targets.position == STAND).all() for targets in waited)
+    run(fresh, now, 0.2, standing)
+    assert fresh.fault == ""

@@ -1,0 +1,127 @@
+"""The robot that stands in for the real one, the link to it, and rehearsals over both."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from bp2_rl.env.controller import motors_of
+from bp2_rl.robot import losses
+from bp2_rl.robot.actuator import joint_torque
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
+from bp2_rl.robot.specs import BUILT, IDEAL
+
+STAND = np.array([0.0, 0.62, -1.24] * 4)
+
+
+@pytest.fixture(scope="module")
+def robots(onboard, bundle):
+    return {name: onboard.robot.Robot(bundle, name) for name in ("built", "ideal")}
+
+
+@pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
+def test_the_stand_ins_motors_and_losses_obey_the_laws(robots, onboard, shipped, name, hardware):
+    robot = robots[name]
+    motors = motors_of(dataclasses.replace(shipped.card.env, hardware=hardware))
+    resistance = Resistance.from_hardware(hardware)
+    rng = np.random.default_rng(0)
+    limited = 0
+    for scale in np.geomspace(0.01, 3.0, 200):  # from a stand to far beyond the bus's power
+        q, before = rng.normal(size=12), rng.uniform(-120.0, 120.0, 12)
+        qd = scale * rng.normal(size=12) * 10.0
+        targets = onboard.controller.Targets(q + 0.3 * rng.normal(size=12), qd + 3.0 * rng.normal(size=12))
+        expected = joint_torque(motors, before, q, qd, targets.position, targets.velocity, 1e-3)
+        assert robot.motors.torque(before, q, qd, targets) == pytest.approx(expected, abs=1e-9)
+        limited += abs(float(expected @ qd)) > 2e3
+    assert limited > 10
+    if resistance is not None:
+        data = robot.data
+        data.qpos[7:] = rng.normal(0.0, 0.1, 16)
+        data.qvel[:] = rng.normal(0.0, 3.0, 22)
+        data.ctrl[:] = rng.uniform(-120.0, 120.0, 12)
+        robot.resist()
+        expected = losses.generalized(losses.loss(resistance, data.qpos, data.qvel, data.ctrl))
+        assert data.qfrc_applied == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
+def test_the_stand_in_is_the_judges_robot(bundle, name, hardware):
+    ours, judges = mujoco.MjModel.from_xml_path(str(bundle / "robots" / f"{name}.xml")), load_model(hardware)
+    for what in ("body_mass", "body_inertia", "dof_armature", "jnt_stiffness", "geom_friction", "geom_solref"):
+        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=1e-5), what
+    names = [ours.joint(i).qposadr[0] for i in range(1, ours.njnt) if "spring" not in ours.joint(i).name]
+    assert names == list(MOTOR_QPOS)
+    assert len(MOTOR_QVEL) == 12
+
+
+def test_a_bad_link_loses_its_share_and_keeps_the_order(onboard):
+    link = onboard.link.BadLink(0.05, 0.005, seed=3)
+    for k in range(4000):
+        link.put(k, 0.005 * k)
+    assert link.take(0.0049) == []
+    assert link.take(0.0051) in ([0], [])
+    rest = link.take(1e3)
+    assert rest == sorted(rest)
+    assert 4000 - link.lost == pytest.approx(len(rest), abs=1)
+    assert link.lost / 4000 == pytest.approx(0.05, abs=0.014)  # four standard deviations
+
+
+def test_a_radio_hears_its_peer_alone_and_the_newest(onboard):
+    link = onboard.link
+    robot, computer, stranger = link.Radio(), link.Radio(), link.Radio()
+    try:
+        robot.connect(computer.port)
+        computer.connect(robot.port)
+        stranger.connect(computer.port)
+        stranger.send(link.SENSORS, np.ones(30))
+        robot.send(link.SENSORS, np.arange(30.0))
+        robot.send(link.COMMAND, (1.0, 2.0, 3.0))
+        packets = computer.wait(2.0)
+        while len(packets) < 2:
+            packets += computer.wait(2.0)
+        assert [packet.kind for packet in packets] == [link.SENSORS, link.COMMAND]
+        assert packets[0].values.tolist() == list(range(30))
+        robot._sent[link.COMMAND] = 0  # a datagram that was overtaken
+        robot.send(link.COMMAND, (9.0, 9.0, 9.0))
+        robot._socket.sendto(b"BP2S\x01", ("127.0.0.1", computer.port))  # torn
+        assert computer.wait(0.2) == []
+    finally:
+        for radio in (robot, computer, stranger):
+            radio.close()
+
+
+def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
+    plan = onboard.world.Plan(speed=3.0, acceleration=3.0, hold=2.0)
+    world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
+    outcome = world.outcome()
+    assert controller.fault == ""
+    assert outcome["fell_at"] is None
+    assert outcome["mean_speed"] == pytest.approx(3.0, abs=0.5)
+    assert outcome["lost"] / outcome["sent"] == pytest.approx(0.05, abs=0.03)
+
+
+@pytest.mark.parametrize("fault", ["nan", "silence"])
+def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, fault):
+    """From a stand it stays up; from a run no stand can be had, but it is commanded all the same."""
+    for speed, stays_up in ((0.02, True), (3.0, False)):
+        plan = onboard.world.Plan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
+        world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
+        assert controller.fault.startswith("joint_position is not finite" if fault == "nan" else "no measurement for")
+        assert np.ptp(world.targets[900:1100], axis=0).max() > 0.02  # the policy was at work
+        assert np.abs(world.targets[-500:] - STAND).max() < 1e-9
+        if stays_up:
+            assert world.fell_at is None
+            assert world.robot.data.qpos[2] == pytest.approx(0.55, abs=0.03)  # m: on its feet, swaying on its springs
+
+
+def test_in_real_time_it_talks_over_udp(onboard, bundle):
+    """A second of it: whether the machine has time for it decides how it runs, but not that datagrams get through."""
+    plan = onboard.world.Plan(speed=0.2, acceleration=2.0, hold=1.0)
+    result = onboard.rehearse.in_real_time(bundle, "ideal", plan, None)
+    assert result["ticks"] > 50
+    assert result["lost"] > 0
+    assert result["sent"] > 300
+    assert len(result["wall_ms"]) == len(result["cpu_ms"]) == 3
+    assert "p50 / p99 / max" in onboard.rehearse.show(result, plan)
