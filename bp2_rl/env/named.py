@@ -9,7 +9,7 @@ from bp2_rl.settings.training import make_config
 CONFIGS: dict[str, Callable[[], EnvConfig]] = {
     "bp2": lambda: make_config("imitation", "gpu").env,  # the built robot on the library of trots
     "bp2_ideal": lambda: make_config("imitation", "gpu", robot="ideal").env,  # the robot without losses
-    "bp2_kinematic": lambda: make_config("imitation", "cpu").env,  # the built robot on the kinematic gait, at 3 m/s
+    "bp2_kinematic": lambda: make_config("imitation", "smoke").env,  # the built robot on the kinematic gait, at 3 m/s
 }
 """The settings of each, by its name."""
 

@@ -206,12 +206,12 @@ def test_a_tail_gives_the_kernels_a_slope_at_any_error():
         )
 
     assert score(15.0, 1.0, 0.5) == close(1.0, rel=1e-5)
-    # At 5 m/s the kernel exp(-200 / 3.78) is gone; 0.3 (1 - 10 / 17) is left.
-    assert score(5.0, 0.0, 1.0) == close(0.123529, rel=1e-5)
-    assert score(5.0, 0.0, 1.0, tail=0.0) < 1e-20
-    assert score(-2.0, 0.0, 1.0) == 0.0
-    # 0.7 exp(-2) + 0.3 (1 - 1 / 3) of the yaw rate
-    assert score(0.0, 0.0, 0.0) == close(0.294735, rel=1e-5)
+    # At 10 m/s of 15 the kernel exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 / 2)) is left.
+    assert score(10.0, 0.0, 1.0) == close(0.123531, rel=1e-5)
+    assert score(10.0, 0.0, 1.0, tail=0.0) < 1e-5
+    assert score(6.5, 0.0, 1.0) < 1e-15  # where the line ends
+    # 0.7 exp(-2) + 0.3 (1 - 1 / (1 + 1 / 2)) of the yaw rate
+    assert score(0.0, 0.0, 0.0) == close(0.194735, rel=1e-5)
 
 
 def test_narrow_kernels_tell_slow_motion_and_small_yaw_rates_apart():

@@ -1,6 +1,6 @@
 """Whether a gait repeats itself under noise, what it makes of deviations, and how hard it may be pushed.
 
-The definitions were fixed before the runs (`bp2_rl.orbits`, docs/notes/stability.md): the section is strobed at the
+The definitions are in `bp2_rl.orbits` and docs/notes/stability.md: the section is strobed at the
 policy's own clock, the transient is dropped, the noise is that of training, and each figure stands beside its floor.
 """
 
