@@ -51,7 +51,8 @@ class Controller:
         self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
     ) -> Float[Array, "... 47"]:
         """The policy's observation (see `observations.LAYOUT`) under the present command, m/s and rad/s."""
-        return actor_observation(command, state.phase, measurement, state.last_action)
+        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        return actor_observation(command, state.phase, measurement, state.last_action, hand)
 
     def act(
         self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]

@@ -91,14 +91,19 @@ def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array)
 
 
 def actor_observation(
-    command: Float[Array, "3"], phase: Float[Array, ""], measurement: Measurement, last_action: Float[Array, "12"]
+    command: Float[Array, "3"],
+    phase: Float[Array, ""],
+    measurement: Measurement,
+    last_action: Float[Array, "12"],
+    hand: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "47"]:
-    """The vector that `LAYOUT` describes; joint positions relative to the standing pose."""
+    """The vector that `LAYOUT` describes: joint positions relative to the standing pose, the phase as a clock's hand
+    of this length."""
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
         [
             command,
-            jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            hand * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
             measurement.joint_position - STAND,
             measurement.joint_velocity,
             measurement.up,

@@ -83,7 +83,7 @@ class KinematicGait(KinematicConfig):
             pitch=zero,
             pitch_rate=zero,
             velocity=jnp.stack([command[..., 0], command[..., 1], height_rate], axis=-1),
-            contact=(in_stance | (self._stepping(command)[..., None] < STANDING)).astype(phase.dtype),
+            contact=(in_stance | (self.stepping(command)[..., None] < STANDING)).astype(phase.dtype),
             torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )
 
@@ -100,17 +100,17 @@ class KinematicGait(KinematicConfig):
         """
         period = 1.0 / self.phase_rate(command)
         harmonic = 2.0 - 4.0 / 3.0 * (2.0 * self._stance_time(command) / period) ** 2
-        amplitude = self._stepping(command) * harmonic * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
+        amplitude = self.stepping(command) * harmonic * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
         return self._scale * self.height - amplitude * jnp.cos(4.0 * jnp.pi / period * tau)
 
-    def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 on the move."""
         s2 = square_speed(command, self.hardware)
         return s2 / (s2 + self.stepping_speed**2)
 
     def _at_rest(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """The part of a spring's compression that does not change with time, m: all of it when standing."""
-        return (1.0 - self._stepping(command)) * self._sag
+        return (1.0 - self.stepping(command)) * self._sag
 
     def _stance(
         self, command: Float[Array, "... 3"], tau: Float[Array, "... k 4"]
@@ -118,7 +118,7 @@ class KinematicGait(KinematicConfig):
         """Joint angles (rad) and spring compressions (m) of legs `tau` seconds from the middle of their stance."""
         command = command[..., None, :]
         stance_time = self._stance_time(command)
-        mean = self._stepping(command) * self._sag / (stance_time * self.phase_rate(command))
+        mean = self.stepping(command) * self._sag / (stance_time * self.phase_rate(command))
         most = 1.2 * self.hardware.spring_travel  # beyond, the stop takes the force
         mean = mean * (1.0 + (1.5 * mean / most) ** 8) ** -0.125
         w = 1.0 - (2.0 * tau / stance_time[..., None]) ** 2
@@ -147,7 +147,7 @@ class KinematicGait(KinematicConfig):
         n, time = self.follow_through, self.swing_time
         mean = (end - start) / time - (out + back) / (n + 1)
         followed = time / (n + 1) * (out - back) / 2.0  # what the follow-through leaves in mid-swing
-        flexion = (self._stepping(command) * self.flexion)[..., None] + followed[..., 2]
+        flexion = (self.stepping(command) * self.flexion)[..., None] + followed[..., 2]
         flexion = flexion[..., None] * jnp.asarray(FLEXION, dtype=s.dtype)
         s = s[..., None]
         r = 1.0 - s

@@ -47,6 +47,10 @@ class ReferenceMotion(Protocol):
         """Cycles per second at this command."""
         ...
 
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """How much of its full steps the motion takes: 0 when standing, 1 in a full trot."""
+        ...
+
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The reference at this command and phase; phase in cycles, any real number, periodic with period 1."""
         ...

@@ -27,6 +27,10 @@ class Standing:
         """Cycles per second."""
         return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
 
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """1 whatever is commanded: a policy that is to find steps of its own may see the clock."""
+        return jnp.ones(command.shape[:-1])
+
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The standing pose, with the velocity that is commanded."""
         pose = KinematicGait(hardware=self.hardware)(jnp.zeros_like(command), phase)

@@ -33,6 +33,9 @@ class ControlConfig:
     feedforward: Annotated[float, Within(-10.0, 10.0)] = 0.0
     """share of the reference's torque that is added, in `residual` mode"""
     torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")  # Nm/s
+    clock_at_rest: bool = True
+    """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
+    hand of the clock that it sees is as long as the reference steps"""
 
 
 @dataclasses.dataclass(frozen=True)

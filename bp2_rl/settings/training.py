@@ -13,6 +13,7 @@ from bp2_rl.files import require_name
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.env import (
     CommandConfig,
+    ControlConfig,
     CurriculumConfig,
     EnvConfig,
     Impl,
@@ -142,6 +143,7 @@ def make_config(
         env = dataclasses.replace(
             env,
             library=CollocationConfig(path="bp2_trot_slow"),
+            control=ControlConfig(clock_at_rest=False),
             commands=COMMANDS,
             reset=ResetConfig(standing_fraction=0.5),
         )

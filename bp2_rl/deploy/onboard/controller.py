@@ -62,13 +62,17 @@ class _Seen(NamedTuple):
 
     command: np.ndarray
     phase: float  # cycles
+    hand: float  # length of the clock's hand that shows the phase
     measurement: Measurement
     last_action: np.ndarray
 
 
 OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
     "command": lambda seen, stand: seen.command,
-    "phase": lambda seen, stand: (math.sin(2.0 * math.pi * seen.phase), math.cos(2.0 * math.pi * seen.phase)),
+    "phase": lambda seen, stand: (
+        seen.hand * math.sin(2.0 * math.pi * seen.phase),
+        seen.hand * math.cos(2.0 * math.pi * seen.phase),
+    ),
     "joint_position": lambda seen, stand: seen.measurement.joint_position - stand,
     "joint_velocity": lambda seen, stand: seen.measurement.joint_velocity,
     "up": lambda seen, stand: seen.measurement.up,
@@ -101,7 +105,7 @@ class Controller:
         self._middle = np.concatenate((bounds.mean(axis=1), np.zeros(15)))
         self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
-        self._residual = control["mode"] == "residual"
+        self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -207,12 +211,13 @@ class Controller:
 
     def _act(self, measurement: Measurement) -> Targets:
         """One tick: observation, network, reference, targets."""
-        seen = _Seen(self.command, self._phase, measurement, self._last_action)
+        command = self.command.astype(float).tolist()
+        hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
+        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
         parts = [OBSERVATION[name](seen, self._stand) for name, _ in self.settings["observation"]]
         observation = np.concatenate(parts, dtype=np.float32)[None]
         answer: Any = self._network.run(None, {"observation": observation})[0]
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
-        command = self.command.astype(float).tolist()
         self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
         self._last_action = action
         offset = self._scale * action.astype(float)

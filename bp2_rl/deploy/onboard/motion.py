@@ -52,6 +52,10 @@ class Stand:
         """Cycles per second."""
         return self._rate
 
+    def stepping(self, command: Sequence[float]) -> float:
+        """1 whatever is commanded, as `gait.standing` has it."""
+        return 1.0
+
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
         """The pose."""
         return self._pose
@@ -99,7 +103,7 @@ class Trot:
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
         """The joints at this command and phase (cycles)."""
-        stride, stepping = self._stride(command), self._stepping(command)
+        stride, stepping = self._stride(command), self.stepping(command)
         cycle = phase - math.floor(phase)
         mirrored = cycle >= 0.5
         since = (2.0 * cycle - mirrored) * stride.half  # s, since the last pair of feet landed
@@ -125,7 +129,7 @@ class Trot:
         feedforward = np.concatenate([np.zeros((4, 1)), torque], axis=1)
         return Pose(q.reshape(12), qd.reshape(12), feedforward.reshape(12))
 
-    def _stepping(self, command: Sequence[float]) -> float:
+    def stepping(self, command: Sequence[float]) -> float:
         """0 when standing, 1 from the stepping speed on."""
         vx, vy, omega = command
         y = min((vx**2 + vy**2 + (self._foot_circle * omega) ** 2) / self._stepping_speed**2, 1.0)

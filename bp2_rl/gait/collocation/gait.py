@@ -53,7 +53,7 @@ class CollocationGait(CollocationConfig):
 
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The reference at this command and phase (see `ReferenceMotion`)."""
-        stride, stepping, stand = self._stride(command), self._stepping(command), _stand(self.hardware)
+        stride, stepping, stand = self._stride(command), self.stepping(command), _stand(self.hardware)
         cycle = phase - jnp.floor(phase)
         mirrored = cycle >= 0.5
         since = (2.0 * cycle - mirrored) * stride.half  # s, since the last pair of feet landed
@@ -93,7 +93,7 @@ class CollocationGait(CollocationConfig):
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""
         return jnp.minimum(command[..., 0], self._table.speeds[-1].astype(command.dtype))
 
-    def _stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
         y = jnp.minimum(square_speed(command, self.hardware) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
