@@ -1,5 +1,6 @@
 """The controller without JAX does what the one of training does, and what its watchdog is for."""
 
+import dataclasses
 import time
 
 import jax
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.controller import Measurement
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
@@ -105,6 +107,21 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
     assert len(found) == TICKS
     assert position <= position_error  # rad
     assert velocity <= velocity_error  # rad/s
+
+
+def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp_path):
+    control = dataclasses.replace(shipped.card.env.control, clock_at_rest=False)
+    env = dataclasses.replace(shipped.card.env, control=control)
+    policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
+    write_bundle(tmp_path / "bundle", policy)
+    controller, trained = onboard.controller.Controller(tmp_path / "bundle"), Trained(env)
+    start, measured = trained.init(0.2), Seen(*(jnp.asarray(x) for x in standing(0.0)[:4]))
+    for speed in (0.0, 0.2, 6.0):
+        controller.reset(0.2)
+        found = controller.step(standing(0.0), (speed, 0.0, 0.0), 0.0)
+        command = jnp.array([speed, 0.0, 0.0])
+        _, targets, _ = trained.act(start, command, policy(trained.observe(start, command, measured)))
+        assert found.position == pytest.approx(np.asarray(targets.position), abs=2e-5)
 
 
 def test_a_tick_takes_less_than_a_millisecond(fresh):

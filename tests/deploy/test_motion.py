@@ -39,8 +39,10 @@ def test_it_is_the_gait_of_training(onboard, reference, hardware):
     with jax.enable_x64(True):
         expected = jax.jit(gait.__call__)(jnp.asarray(command), jnp.asarray(phase))
         rate = np.asarray(jax.jit(gait.phase_rate)(jnp.asarray(command)))
+        stepping = np.asarray(jax.jit(gait.stepping)(jnp.asarray(command)))
     played = [motion(at, moment) for at, moment in zip(command.tolist(), phase.tolist(), strict=True)]
     assert [motion.phase_rate(at) for at in command.tolist()] == pytest.approx(rate, abs=ROUNDING)
+    assert [motion.stepping(at) for at in command.tolist()] == pytest.approx(stepping, abs=ROUNDING)
     for found, name in zip(zip(*played, strict=True), ("position", "velocity", "torque"), strict=True):
         law = getattr(expected, name if name == "torque" else f"joint_{name}")
         if not (reference == "none" and name == "torque"):  # standing still needs no feed-forward: no policy asks

@@ -1,10 +1,12 @@
 import dataclasses
+import math
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bp2_rl.env.controller import Controller, motion_of
+from bp2_rl.env.observations import Measurement
 from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.standing import Standing
@@ -47,6 +49,22 @@ def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on()
     assert np.all(target.velocity == 0.0)
     assert float(state.phase) > 0.2
     assert np.allclose(reference.velocity, COMMAND)
+
+
+@pytest.mark.parametrize("reference", ["kinematic", "collocation"])
+def test_the_clock_can_be_hidden_from_a_policy_where_nothing_steps(reference):
+    measured = Measurement(jnp.zeros(12), jnp.zeros(12), jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3))
+
+    def clock(speed, clock_at_rest):
+        config = EnvConfig(reference=reference, control=ControlConfig(clock_at_rest=clock_at_rest))
+        controller = Controller(config)
+        return controller.observe(controller.init(0.125), jnp.array([speed, 0.0, 0.0]), measured)[3:5]
+
+    seen = np.full(2, math.sqrt(0.5))
+    np.testing.assert_allclose(clock(0.0, True), seen, rtol=1e-6)
+    np.testing.assert_array_equal(clock(0.0, False), 0.0)
+    assert 0.05 < float(clock(0.1, False)[0]) < 0.5
+    np.testing.assert_allclose(clock(6.0, False), seen, rtol=2e-3)
 
 
 def test_feed_forward_is_the_torque_that_the_pd_law_makes_of_the_offset():
