@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.mechanism import figures
@@ -42,7 +41,7 @@ from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.gait.collocation.file import load_library
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.gait import SHIPPED
+from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.trajopt.coupling_account import CouplingAccount, account_coupling
 from bp2_rl.trajopt.family import family_of
 
@@ -113,7 +112,7 @@ def run_and_decompose(policy: Policy, one: Try) -> Ran:
 
 def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:
     """The shipped library at the speeds nearest to these; nothing where CasADi is not installed."""
-    library = load_library(asset_path(SHIPPED))
+    library = load_library(CollocationConfig().file)
     family = family_of(library.arrays, library.provenance)
     try:
         return tuple(
