@@ -22,6 +22,7 @@ REFUSED = ("nan", "-inf", "1e308", "-1e308", "9" * 400, "fast")
 ENDLESS = (
     "--env.control.torque-rate",
     "--env.reward.kernel.width",
+    "--ppo.entropy-decay",
     "--ppo.kl-decay",
     "hardware.braking-speed",
     "losses.bus-power-out",
