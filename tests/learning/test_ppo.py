@@ -243,5 +243,18 @@ def test_the_divergence_aimed_at_falls_with_the_train_steps():
     assert rates == pytest.approx([1.5, 1.0, 1.0 / 1.5])
 
 
+def test_the_entropy_counts_half_after_its_decay():
+    learner = PPO(Aim(), dataclasses.replace(TINY, entropy_cost=0.02, entropy_decay=10.0))
+    state = learner.init(0)
+    _, keys, key = learner.draw_keys(state)
+    _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
+    counted = [
+        float(learner.loss(state.params, state.normalizer, data, key, jnp.asarray(step))[1]["entropy_loss"])
+        for step in (0, 10, 30)
+    ]
+    assert counted[0] < 0.0
+    assert counted[1:] == pytest.approx([counted[0] / 2, counted[0] / 4], rel=1e-5)
+
+
 def _same(these, those):
     return all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(these), jax.tree.leaves(those), strict=True))
