@@ -40,7 +40,7 @@ def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
     Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
     each other. The function may close over numbers, but not over arrays.
 
-    Triton's time grows faster than a kernel: all of the step as one compiles for twice as long as its quarters do.
+    Triton's time grows faster than a kernel: all of the step as one compiles for longer than its parts together.
     """
     if jax.default_backend() != "gpu":
         return function(*inputs)
