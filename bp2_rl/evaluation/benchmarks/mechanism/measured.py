@@ -132,14 +132,15 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
     share = force_ratio(average)
     velocities = forces.terms[TERMS.index("centrifugal"), :, 2] + forces.terms[TERMS.index("Coriolis"), :, 2]
     weight = np.mean(forces.terms[TERMS.index("gravity"), :, 2])
+    within = _covered(main, forces.within)
     everything = Cut(None, float(np.max(np.abs(main[:, HIPS]))), *_at_peaks(main, coupled), 0.0)
     return Decomposed(
         strides=strides,
         frequency=strides / (len(main) * dt),
         closure=float(np.max(forces.closure)),
         peaks=sum(len(periodic_peaks(np.abs(main[:, hip]))) for hip in HIPS),
-        covered=float(np.sum(_covered(main, forces.within))),
-        within=dict(zip(WITHIN, _covered(main, forces.within), strict=True)),
+        covered=float(np.sum(within)),
+        within=dict(zip(WITHIN, within, strict=True)),
         through=dict(zip(THROUGH, _covered(main, forces.through), strict=True)),
         cuts=(*(_cut(main, coupled, strides, most) for most in HARMONICS), everything),
         motors={
