@@ -29,7 +29,6 @@ from bp2_rl.evaluation.runs.rollout import (
 )
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import stall_torque
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NV, load_model
 from bp2_rl.robot.specs import HardwareSpec
@@ -255,10 +254,8 @@ class _Bodies:
         self._throughout = flock.hardware.envelope == "throughout"
         self._start = np.empty((len(data), mujoco.mj_stateSize(flock.model, STATE)))
         motors: Any = flock.motors
-        stall = stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed)
-        self._steepness = stall / motors.no_load_speed
         resistance: Any = flock.resistance
-        self._laws = compiled_laws(motors, resistance, self._steepness, DT)
+        self._laws = compiled_laws(motors, resistance, DT)
         self._mobility = np.zeros((len(data), specs.NUM_MOTORS))
 
     def millisecond(

@@ -100,19 +100,12 @@ class Machine:
             beyond = _beyond(self.motors, torque, data.qvel[MOTOR_QVEL], voltage)
             if np.max(np.abs(beyond)) <= OUTSIDE:
                 break
-            torque = _less(
-                self.motors, torque, beyond, self.steepness * seconds * mobility(self.model, self.data), limits, qd
-            )
+            response = _steepness(self.motors) * seconds * mobility(self.model, self.data)
+            torque = _less(self.motors, torque, beyond, response, limits, qd)
             mujoco.mj_setState(self.model, data, start, STATE)
         else:
             self._advance(torque, steps)
         return torque
-
-    @property
-    def steepness(self) -> Any:
-        """Of the envelope's falling line, Nm s/rad."""
-        motors = self.motors
-        return stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
 
     def copy(self) -> "Machine":
         """Another robot like this one, in the state that this one is in."""
@@ -161,7 +154,7 @@ class SwiftMachine(Machine):
     ) -> Float[np.ndarray, "12"]:
         """As `Machine.step`."""
         data = self.data
-        laws = compiled_laws(self.motors, self.resistance, self.steepness, seconds)  # pyright: ignore[reportArgumentType]
+        laws = compiled_laws(self.motors, self.resistance, seconds)  # pyright: ignore[reportArgumentType]
         before, qpos, qvel = data.ctrl.copy(), data.qpos.copy(), data.qvel.copy()
         forces = laws.ask(before, qpos, qvel, q_target, qd_target)
         start = np.empty(mujoco.mj_stateSize(self.model, STATE))
@@ -195,6 +188,11 @@ _UNIT[np.arange(specs.NUM_MOTORS), MOTOR_QVEL] = 1.0
 # --- What is done about the envelope at a step's end --------------------------------------------------------------
 
 
+def _steepness(motors: Actuator) -> Any:
+    """Of the envelope's falling line, Nm s/rad."""
+    return stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
+
+
 def _beyond(motors: Actuator, torque: Any, qd: Any, voltage: Any) -> Float[Any, "12"]:
     """How far a torque is outside the limits at the joint speeds at a step's end, Nm."""
     lower, upper = torque_limits(motors, qd, voltage)
@@ -222,8 +220,9 @@ class Laws:
 
 
 @functools.lru_cache(maxsize=8)
-def compiled_laws(motors: Actuator, resistance: Resistance | None, steepness: float, seconds: float) -> Laws:
-    """The laws of motors and losses for steps of so many seconds; `steepness` is the falling line's, Nm s/rad."""
+def compiled_laws(motors: Actuator, resistance: Resistance | None, seconds: float) -> Laws:
+    """The laws of motors and losses for steps of so many seconds."""
+    steepness = _steepness(motors)
 
     def with_losses(qpos: Array, qvel: Array, torque: Array) -> tuple[Array, ...]:
         if resistance is None:
