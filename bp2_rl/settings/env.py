@@ -9,7 +9,7 @@ from bp2_rl.bounds import Range, Share, Within, check_bounds
 from bp2_rl.config import ConfigError
 from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.gait import CollocationConfig, KinematicConfig
+from bp2_rl.settings.gait import LIBRARIES, CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
@@ -177,8 +177,8 @@ def upgrade(data: Any) -> Any:
     Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
     both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
     nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
-    begins to step had the name of the curriculum's first speed. The first networks were not symmetric, and the
-    tracking kernel had one number of its own.
+    begins to step had the name of the curriculum's first speed. The first networks were not symmetric, the
+    tracking kernel had one number of its own, and the library that ships no name.
 
     Raises:
         ConfigError: a gait is of another robot than the environment.
@@ -199,6 +199,8 @@ def upgrade(data: Any) -> Any:
             raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
         names = {"start_speed": "stepping_speed"}
         changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
+        if gait.get("path") == "":
+            changed[name]["path"] = LIBRARIES[0]
     return data | {"env": changed}
 
 

@@ -59,8 +59,7 @@ class CollocationConfig:
     @property
     def file(self) -> Path:
         """Where the library is."""
-        name = self.path or LIBRARIES[0]  # once that was written as nothing
-        return asset_path(f"reference_motions/{name}.npz") if name in LIBRARIES else Path(self.path)
+        return asset_path(f"reference_motions/{self.path}.npz") if self.path in LIBRARIES else Path(self.path)
 
     @property
     def sha256(self) -> str:
