@@ -33,7 +33,7 @@ FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "u
 """Small: training begins on the reference motion, not on noise of the initialisation."""
 Bases = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]
 HIDDEN = jax.nn.initializers.lecun_uniform()
-HALF = np.sqrt(0.5)
+HALF = float(np.sqrt(0.5))
 
 
 def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
@@ -123,17 +123,20 @@ def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tupl
     """(kernel, bias) of each layer, from its blocks: K = E K_even E'^T + O K_odd O'^T with the bases E, O of what goes
     in and E', O' of what comes out."""
     hidden = sum(name.startswith("even_") for name in blocks) - 1
-    widths = [blocks[f"even_{i}"].shape[1] for i in range(hidden)]
-    pairs = [tuple(HALF * np.vstack([np.eye(n), sign * np.eye(n)]) for sign in (1.0, -1.0)) for n in widths]
     layers = []
-    for i, ((even, odd), (even_out, odd_out)) in enumerate(itertools.pairwise([first, *pairs, last])):
-        block = blocks[f"even_{i}"]
-        even, odd, even_out, odd_out = (basis.astype(block.dtype) for basis in (even, odd, even_out, odd_out))
-        kernel = even @ block @ even_out.T
-        if f"odd_{i}" in blocks:
-            kernel += odd @ blocks[f"odd_{i}"] @ odd_out.T
-        layers.append((kernel, blocks[f"bias_{i}"] @ even_out.T))
+    for i, (given, wanted) in enumerate(itertools.pairwise([first, *[None] * hidden, last])):
+        parts = [blocks[name] for name in (f"even_{i}", f"odd_{i}") if name in blocks]
+        kernel = sum(_of_units(_of_units(part, given, parity).T, wanted, parity).T for parity, part in enumerate(parts))
+        layers.append((kernel, _of_units(blocks[f"bias_{i}"], wanted, 0)))
     return layers
+
+
+def _of_units(x: Float[Array, "parity ..."], bases: Bases | None, parity: int) -> Float[Array, "units ..."]:
+    """Rows for units from rows for their even (parity 0) or odd (1) combinations; hidden units have no `bases`: theirs
+    are (1, 1) and (1, -1) of each pair, which takes no multiplications."""
+    if bases is None:
+        return HALF * jnp.concatenate([x, (1.0, -1.0)[parity] * x])
+    return jnp.asarray(bases[parity], x.dtype) @ x
 
 
 class SymmetricPolicy(linen.Module):
