@@ -108,16 +108,16 @@ def evaluate(config: EvalConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
-    import jax
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
     from bp2_rl.evaluation.report import folder, page, terminal
+    from bp2_rl.evaluation.runs.parallel import compute_here
     from bp2_rl.learning.policy import load_policy
 
     if config.backend == "mujoco":
-        jax.config.update("jax_platforms", "cpu")  # leaves the accelerator to a training that may be running
+        compute_here()  # and leave the accelerator to a training that may be running
     prepare_jax()
     chosen = choose(
         config.benchmark,
