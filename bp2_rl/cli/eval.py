@@ -28,6 +28,7 @@ BenchmarkName = Literal[
     "sensitivity",
     "endurance",
     "mechanism",
+    "efficiency",
     "stability",
     "all",
 ]
@@ -49,8 +50,9 @@ class EvalConfig:
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
     on robots other than the one assumed. endurance: how long the motors last at 10.74 m/s and at the top speed.
-    mechanism: whose inertia balances whose, at five speeds. stability: whether the gait repeats itself under noise, and
-    how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after the other."""
+    mechanism: whose inertia balances whose, at five speeds. efficiency: what running costs, at eight speeds, and where
+    the energy goes. stability: whether the gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s
+    and at the top speed. all: one after the other."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
@@ -61,8 +63,8 @@ class EvalConfig:
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
     """How fast the command rises; by default 2.4, in a sprint what the card says, else 3."""
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold the speed; by default 20 (robustness: 15, sensitivity and mechanism: 5, endurance: 180 at most).
-    Not of sprint."""
+    """How long to hold the speed; by default 20 (robustness: 15, efficiency: 10, sensitivity and mechanism: 5,
+    endurance: 180 at most). Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots are drawn; by default 200 (endurance 8, stability 6). Of these three."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
@@ -71,7 +73,8 @@ class EvalConfig:
     heat: MotorHeat = MotorHeat()
     quick: bool = False
     """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
-    mechanism: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four directions."""
+    mechanism and efficiency: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four
+    directions."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True
@@ -105,16 +108,16 @@ def evaluate(config: EvalConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
-    import jax
     from rich.console import Console
 
     from bp2_rl.env.observations import LAYOUT
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
     from bp2_rl.evaluation.report import folder, page, terminal
+    from bp2_rl.evaluation.runs.parallel import compute_here
     from bp2_rl.learning.policy import load_policy
 
     if config.backend == "mujoco":
-        jax.config.update("jax_platforms", "cpu")  # leaves the accelerator to a training that may be running
+        compute_here()  # and leave the accelerator to a training that may be running
     prepare_jax()
     chosen = choose(
         config.benchmark,

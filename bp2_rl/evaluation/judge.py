@@ -18,6 +18,7 @@ import numpy as np
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import HELD, best_window
+from bp2_rl.evaluation.runs.parallel import compute_here
 from bp2_rl.evaluation.runs.rollout import ActionFunction, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policies import Verdict
@@ -137,8 +138,7 @@ def _begin(cache: str | None) -> None:
     os.nice(NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
-    jax.config.update("jax_platforms", "cpu")
-    jax.config.update("jax_cpu_enable_async_dispatch", False)  # a call for a few numbers is sooner done than handed on
+    compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)
 
 

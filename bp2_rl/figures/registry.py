@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.scaling.settings import ScalingSettings
-from bp2_rl.figures.settings import RewardsSettings, RobotSettings, StridesSettings
+from bp2_rl.figures.settings import OperatingSettings, RewardsSettings, RobotSettings, StridesSettings
 
 if TYPE_CHECKING:
     from bp2_rl.figures.drawn import Drawn
@@ -53,6 +53,12 @@ def _strides(settings: StridesSettings) -> "Drawn":
     return strides(settings)
 
 
+def _operating(settings: OperatingSettings) -> "Drawn":
+    from bp2_rl.figures.operating import operating
+
+    return operating(settings)
+
+
 FIGURES = {
     "scaling": Entry(
         "Fig. 1, inset, Table S1",
@@ -66,5 +72,6 @@ FIGURES = {
     ),
     "rewards": Entry("Table S4", "reward coefficients, and how their weights go with speed", RewardsSettings, _rewards),
     "strides": Entry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
+    "operating": Entry("Fig. 5 E", "torque over speed of hips and knees, three cycles", OperatingSettings, _operating),
 }
 """By name."""

@@ -33,3 +33,11 @@ class StridesSettings:
 
     runs: tuple[Path, ...] = ()
     """folder of a report of eval.py --benchmark topspeed"""
+
+
+@dataclasses.dataclass(frozen=True)
+class OperatingSettings:
+    """Draw where hips and knees work, torque over speed, in three cycles of each run (paper, Fig. 5 E)."""
+
+    runs: tuple[Path, ...] = ()
+    """folders of reports of eval.py --benchmark topspeed, one a speed; comparisons are of the first"""

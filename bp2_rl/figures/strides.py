@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.evaluation.runs.metrics import best_window, contacts, touchdowns
+from bp2_rl.evaluation.runs.metrics import contacts
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.figures.cycles import CYCLES, LEG, cycles
 from bp2_rl.figures.drawn import Comparison, Drawn
 from bp2_rl.figures.reports import read_runs
 from bp2_rl.figures.settings import StridesSettings
@@ -19,8 +20,7 @@ from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import LEGS
 
 BENCHMARK = "topspeed"
-CYCLES, FRAMES = 3, 8  # frames a cycle; every second one is faded
-LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper
+FRAMES = 8  # a cycle; every second one is faded
 SPACE = 1.25  # m, from one frame to the next
 FADED = 0.35
 
@@ -60,19 +60,6 @@ def strides(settings: StridesSettings) -> Drawn:
     )
     table = Table(f"Three cycles, {numbers.name}", ("Gait", "Value"), lines)
     return Drawn(numbers, (table,), (said,), {"strides": strides_figure(part, numbers)})
-
-
-def cycles(run: Trajectory) -> Trajectory:
-    """The last three cycles that begin within the best second, from touchdown to touchdown; else the run's last."""
-    landed = touchdowns(contacts(run)[:, LEG])
-    best = best_window(run, 1.0)
-    if best is not None:
-        until = np.searchsorted(run.time[landed], best.start + 1.0)
-        landed = landed[: max(int(until), CYCLES + 1)]
-    if len(landed) <= CYCLES:
-        raise UserError(f"the run has {max(len(landed) - 1, 0)} whole strides, {CYCLES} are drawn: name a longer one")
-    first, last = landed[-CYCLES - 1], landed[-1]
-    return run.between(float(run.time[first]), float(run.time[last]))
 
 
 def measure(name: str, part: Trajectory) -> StridesNumbers:

@@ -88,6 +88,9 @@ SPRINT_100M_TIME = _number("t_100", 12.2, "s", "paper, Abstract")
 LAUNCH_ACCELERATION = _number("a", 2.38, "m/s2", "paper, Results; mean over the first 5 m")
 ENDURANCE_TIME = _number("-", 86.0, "s", "paper, Results; above 10 m/s on the treadmill")
 HEATING_RATE = _number("-", 1.8, "K/s", "paper, Results; of a rear hip's motor, over those 86 s, nearly linear")
+HIND_PEAK_POWERS = tuple(
+    _number("P", power, "W", "paper, Results; peak of a hind leg's motor (Fig. 5E)") for power in (1620.0, 1765.0)
+)
 
 # --- What the paper does not say -----------------------------------------------------------------------------
 SPRING_REST_LENGTH = _number(

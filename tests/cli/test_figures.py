@@ -15,7 +15,7 @@ def settled_soon(monkeypatch):
     monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
 
 
-@pytest.mark.parametrize("name", [name for name in FIGURES if name != "strides"])  # which is drawn of a run
+@pytest.mark.parametrize("name", sorted(FIGURES.keys() - {"strides", "operating"}))  # which are drawn of runs
 def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced
@@ -46,6 +46,7 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
         (["race", "--runs", "nowhere"], "no report in nowhere"),
         (["scaling", "--runs", "nowhere"], "no report in nowhere"),
         (["strides"], "--runs takes one report"),
+        (["operating"], "--runs takes reports"),
         (["scaling", "--speed", "3"], "--speed"),
     ],
 )

@@ -6,8 +6,9 @@ import pytest
 from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
+from bp2_rl.figures.cycles import CYCLES, cycles
 from bp2_rl.figures.settings import StridesSettings
-from bp2_rl.figures.strides import CYCLES, cycles, measure, strides
+from bp2_rl.figures.strides import measure, strides
 
 
 def test_the_cycles_are_whole_and_end_within_the_best_second(make_run):

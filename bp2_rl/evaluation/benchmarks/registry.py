@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
+from bp2_rl.evaluation.benchmarks.efficiency.benchmark import efficiency, ramp_to_efficiency
 from bp2_rl.evaluation.benchmarks.endurance.benchmark import endurance, ramp_to_endurance
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
@@ -51,6 +52,9 @@ BENCHMARKS = {
     ),
     "mechanism": Benchmark(
         ramp_to_mechanism, mechanism, ("robot", "speed", "acceleration", "hold", "operator", "quick")
+    ),
+    "efficiency": Benchmark(
+        ramp_to_efficiency, efficiency, ("robot", "speed", "acceleration", "hold", "operator", "quick")
     ),
     "stability": Benchmark(
         ramp_to_stability, stability, ("robot", "speed", "acceleration", "robots", "seed", "operator", "quick")

@@ -35,6 +35,9 @@ class Ledger(NamedTuple):
     lost: dict[str, Float[np.ndarray, " N"]]
     stored: Float[np.ndarray, " N"]
     energy: Float[np.ndarray, " N"]  # J, kinetic, of height and of springs, at the start
+    motors: Float[np.ndarray, "N 12"]  # mechanical, of each motor before its gear; below 0 it brakes
+    copper: Float[np.ndarray, "N 12"]  # that each winding turns into heat
+    springs: Float[np.ndarray, "N 4"]  # that each spring with its stops gives its leg; below 0 it is pressed
 
     @property
     def error(self) -> Float[np.ndarray, " N"]:
@@ -92,9 +95,9 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
     mean = run.qvel[:-1] + 0.5 * change
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
     qd, torque = mean[:, MOTOR_QVEL], run.torque[:-1]
-    copper = np.sum(winding_heat(Actuator.from_hardware(run.hardware), torque), axis=-1)
+    copper = winding_heat(Actuator.from_hardware(run.hardware), torque)
     lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
-        "copper": copper,
+        "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
     }
     legs = mean[:, 6:].reshape(-1, 4, 4)
@@ -109,10 +112,13 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
         lost["dampers"] = lost["dampers"] - np.sum(against.rebound[:-1] * rate, axis=-1)
     nothing = np.zeros(count)
     return Ledger(
-        bus=np.sum(torque * qd, axis=-1) + copper,
+        bus=np.sum(torque * qd, axis=-1) + np.sum(copper, axis=-1),
         lost={cause: lost.get(cause, nothing) for cause in CAUSES},
         stored=powers["momentum"] + powers["bias"] - powers["spring"],
         energy=energy,
+        motors=torque * qd,
+        copper=copper,
+        springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
     ), soles
 
 

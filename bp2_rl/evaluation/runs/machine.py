@@ -178,11 +178,12 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "1
     """Acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
     answer = np.empty_like(_UNIT)
     mujoco.mj_solveM(model, data, answer, _UNIT)
-    return answer[np.arange(specs.NUM_MOTORS), MOTOR_QVEL]
+    return answer[_EACH, MOTOR_QVEL]
 
 
+_EACH = np.arange(specs.NUM_MOTORS)
 _UNIT = np.zeros((specs.NUM_MOTORS, NV))
-_UNIT[np.arange(specs.NUM_MOTORS), MOTOR_QVEL] = 1.0
+_UNIT[_EACH, MOTOR_QVEL] = 1.0
 
 
 # --- What is done about the envelope at a step's end --------------------------------------------------------------

@@ -29,7 +29,17 @@ def _run_all(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Seque
     return [run(policy, task) for task in tasks]
 
 
+def compute_here() -> None:
+    """Have JAX compute on the processor, in the thread that asks; call it before JAX computes anything.
+
+    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to another thread takes longer than
+    to answer it, and many times longer where other programs keep the processors busy.
+    """
+    jax.config.update("jax_platforms", "cpu")
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
 def _begin(cache: str | None) -> None:
     """Make of a worker what the command has made of itself."""
-    jax.config.update("jax_platforms", "cpu")
+    compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)

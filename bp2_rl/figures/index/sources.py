@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bp2_rl.assets import asset_path
 from bp2_rl.files import read_bytes
+from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
 
 KEY = "key.json"
 """In a command's folder: what it was made of."""
@@ -60,6 +61,8 @@ SOURCES = (
     Source("robot", ("figures", "robot"), (ROBOT,)),
     Source("rewards", ("figures", "rewards")),
     Source("strides", ("figures", "strides"), runs=("topspeed",)),
+    _evaluated("topspeed", "--speed", f"{OUTDOOR_TOP_SPEED:g}", "--hold", "6", "--no-video", name="topspeed_outdoors"),
+    Source("operating", ("figures", "operating"), runs=("topspeed_outdoors", "topspeed")),
     _evaluated("mechanism", quick=True),
     _evaluated("stability", quick=True),
     _evaluated("efficiency", quick=True),

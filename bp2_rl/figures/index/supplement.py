@@ -301,8 +301,15 @@ BEYOND = (
         "Efficiency",
         "Motors within their high-efficiency regions; no cost of transport is printed",
         "efficiency",
+        "efficiency.png",
+        ours="at {efficiency:metrics/speeds/-1/speed|.1f} m/s mechanical "
+        "{efficiency:metrics/speeds/-1/energy/positive|.2f}, electrical "
+        "{efficiency:metrics/speeds/-1/energy/electrical/everything|.2f} to "
+        "{efficiency:metrics/speeds/-1/energy/electrical/nothing|.2f} by what becomes of braking; motors that drive "
+        "make work of {efficiency:metrics/speeds/-1/energy/efficiency|.0%} of what their windings are given, hind hips "
+        "of {efficiency:metrics/speeds/-1/energy/joints/name=hind hip/efficiency|.0%}",
         stated="not comparable",
-        because="the paper prints no cost of transport",
+        because="the paper prints no cost of transport and no efficiency; ours knows of copper's heat alone",
     ),
     Item(
         "beyond-map",

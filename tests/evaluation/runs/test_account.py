@@ -131,3 +131,21 @@ def test_a_landing_is_looked_at_just_before_the_foot_touches():
     touching = np.array([0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1], bool)
     assert list(before_contact(touching, np.array([4, 9]))) == [3, 8]
     assert list(before_contact(touching, np.array([], int))) == []
+
+
+def test_springs_give_what_they_were_given():
+    """Against one half k s2 of the springs of 6000 N/m, their rebound stops of 36 kN/m in all included."""
+    run = trot(IDEAL)
+    ledger, _ = replay(run)
+    s = run.spring_compression[:-1]
+    held = 0.5 * np.where(s < 0.0, 36e3, 6e3) * s**2
+    given = np.cumsum(ledger.springs, axis=0) * run.dt
+    # The force is that at the beginning of its millisecond: a hundredth of what a spring holds.
+    np.testing.assert_allclose(given[:-1], held[0] - held[1:], atol=0.03 * np.max(held))
+    assert np.max(held) > 2.0  # J
+
+
+def test_motors_and_windings_make_the_bus():
+    ledger, _ = replay(trot())
+    np.testing.assert_allclose(np.sum(ledger.motors + ledger.copper, axis=1), ledger.bus, rtol=1e-12, atol=1e-9)
+    assert np.min(ledger.copper) >= 0.0
