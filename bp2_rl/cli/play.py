@@ -87,9 +87,10 @@ def play(config: PlayConfig) -> None:
     prepare_jax()
     policy = load_policy(path, expected_layout=LAYOUT)
     limits, robot = policy.card.env.commands, robot_of(policy, Setup(robot=config.robot))
-    if not -limits.max_backward <= config.speed <= limits.max_forward:
+    least = 0.0 - limits.max_backward
+    if not least <= config.speed <= limits.max_forward:
         raise UserError(
-            f"--speed must be from {-limits.max_backward:g} to {limits.max_forward:g}, what this policy was trained "
+            f"--speed must be from {least:g} to {limits.max_forward:g}, what this policy was trained "
             f"for, got {config.speed:g}"
         )
     session = Session(policy, policy.card.env, hardware=robot)

@@ -54,7 +54,7 @@ class TorqueSpeed:
         yield f'<text x="{LEFT}" y="{HEIGHT - 5}">joint speed, rad/s</text>'
         yield f'<text x="{LEFT + 3}" y="{TOP - 5}">torque, Nm</text>'
         for i, (joint, color) in enumerate(COLORS.items()):
-            place = f'x="{end - 84 + 34 * i}" y="{HEIGHT - 5}"'
+            place = f'x="{end - 94 + 34 * i}" y="{HEIGHT - 5}"'
             yield f'<text {place} fill="{color}" font-weight="bold">{joint}</text>'
 
     def _place(

@@ -73,7 +73,7 @@ class Page:
             if pace.elapsed >= self._next_readings:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
                 self._readings.content = _readings(session, pace)
-                self._chart_place.content = self._chart.svg(session.worked)
+                self._chart_place.content = self._drawn(session)
         return True
 
     def _panel(self, session: Session) -> None:
@@ -83,8 +83,9 @@ class Page:
         )
         self._readings = gui.add_html(_readings(session, None))
         self._speed = gui.add_slider(
-            "Speed, m/s", min=-limits.max_backward, max=limits.max_forward, step=0.1, initial_value=session.wish.speed
-        )
+            "Speed, m/s", min=0.0 - limits.max_backward, max=limits.max_forward, step=0.1,
+            initial_value=session.wish.speed,
+        )  # fmt: skip
         self._turn = gui.add_slider(
             "Turn, rad/s", min=-limits.max_yaw_rate, max=limits.max_yaw_rate, step=0.05, initial_value=0.0,
             hint="To the left. The faster the robot, the less of it is commanded: what friction holds",
@@ -105,7 +106,10 @@ class Page:
         self._ghost = gui.add_checkbox("Reference motion", initial_value=True)
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
         self._chart = TorqueSpeed(motors_of(session.config))
-        self._chart_place = gui.add_html(self._chart.svg(session.worked))
+        self._chart_place = gui.add_html(self._drawn(session))
+
+    def _drawn(self, session: Session) -> str:
+        return f'<div style="padding:.4em .9em">{self._chart.svg(session.worked)}</div>'
 
     def _stand(self) -> None:
         self._speed.value = self._turn.value = 0.0
