@@ -9,6 +9,7 @@ from bp2_rl.cli.dispatch import dispatch
 COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
+    "play": "steer a policy's robot in real time, in a browser or a window",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "pendulum": "Huygens' pendulums: energy exchange, sections, torques, and what they say of gaits",
     "figures": "draw the paper's figures of robots and athletes, and check what it says of them",

@@ -16,10 +16,11 @@ import jax
 import numpy as np
 
 from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation.runs.driver import ActionFunction
 from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import HELD, best_window
 from bp2_rl.evaluation.runs.parallel import compute_here
-from bp2_rl.evaluation.runs.rollout import ActionFunction, rollout_mujoco
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policies import Verdict
 from bp2_rl.learning.policy import Policy, load_policy

@@ -52,6 +52,7 @@ def test_help_imports_nothing_slow():
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
         "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
         "trajopt solve --speed 0", "pendulum torque --length 0", "figures scaling --nope", "figures speed",
+        "play --port 0", "play --speed fast",
     ],
 )  # fmt: skip
 def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):

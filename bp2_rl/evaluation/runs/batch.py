@@ -17,8 +17,9 @@ from jaxtyping import Float
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
+from bp2_rl.evaluation.runs.driver import ActionFunction
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.rollout import ActionFunction, sampled_commands
+from bp2_rl.evaluation.runs.rollout import sampled_commands
 from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot import specs

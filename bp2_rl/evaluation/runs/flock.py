@@ -18,15 +18,10 @@ from jaxtyping import Bool, Float
 
 from bp2_rl.env.controller import Controller, ControllerState, motors_of
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
 from bp2_rl.evaluation.runs.machine import JUDGE, OUTSIDE, STATE, TRIALS, compiled_laws, mobility
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.rollout import (
-    ActionFunction,
-    control_step,
-    control_steps_behind,
-    foot_forces,
-    standing_start,
-)
+from bp2_rl.evaluation.runs.rollout import foot_forces, standing_start
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance

@@ -18,23 +18,21 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.controller import Controller, Targets, motors_of
-from bp2_rl.env.observations import add_noise, measure
-from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.driver import ActionFunction, Driver, control_step, control_steps_behind
 from bp2_rl.evaluation.runs.machine import JUDGE, Machine, Numerics
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.schedule import Schedule
-from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NQ, NU, NV, foot_geom_ids, load_model
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.settings.env import EnvConfig
 
 Array = Any  # numpy or jax array
-ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic
 Watch = Callable[[Machine, Float[np.ndarray, "12"]], bool]  # after a millisecond under this torque: whether to stop
 
 SETTLING_TIME = 4.0  # s of standing before the clock starts
@@ -74,31 +72,23 @@ def rollout_mujoco(
     body = standing_start(robot, world, machine)
     model, data = body.model, body.data
     numerics.apply(model)
-    behind = control_steps_behind(robot.hardware.losses.latency)
-    issued = [(np.array(specs.STAND_JOINTS), np.zeros(NU))] * len(behind)  # before the start
     commands = sampled_commands(schedule)
     recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
+    driver = Driver(policy, config, operator, latency=robot.hardware.losses.latency, command=commands[0])
 
-    with jax.default_device(jax.devices("cpu")[0]):
-        control = _compiled_control_step(policy, config, operator)
-        state, command = Controller(config).init(), commands[0].astype(np.float32)
-        for k, scheduled in enumerate(commands[1:]):
-            sensed = sensed_pose(data.qpos, world, gyro_bias, k * specs.CONTROL_STEP)
-            state, target, _, next_command = control(state, command, sensed, data.qvel, scheduled)
-            issued.append((np.asarray(target.position, np.float64), np.asarray(target.velocity, np.float64)))
-            for substep, late in enumerate(behind):
-                step = k * specs.SUBSTEPS + substep
-                position, velocity = issued[-1 - late]
-                world.push(data, step)
-                recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
-                recording.target[step], recording.command[step] = position, command
-                recording.torque[step] = body.millisecond(position, velocity, numerics)
-                recording.foot_force[step] = foot_forces(model, data)
-                fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
-                enough = watch is not None and watch(body, recording.torque[step])
-                if fell or enough or recording.qpos[step, 0] >= finish:
-                    return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
-            command = np.asarray(next_command)
+    for k, scheduled in enumerate(commands[1:]):
+        sensed = sensed_pose(data.qpos, world, gyro_bias, k * specs.CONTROL_STEP)
+        for substep, (position, velocity) in enumerate(driver.tick(sensed, data.qvel, scheduled)):
+            step = k * specs.SUBSTEPS + substep
+            world.push(data, step)
+            recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
+            recording.target[step], recording.command[step] = position, driver.command
+            recording.torque[step] = body.millisecond(position, velocity, numerics)
+            recording.foot_force[step] = foot_forces(model, data)
+            fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
+            enough = watch is not None and watch(body, recording.torque[step])
+            if fell or enough or recording.qpos[step, 0] >= finish:
+                return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
     return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
 
 
@@ -205,42 +195,6 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
             mujoco.mj_contactForce(model, data, i, wrench)
             forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
     return forces
-
-
-def control_steps_behind(latency: float) -> list[int]:
-    """How many control steps ago the target was issued that acts in each ms of a control step."""
-    longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
-    return [int(in_force(age, np.array(latency))) for age in ages(longest)]
-
-
-def control_step(
-    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, noise: RandomizationConfig | None = None
-) -> Callable[..., Any]:
-    """One tick of 200 Hz.
-
-    (controller state, command, qpos, qvel, scheduled command) -> (controller state, targets, reference, next command).
-    With sensor noise of these deviations two more arguments come last: a random key, and how much of the noise, 0 to 1.
-    """
-    controller = Controller(config)
-
-    def control(state, command, qpos, qvel, scheduled, key: Any = None, share: Any = None):
-        command, qpos, qvel, scheduled = (jnp.asarray(x, jnp.float32) for x in (command, qpos, qvel, scheduled))
-        measured = measure(qpos, qvel)
-        if noise is not None:
-            noisy = add_noise(measured, noise, key)
-            measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
-        action = policy(controller.observe(state, command, measured))
-        next_command = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
-        # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
-        return *controller.act(state, command, action), next_command
-
-    return control
-
-
-# One compilation serves all runs of a policy: a benchmark may need many.
-@functools.lru_cache(maxsize=8)
-def _compiled_control_step(policy: ActionFunction, config: EnvConfig, operator: HeadingHold) -> Callable[..., Any]:
-    return jax.jit(control_step(policy, config, operator))
 
 
 @functools.lru_cache(maxsize=8)

@@ -62,9 +62,7 @@ class World:
         """Shove the robot if it is to be shoved at the beginning of this ms."""
         for push in self.pushes:
             if round(push.time / specs.PHYSICS_STEP) == step:
-                yaw = yaw_of(data.qpos[3:7])
-                cos, sin = np.cos(yaw), np.sin(yaw)
-                data.qvel[:2] += (cos * push.forward - sin * push.left, sin * push.forward + cos * push.left)
+                shove(data, push.forward, push.left)
 
     def heights(self) -> Float[np.ndarray, "rows columns"]:
         """Heights of the rough ground, m: rows along y from the right, columns along x from behind."""
@@ -91,6 +89,13 @@ class World:
 
 
 LEVEL = World()
+
+
+def shove(data: mujoco.MjData, forward: float, left: float) -> None:
+    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading."""
+    yaw = yaw_of(data.qpos[3:7])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
 
 
 def sensed_pose(qpos: Float[np.ndarray, "23"], world: World, gyro_bias: float, time: float) -> Float[np.ndarray, "23"]:

@@ -1,0 +1,127 @@
+"""`bp2 play`: the robot under your hands, in a browser or a window."""
+
+import contextlib
+import dataclasses
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from bp2_rl.assets import asset_path
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.eval import DEFAULT_POLICY
+from bp2_rl.errors import UserError
+from bp2_rl.files import require_name
+from bp2_rl.robot.specs import RobotName
+
+if TYPE_CHECKING:
+    from bp2_rl.play.native import Window
+    from bp2_rl.play.session import Session
+    from bp2_rl.play.web import Page
+
+WEB = ("viser", "trimesh")  # packages that a page needs
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayConfig:
+    """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
+
+    In a window where there is a display, else in a browser. Ctrl-C ends it.
+    """
+
+    run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")] = None
+    """A training run's folder or a policy folder; by default the policy that ships with bp2_rl."""
+    web: bool = False
+    """In a browser, though there is a display."""
+    robot: RobotName | None = None
+    """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
+    is neither"""
+    host: str = "127.0.0.1"
+    """Address at which the page is served; 0.0.0.0: to other machines as well, to whoever finds it."""
+    port: Annotated[int, Within(1, 65535)] = 8080
+    """Likewise; the next free one where another program has it."""
+    speed: Annotated[float, Within(-100.0, 100.0)] = 0.0
+    """m/s that are commanded at first."""
+    seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float("inf")
+    """Ends by itself after so long."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be played."""
+        check_bounds(self, "--")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: play(app.parse(PlayConfig, argv, "bp2 play")))
+
+
+def play(config: PlayConfig) -> None:
+    """Play as configured. What can be wrong is looked at before the robot is set on its feet."""
+    path = config.run or asset_path(DEFAULT_POLICY)
+    require_name(path)
+    web = config.web or not has_display()
+    if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
+        raise UserError(f'bp2 play in a browser needs the package {missing}: pip install "bp2_rl[play]"')
+    # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
+    os.environ.pop("MUJOCO_GL", None)
+    # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
+    from bp2_rl.cli.runtime import prepare_jax  # isort: skip
+
+    import jax
+
+    from bp2_rl.env.observations import LAYOUT
+    from bp2_rl.evaluation.benchmarks.conditions import name_of, robot_of
+    from bp2_rl.evaluation.benchmarks.options import Setup
+    from bp2_rl.learning.policy import load_policy
+    from bp2_rl.play.pace import Pace, play_on
+    from bp2_rl.play.session import Session, Wish
+
+    jax.config.update("jax_platforms", "cpu")
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # a call for a few numbers is sooner done than handed on
+    sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
+    prepare_jax()
+    policy = load_policy(path, expected_layout=LAYOUT)
+    limits, robot = policy.card.env.commands, robot_of(policy, Setup(robot=config.robot))
+    least = 0.0 - limits.max_backward
+    if not least <= config.speed <= limits.max_forward:
+        raise UserError(
+            f"--speed must be from {least:g} to {limits.max_forward:g}, what this policy was trained "
+            f"for, got {config.speed:g}"
+        )
+    session = Session(policy, policy.card.env, hardware=robot)
+    session.wish = Wish(config.speed)
+    with _stage(config, session, web) as (stage, place):
+        print(f"{path} on the {name_of(robot)} robot: {place}; Ctrl-C ends it", flush=True)
+        pace = Pace()
+        with contextlib.suppress(KeyboardInterrupt):
+            play_on(session.tick, lambda: stage.show(session, pace), pace, seconds=config.seconds)
+        print(f"{pace} in {pace.elapsed:.1f} s", flush=True)
+
+
+@contextlib.contextmanager
+def _stage(config: PlayConfig, session: "Session", web: bool) -> "Iterator[tuple[Page | Window, str]]":
+    """Where it is played, and that in words."""
+    if web:
+        from bp2_rl.play.web import Page
+
+        page = Page(session, host=config.host, port=config.port)
+        with contextlib.closing(page):
+            yield page, f"open {page.url}"
+    else:
+        from bp2_rl.play.native import Window
+
+        window = Window(session)
+        with contextlib.closing(window):
+            yield window, "arrow keys change speed and turn"
+
+
+def has_display() -> bool:
+    """Whether a window can be opened; on macOS MuJoCo has one only for its own Python."""
+    if sys.platform == "darwin":
+        return False
+    return sys.platform == "win32" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,101 @@
+"""The session in MuJoCo's own window. Arrow keys change speed and turn; the mouse may pull at the robot."""
+
+import queue
+from collections.abc import Callable
+
+import glfw
+import mujoco
+import numpy as np
+
+from bp2_rl.errors import UserError
+from bp2_rl.play.pace import Pace
+from bp2_rl.play.session import Session, Wish
+from bp2_rl.robot.model import load_model
+
+FASTER, TIGHTER, SHOVE = 0.5, 0.1, 0.8  # m/s, rad/s and m/s that a key adds
+GHOST = (0.3, 0.6, 1.0, 0.25)  # red, green, blue, opacity
+KEYS = "up, down: speed\nleft, right: turn\nHome: stand\nEnter: push to the left\nBackspace: reset"
+
+
+class Window:
+    """A window onto the session.
+
+    Raises:
+        UserError: there is no display.
+    """
+
+    def __init__(self, session: Session):
+        if not glfw.init():  # else the viewer would wait for ever for a window that never opens
+            raise UserError("no window can be opened on this display; pass --web to play in a browser")
+        import mujoco.viewer
+
+        self._model = load_model(session.hardware)
+        self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
+        self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._data.qpos[:] = session.qpos
+        self._viewer = mujoco.viewer.launch_passive(
+            self._model, self._data, key_callback=self._keys.put, show_left_ui=False, show_right_ui=False
+        )
+        with self._viewer.lock():
+            camera, options = self._viewer.cam, self._viewer.opt
+            camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, self._model.body("trunk").id
+            camera.distance, camera.azimuth, camera.elevation = 2.8, 110.0, -12.0
+            options.flags[mujoco.mjtVisFlag.mjVIS_CONTACTFORCE] = True
+            options.flags[mujoco.mjtVisFlag.mjVIS_PERTFORCE] = True
+
+    def close(self) -> None:
+        """Shut it."""
+        self._viewer.close()
+
+    def show(self, session: Session, pace: Pace) -> bool:
+        """Do what keys and mouse asked for since the last time, and draw; False once it has been shut."""
+        if not self._viewer.is_running():
+            return False
+        while not self._keys.empty():
+            press(session, self._keys.get())
+        real, shown = session.machine.data, self._data
+        with self._viewer.lock():
+            real.xfrc_applied[:] = shown.xfrc_applied
+            shown.qpos[:], shown.qvel[:], shown.ctrl[:] = real.qpos, real.qvel, real.ctrl
+            mujoco.mj_forward(self._model, shown)
+            self._draw_ghost(session.reference())
+        told = session.command
+        words = f"speed\ntold\nturns\ntold\nfalls\ntime\n\n{KEYS}"
+        numbers = (
+            f"{session.speed:.2f} m/s\n{told[0]:.2f} m/s\n{session.turn:.2f} rad/s\n{told[2]:.2f} rad/s\n"
+            f"{session.falls}\n{pace}"
+        )
+        self._viewer.set_texts([(None, int(mujoco.mjtGridPos.mjGRID_TOPLEFT), words, numbers)])
+        self._viewer.sync()
+        return True
+
+    def _draw_ghost(self, qpos: np.ndarray) -> None:
+        """The reference motion, where the robot is."""
+        if (scene := self._viewer.user_scn) is None:  # it has just been shut
+            return
+        self._ghost.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._ghost)
+        scene.ngeom = 0
+        options, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
+        mujoco.mjv_addGeoms(self._model, self._ghost, options, perturb, int(mujoco.mjtCatBit.mjCAT_DYNAMIC), scene)
+        for geom in scene.geoms[: scene.ngeom]:
+            geom.rgba[:], geom.matid = GHOST, -1
+
+
+def press(session: Session, key: int) -> None:
+    """What a key of GLFW's does."""
+    wish, limits = session.wish, session.config.commands
+    changes: dict[int, Callable[[], None]] = {
+        glfw.KEY_ENTER: lambda: session.push(0.0, SHOVE),
+        glfw.KEY_BACKSPACE: session.reset,
+    }
+    wishes = {
+        glfw.KEY_UP: Wish(min(wish.speed + FASTER, limits.max_forward), wish.turn),
+        glfw.KEY_DOWN: Wish(max(wish.speed - FASTER, -limits.max_backward), wish.turn),
+        glfw.KEY_LEFT: Wish(wish.speed, min(wish.turn + TIGHTER, limits.max_yaw_rate)),
+        glfw.KEY_RIGHT: Wish(wish.speed, max(wish.turn - TIGHTER, -limits.max_yaw_rate)),
+        glfw.KEY_HOME: Wish(),
+    }
+    session.wish = wishes.get(key, wish)
+    if key in changes:
+        changes[key]()

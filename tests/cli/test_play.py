@@ -1,0 +1,57 @@
+"""`bp2 play` as a user meets it: what it refuses, and how it ends."""
+
+import importlib.util
+import os
+
+import pytest
+
+from bp2_rl.cli import play as command
+
+
+@pytest.fixture(autouse=True)
+def nowhere(monkeypatch):
+    """No display, and nothing of JAX's is changed."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
+    monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--port", "0"], "--port must be from 1 to 65535, got 0"),
+        (["--seconds", "-1"], "--seconds must be"),
+        (["--speed", "inf"], "--speed must be from -100 to 100"),
+        (["nowhere"], "no policy"),
+        (["--speed", "16"], "--speed must be from 0 to 15.5, what this policy was trained for, got 16"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(flags, said, capsys):
+    if importlib.util.find_spec("viser") is None:
+        pytest.skip('needs the package viser: pip install "bp2_rl[play]"')
+    assert command.main(flags) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith(f"error: {said}")
+    assert (out, err.count("\n")) == ("", 1)
+
+
+def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, capsys):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "viser" else found(name, *rest)
+    )
+    assert command.main([]) == 2
+    assert capsys.readouterr().err == (
+        'error: bp2 play in a browser needs the package viser: pip install "bp2_rl[play]"\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ("platform", "display", "there"),
+    [("linux", "", False), ("linux", ":0", True), ("win32", "", True), ("darwin", ":0", False)],
+)
+def test_a_window_needs_a_display(monkeypatch, platform, display, there):
+    monkeypatch.setattr("sys.platform", platform)
+    monkeypatch.setitem(os.environ, "DISPLAY", display)
+    assert command.has_display() is there

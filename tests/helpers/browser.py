@@ -1,0 +1,90 @@
+"""A headless Chromium by its DevTools protocol: open a page, look at it, click on it."""
+
+import base64
+import contextlib
+import io
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import time
+import urllib.request
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--no-first-run", "--disable-dev-shm-usage", "--mute-audio",
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--remote-debugging-port=0",
+)  # fmt: skip
+
+
+def find_browser() -> str | None:
+    """The path of one, if there is any."""
+    return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class Tab:
+    """A page in a browser."""
+
+    def __init__(self, socket: Any):
+        self._socket, self._numbers = socket, itertools.count(1)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=120))
+            if answer.get("id") == number:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+
+    def value(self, expression: str) -> Any:
+        """What a line of JavaScript says."""
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def wait(self, expression: str, seconds: float = 120.0) -> Any:
+        """What a line of JavaScript says as soon as it is true."""
+        end = time.monotonic() + seconds
+        while not (said := self.value(expression)):
+            assert time.monotonic() < end, f"{expression} is not so after {seconds:.0f} s"
+            time.sleep(0.2)
+        return said
+
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def screenshot(self) -> np.ndarray:
+        """What is to be seen: rows, columns, RGB."""
+        png = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+@contextlib.contextmanager
+def browsing(program: str, url: str, profile: Any, width: int = 900, height: int = 700):
+    """A tab that shows a page."""
+    from websockets.sync.client import connect
+
+    command = [program, *FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", url]
+    browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        assert browser.stderr is not None
+        said = (re.search(r"DevTools listening on ws://([^/]+)/", line) for line in browser.stderr)
+        host = next(filter(None, said))[1]
+        for _ in range(100):
+            with urllib.request.urlopen(f"http://{host}/json") as answer:
+                pages = [target for target in json.load(answer) if target["type"] == "page"]
+            if pages:
+                break
+            time.sleep(0.1)
+        with connect(pages[0]["webSocketDebuggerUrl"], max_size=None) as socket:
+            yield Tab(socket)
+    finally:
+        browser.terminate()
+        browser.wait(30)
+        if browser.stderr is not None:
+            browser.stderr.close()

@@ -1,0 +1,23 @@
+"""The shipped policy under somebody's hands: set on its feet once."""
+
+import pytest
+
+from bp2_rl.assets import asset_path
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.play.session import Session, Wish
+from bp2_rl.robot.specs import IDEAL
+
+
+@pytest.fixture(scope="session")
+def standing():
+    policy = load_policy(asset_path("policies/default"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bp2_rl.evaluation.runs.rollout.SETTLING_TIME", 0.5)  # s: it need not be quite still
+        return Session(policy, policy.card.env, hardware=IDEAL)
+
+
+@pytest.fixture
+def session(standing):
+    standing.wish, standing.friction, standing.falls = Wish(), IDEAL.friction, 0
+    standing.reset()
+    return standing

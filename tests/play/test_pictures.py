@@ -1,0 +1,74 @@
+"""What is drawn: the robot's bodies where C MuJoCo has them, and the chart of its motors."""
+
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.model import load_model
+from bp2_rl.robot.specs import BUILT, IDEAL, LEGS
+
+pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install "bp2_rl[play]"')
+
+from bp2_rl.play.chart import COLORS, HEIGHT, LEFT, RIGHT, WIDTH, TorqueSpeed
+from bp2_rl.play.looks import Looks
+
+
+@pytest.fixture(scope="module")
+def looks():
+    return Looks(BUILT)
+
+
+def test_bodies_that_hang_on_each_other_are_where_mujoco_has_them(looks):
+    rng = np.random.default_rng(0)
+    qpos = load_model(BUILT).key("stand").qpos + 0.3 * rng.normal(size=23)
+    qpos[3:7] /= np.linalg.norm(qpos[3:7])
+    model = load_model(BUILT, visual=False)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    places = {}
+    for path, position, wxyz in zip(looks.bodies, *looks.place(qpos), strict=True):
+        parent, _, name = path.rpartition("/")
+        origin, turn = places.get(parent, (np.array([*qpos[:2], 0.0]), Rotation.identity()))
+        places[path] = origin + turn.apply(position), turn * Rotation.from_quat(wxyz, scalar_first=True)
+        np.testing.assert_allclose(places[path][0], data.body(name).xpos, atol=1e-12)
+        np.testing.assert_allclose(places[path][1].as_matrix().ravel(), data.body(name).xmat, atol=1e-12)
+    assert len(places) == 1 + 4 * len(LEGS)
+
+
+def test_every_body_has_a_shape_of_the_robots_size(looks):
+    parts = looks.parts()
+    assert {part.body for part in parts} == set(range(1, 1 + len(looks.bodies)))
+    data = looks.data
+    data.qpos[:] = looks.model.key("stand").qpos
+    mujoco.mj_kinematics(looks.model, data)
+    corners = [part.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body] for part in parts]
+    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    assert low[2] == pytest.approx(0.0, abs=0.02)  # soles on the ground, springs unloaded
+    assert 0.6 < high[2] < 0.75
+    assert 0.84 < high[0] - low[0] < 1.1
+    assert 0.3 < high[1] - low[1] < 0.6
+
+
+def test_the_chart_has_every_motor_inside_its_envelope():
+    chart = TorqueSpeed(Actuator.from_hardware(IDEAL, stiffness=250.0, damping=3.0))
+    worked = np.zeros((250, 2, 12))
+    worked[-1, :, 1] = IDEAL.no_load_speed, 0.0  # FR's hip, at the end of the envelope's line
+    root = ElementTree.fromstring(chart.svg(worked))
+    groups = root.findall(".//{*}g/{*}path")
+    assert [path.get("stroke") for path in groups] == list(COLORS.values())
+    dots = {path.get("stroke"): path.get("d").split("M")[1:] for path in groups}
+    assert all(len(marks) == 250 // 5 * 4 for marks in dots.values())
+    outline = root.find("{*}path")
+    assert outline is not None
+    edge = [tuple(map(float, point.split())) for point in outline.get("d").strip("MZ").split(" L")]
+    x, y = map(float, dots[COLORS["hip"]][0].removesuffix("h0").split())
+    middle = LEFT + (WIDTH - LEFT - RIGHT) / 2
+    assert x - middle == pytest.approx((WIDTH - LEFT - RIGHT) / 2 / 1.4, abs=0.1)
+    assert 0 < y < HEIGHT
+    upper = [b for a, b in edge[: len(edge) // 2] if abs(a - x) < 2.0]
+    assert min(abs(b - y) for b in upper) < 4.0  # px: no driving torque is left there
