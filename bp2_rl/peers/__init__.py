@@ -14,6 +14,7 @@ def register_gymnasium() -> None:
             gymnasium.register(
                 identity,
                 entry_point="bp2_rl.peers.gymnasium_env:BP2GymEnv",
+                vector_entry_point="bp2_rl.peers.gymnasium_vector:BP2VectorEnv",
                 max_episode_steps=EPISODE,
                 kwargs={"name": name},
             )
