@@ -1,5 +1,6 @@
 """BP2 among other projects' environments. Nothing here is imported unless its package asks for it."""
 
+import sys
 from typing import Any
 
 from bp2_rl.errors import UserError
@@ -12,7 +13,7 @@ EPISODE = 1000  # control steps, 5 s
 
 
 def register_gymnasium() -> None:
-    """Register `bp2_rl/BP2-v0` and the others with Gymnasium, which calls this as it is imported."""
+    """Register `bp2_rl/BP2-v0` and the others with Gymnasium; twice does no harm."""
     import gymnasium
 
     for name, ours in GYMNASIUM.items():
@@ -39,3 +40,7 @@ def register_playground() -> None:
         make: Any  # no class, but like Playground's own it is only called
         make, config = maker_of(name)
         locomotion.register_environment(theirs, make, config)
+
+
+if "gymnasium" in sys.modules:  # so that `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")` finds it, in any process
+    register_gymnasium()

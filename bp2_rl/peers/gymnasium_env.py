@@ -1,4 +1,4 @@
-"""BP2 as a Gymnasium environment on C MuJoCo: `gymnasium.make("bp2_rl/BP2-v0")`.
+"""BP2 as a Gymnasium environment on C MuJoCo: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
 
 The MDP is `BP2Env`'s: observation, action, reward, randomisation and falls. What the critic sees
 beyond the policy's observation is in `info["privileged_state"]`.

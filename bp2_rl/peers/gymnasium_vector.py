@@ -1,4 +1,4 @@
-"""Many BP2s in one Gymnasium environment: `gymnasium.make_vec("bp2_rl/BP2-v0", num_envs=8)`.
+"""Many BP2s in one Gymnasium environment: `gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=8)`.
 
 All robots are one batch: a single compiled program, and C MuJoCo on all processors. Each robot runs as the single
 environment with its seed does.

@@ -1,5 +1,7 @@
 """BP2 in Gymnasium: registered, checked by Gymnasium itself, and the same MDP as BP2Env's."""
 
+import subprocess
+import sys
 from typing import Any
 
 import gymnasium
@@ -20,13 +22,19 @@ def registered():
 
 @pytest.fixture(scope="module")
 def env():
-    with gymnasium.make("bp2_rl/BP2-v0") as env:
+    with gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0") as env:
         yield env
 
 
 def test_every_named_environment_is_registered():
     for name in GYMNASIUM.values():
         assert f"bp2_rl/{name}" in gymnasium.registry
+
+
+def test_the_module_before_the_name_registers_it_as_it_is_imported():
+    program = "import gymnasium, bp2_rl.peers; print(gymnasium.spec('bp2_rl/BP2-v0').vector_entry_point)"
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert shown.stdout == "bp2_rl.peers.gymnasium_vector:BP2VectorEnv\n"
 
 
 # An action is in units of `control.action_scale`, as in training; Gymnasium would rather have it in [-1, 1].
@@ -58,7 +66,7 @@ LIMIT = 3  # control steps of an episode
 
 @pytest.fixture(scope="module")
 def robots():
-    return gymnasium.make_vec("bp2_rl/BP2-v0", num_envs=2, max_episode_steps=LIMIT)
+    return gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=2, max_episode_steps=LIMIT)
 
 
 def test_robots_side_by_side_run_as_each_does_alone(env, robots):
