@@ -53,6 +53,15 @@ def from_json(cls: type[Config], data: Any) -> Config:
     return _decode(cls, data, "")
 
 
+def flatten(data: Any, path: str = "") -> dict[str, Any]:
+    """The values of a JSON object by their dotted names."""
+    if not isinstance(data, dict):
+        return {path: data}
+    return {
+        name: value for key, inner in data.items() for name, value in flatten(inner, f"{path}.{key}".strip(".")).items()
+    }
+
+
 def config_hash(config: Any) -> str:
     """Twelve hex digits that are equal for equal configs, on every machine and in every process."""
     return _sha256(to_json(config))[:12]

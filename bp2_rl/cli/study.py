@@ -14,6 +14,7 @@ from bp2_rl.config import save_config
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.files import require_name, write_text
 from bp2_rl.robot.specs import RobotName
+from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.study.plan import VARIANTS, Plan, default_steps
 
@@ -22,7 +23,8 @@ from bp2_rl.study.plan import VARIANTS, Plan, default_steps
 class Arguments:
     """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
 
-    One training on each GPU at a time. Stopped, it goes on where it stands when called again.
+    One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
+    again. The table grows as trainings end.
     """
 
     variants: tuple[str, ...] = tuple(VARIANTS)
@@ -38,6 +40,7 @@ class Arguments:
     """the study's folder"""
     judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
     """processes that judge policies while others train"""
+    jobs: JobsConfig = JobsConfig()
     train: bool = True
     """--no-train: only summarise what is there"""
 
@@ -53,26 +56,38 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _study(arguments: Arguments) -> None:
     require_name(arguments.out)
+    arguments.jobs.require()
     steps = arguments.steps or default_steps(arguments.preset)
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot)
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.plotting import save_figure
     from bp2_rl.study.figure import learning_curves
-    from bp2_rl.study.outcome import outcome, table
+    from bp2_rl.study.outcome import Outcome, outcome, table
     from bp2_rl.study.training import run, visible_gpus
+
+    def tabulate() -> list[Outcome]:
+        found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
+        outcomes = [one for one in found if one is not None]
+        for one in outcomes:
+            save_config(arguments.out / f"{one.variant}.json", one)
+        if outcomes:
+            write_text(arguments.out / "table.md", table(outcomes))
+        return outcomes
 
     missing = []
     if arguments.train:
         gpus = visible_gpus()
-        print(f"{sum(map(len, plan.chains))} trainings on {len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}")
-        missing = run(plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print)
-    found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
-    outcomes = [one for one in found if one is not None]
+        where = f"{len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}"
+        if arguments.jobs.executor != "here":
+            where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
+        print(f"{sum(map(len, plan.chains))} trainings on {where}")
+        missing = run(
+            plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print, jobs=arguments.jobs,
+            judged=lambda _: tabulate(),
+        )  # fmt: skip
+    outcomes = tabulate()
     if outcomes:
-        for one in outcomes:
-            save_config(arguments.out / f"{one.variant}.json", one)
-        write_text(arguments.out / "table.md", table(outcomes))
         save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")
         print(table(outcomes))
         print(f"learning curves: {arguments.out / 'learning_curves.png'}")

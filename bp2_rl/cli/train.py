@@ -20,6 +20,7 @@ from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.tracking import Tracker, choose_tracker
 from bp2_rl.settings.training import (
     Preset,
     RunConfig,
@@ -43,6 +44,8 @@ class Launch:
 
     deterministic: bool = False
     """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
+    track: Tracker | None = None
+    """send the metrics to this tracker, too; a resumed run goes on with the one that it has"""
     cluster: ClusterConfig = ClusterConfig()
 
 
@@ -92,6 +95,7 @@ def _refuse_early(argv: list[str]) -> None:
     arguments = refuse_early(argv, "train.py", Arguments, _arguments)
     if arguments is not None:
         _require_runs(argv, arguments)
+        choose_tracker(arguments.launch.track, arguments.resume)
 
 
 def refuse_early(
@@ -140,13 +144,14 @@ def _train(argv: list[str]) -> None:
         cluster.join(launch.cluster)
     with cluster.together():
         arguments = _parse(argv)
+        tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
             print(run.replay(arguments.replay))
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume), _judge(load_run_config(arguments.resume)) as judge:
-            run.resume(arguments.resume, judge=judge)
+            run.resume(arguments.resume, judge=judge, tracker=tracker)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -161,7 +166,7 @@ def _train(argv: list[str]) -> None:
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out), _judge(config) as judge:
-        run.start(config, out, parent=arguments.parent, judge=judge)
+        run.start(config, out, parent=arguments.parent, judge=judge, tracker=tracker)
     say(f"see it run: python eval.py {out}")
 
 
@@ -197,7 +202,7 @@ class Named(NamedTuple):
 def _require_runs(argv: list[str], arguments: Arguments) -> None:
     """Look at the runs that are named: they must be there, and a run that goes on has its own settings."""
     for flag in ("--resume", "--replay"):
-        allowed = (flag, "--cluster.", "--deterministic")
+        allowed = (flag, "--cluster.", "--deterministic", "--track")
         others = [other for other in argv if other.startswith("--") and not other.startswith(allowed)]
         if vars(arguments)[flag[2:]] is not None and others:
             raise UserError(f"{flag} takes the run's own settings: leave out {others[0].split('=')[0]}")

@@ -33,6 +33,7 @@ from bp2_rl.learning.policies import POLICIES, POLICY, Judge, Policies
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
+from bp2_rl.learning.writers import LogWriter
 from bp2_rl.robot import specs
 from bp2_rl.settings.training import CONFIG, TrainConfig
 
@@ -46,6 +47,7 @@ def train(
     unlogged: Unlogged | None = None,
     unexported: Sequence[int] = (),
     judge: Judge | None = None,
+    writers: Sequence[LogWriter] = (),
 ) -> Path:
     """Train from `state` to the run's end, or until a policy is as fast as the run is to become; the run's folder.
 
@@ -57,6 +59,7 @@ def train(
         unlogged: what `Log.open` gave to the checkpoint that `state` is from.
         unexported: the checkpoints that `find_unexported` found; they are exported first.
         judge: of the policies; of a cluster's processes only the first has one.
+        writers: of the metrics, beside the run's own files; likewise.
 
     Raises:
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
@@ -67,7 +70,7 @@ def train(
     title = f"{config.stage} on {devices}"
     monitor = Mute()
     if cluster.is_first():
-        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title)
+        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title, writers=writers)
     with monitor, _stopping_in_one_line(monitor, run_dir, total):
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")

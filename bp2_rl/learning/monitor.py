@@ -1,4 +1,4 @@
-"""What a run tells its watcher: a progress line, metrics.jsonl, TensorBoard scalars and log.txt.
+"""What a run tells its watcher: a progress line, log.txt, and its metrics to whoever writes them down.
 
 The only place of the learner with side effects besides the checkpoint; nothing here feeds back into training.
 """
@@ -6,11 +6,9 @@ The only place of the learner with side effects besides the checkpoint; nothing 
 import collections
 import contextlib
 import datetime
-import itertools
-import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,14 +17,10 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
-from tensorboardX.event_file_writer import EventsWriter
-from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
-from tensorboardX.summary import scalar
 
 from bp2_rl.errors import UserError
-from bp2_rl.files import BadFileError, flush, parse_json, write_bytes
+from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
 
-METRICS = "metrics.jsonl"
 LOG = "log.txt"
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
@@ -62,6 +56,7 @@ class Monitor:
         start_step: where it starts. On resume, metrics logged past it are of work that was lost: they are dropped.
             Lines that cannot be read are moved to a file of their own, which log.txt names.
         title: stands before the progress bar.
+        writers: further ones of the metrics, beside metrics.jsonl and TensorBoard's events; closed with the monitor.
         console: where to show it; standard output by default.
         clock: seconds, for the throughput.
 
@@ -76,6 +71,7 @@ class Monitor:
         *,
         start_step: int = 0,
         title: str = "training",
+        writers: Sequence[LogWriter] = (),
         console: Console | None = None,
         clock: Callable[[], float] = time.monotonic,
     ):
@@ -89,15 +85,14 @@ class Monitor:
         run_dir = Path(run_dir)
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
-            damaged = _truncate(run_dir / METRICS, start_step)
-            self._metrics_file = (run_dir / METRICS).open("a", encoding="utf-8")
+            lines = MetricsFile(run_dir, start_step)
             self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
-            self._tensorboard = _open_tensorboard(run_dir, start_step)
+            self._writers: list[LogWriter] = [lines, EventsFile(run_dir, start_step), *writers]
         except OSError as error:
             raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
         self._live = Live(self, console=self._console, refresh_per_second=4) if self._console.is_terminal else None
-        if damaged:
-            self.note(f"warning: {METRICS} held lines that cannot be read, now in {damaged}")
+        if lines.damaged:
+            self.note(f"warning: {METRICS} held lines that cannot be read, now in {lines.damaged}")
 
     def __enter__(self) -> "Monitor":
         """Show the progress line."""
@@ -112,7 +107,7 @@ class Monitor:
         self.release_terminal()
         if not self._live and (self._step, self._remark) != (self._shown, self._said):
             self._print_plain()
-        for file in (self._tensorboard, self._metrics_file, self._log_file):
+        for file in (*self._writers, self._log_file):
             # Everything was flushed when it was written; where that failed, so would this.
             with contextlib.suppress(OSError):
                 file.close()
@@ -123,7 +118,7 @@ class Monitor:
             self._live.stop()
 
     def log(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record the metrics of `step`, as one line of metrics.jsonl (non-finite ones as null) and in TensorBoard.
+        """Record the metrics of `step`, by all writers.
 
         On return they are on disk. Raises `OSError` where that is full or gone.
         """
@@ -140,14 +135,13 @@ class Monitor:
     def add(self, step: int, metrics: Mapping[str, float]) -> None:
         """Record what became known later of a step that the run may have left behind, as `log` does; show nothing."""
         values = {name: float(value) for name, value in metrics.items()}
-        record = {name: value if math.isfinite(value) else None for name, value in values.items()}
-        line = {"step": step, "wall_time": round(time.time(), 3), **record}
-        self._metrics_file.write(json.dumps(line, allow_nan=False) + "\n")
-        flush(self._metrics_file)
-        summaries = [scalar(name, value) for name, value in record.items() if value is not None]
-        for summary in summaries:
-            self._tensorboard.write_event(Event(step=step, wall_time=line["wall_time"], summary=summary))
-        self._tensorboard.flush()
+        now = round(time.time(), 3)
+        for writer in list(self._writers):
+            try:
+                writer.write(step, now, values)
+            except TrackerError as lost:
+                self._writers.remove(writer)
+                self.note(f"warning: {lost}")
 
     def show(self, remark: str) -> None:
         """Let a remark stand below the progress line from now on, in the place of the one before."""
@@ -277,49 +271,3 @@ def duration(seconds: float) -> str:
     if hours >= 48:
         return f"{hours // 24}d {hours % 24}h"
     return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute}:{second:02}"
-
-
-def _open_tensorboard(run_dir: Path, start_step: int) -> EventsWriter:
-    """A new events file; TensorBoard hides what earlier ones hold past `start_step`.
-
-    Not by `SummaryWriter`: it writes in a thread that a full disk ends with a traceback, and then waits for it.
-    """
-    writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
-    if start_step:
-        writer.write_event(Event(step=start_step + 1, file_version="brain.Event:2"))
-        writer.write_event(Event(step=start_step + 1, session_log=SessionLog(status=SessionLog.START)))
-    return writer
-
-
-def _truncate(path: Path, last_step: int) -> Path | None:
-    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read.
-
-    The end of a file without a line break is what a kill has left of a line: it is dropped.
-    """
-    if not path.exists():
-        return None
-    kept, damaged = [], []
-    *lines, _ = path.read_bytes().split(b"\n")
-    for line in lines:
-        step = _step_of(line)
-        if step is None:
-            damaged.append(line)
-        elif step <= last_step:
-            kept.append(line)
-    aside = None
-    if damaged:
-        names = (path.with_name(f"{path.stem}.damaged-{n}{path.suffix}") for n in itertools.count(1))
-        aside = next(name for name in names if not name.exists())
-        write_bytes(aside, b"".join(line + b"\n" for line in damaged))
-    write_bytes(path, b"".join(line + b"\n" for line in kept))
-    return aside
-
-
-def _step_of(line: bytes) -> int | None:
-    """The step of a line of metrics; None if it cannot be read."""
-    try:
-        record = parse_json(line, METRICS)
-    except BadFileError:
-        return None
-    step = record.get("step") if isinstance(record, dict) else None
-    return step if type(step) is int else None

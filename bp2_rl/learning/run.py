@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.config import ConfigError, config_hash, from_json, save_config, to_json
+from bp2_rl.config import ConfigError, config_hash, flatten, from_json, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
@@ -30,24 +30,34 @@ from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.loop import train_steps
 from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.trackers import open_tracker
+from bp2_rl.learning.writers import LogWriter
 from bp2_rl.settings.env import upgrade
+from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
 """Fields of `PPOConfig` that a run shares with its parent."""
 
 
-def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None, judge: Judge | None = None) -> Path:
+def start(
+    config: TrainConfig,
+    run_dir: Path,
+    *,
+    parent: Path | None = None,
+    judge: Judge | None = None,
+    tracker: Tracker | None = None,
+) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
 
-    `judge` is he of its policies, if they are judged.
+    `judge` is he of its policies, if they are judged; `tracker` follows it.
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
 
     Raises:
         UserError: the folder is not empty, not writable or another process's, or the parent's networks or actions
-            differ.
+            differ; or the tracker does not work.
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
     run_dir = Path(run_dir)
@@ -58,25 +68,28 @@ def start(config: TrainConfig, run_dir: Path, *, parent: Path | None = None, jud
             inherited, origin = _inherit(Path(parent), config, learner.shape())
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
+    writers: list[LogWriter] = []
     with contextlib.ExitStack() as held:
         with cluster.together():
             if cluster.is_first():
                 _claim(run_dir)
                 held.enter_context(_alone(run_dir))
                 _require_empty(run_dir)  # another process may have been faster
+                writers = open_tracker(tracker, run_dir, config)
                 save_config(run_dir / CONFIG, config)
         state = learner.init(config.run.seed)
         if inherited is not None:
             state = _adopt(state, inherited)
         save_checkpoint(run_dir, 0, state, config=to_json(config))
-        return loop.train(learner, state, config, run_dir, judge=judge)
+        return loop.train(learner, state, config, run_dir, judge=judge, writers=writers)
 
 
-def resume(run_dir: Path, *, judge: Judge | None = None) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands; `judge` as `start`.
+def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None) -> Path:
+    """Go on with a stopped run exactly where its newest checkpoint stands; `judge` and `tracker` as `start`.
 
     Raises:
-        UserError: there is no run or no checkpoint, it does not fit this program, or another process trains it.
+        UserError: there is no run or no checkpoint, it does not fit this program, another process trains it, or
+            the tracker does not work.
         RunStopped: as `start`.
     """
     run_dir = Path(run_dir)
@@ -94,8 +107,11 @@ def resume(run_dir: Path, *, judge: Judge | None = None) -> Path:
             learner = make_learner(config)
             _, state = restore_checkpoint(run_dir, learner.shape(), step)
             unexported = loop.find_unexported(run_dir, config)
+            writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
         cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
-        return loop.train(learner, state, config, run_dir, unlogged=unlogged, unexported=unexported, judge=judge)
+        return loop.train(
+            learner, state, config, run_dir, unlogged=unlogged, unexported=unexported, judge=judge, writers=writers
+        )
 
 
 def replay(run_dir: Path) -> str:
@@ -193,10 +209,10 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:
-        there = _fields(to_json(from_json(TrainConfig, upgrade(metadata.config))))
+        there = flatten(to_json(from_json(TrainConfig, upgrade(metadata.config))))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
-    here = _fields(to_json(config))
+    here = flatten(to_json(config))
     for name in [*here, *there]:
         if there.get(name) != here.get(name):
             raise CheckpointError(
@@ -204,12 +220,3 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
                 f"{here.get(name, 'absent')} in {CONFIG}"
             )
     return metadata
-
-
-def _fields(data: Any, path: str = "") -> dict[str, Any]:
-    """The values of a JSON object by their dotted names."""
-    if not isinstance(data, dict):
-        return {path: data}
-    return {
-        name: value for key, inner in data.items() for name, value in _fields(inner, f"{path}.{key}".strip(".")).items()
-    }

@@ -1,12 +1,19 @@
 """BP2 among other projects' environments. Nothing here is imported unless its package asks for it."""
 
+import sys
+from typing import Any
+
+from bp2_rl.errors import UserError
+
 GYMNASIUM = {"bp2": "BP2-v0", "bp2_ideal": "BP2Ideal-v0", "bp2_kinematic": "BP2Kinematic-v0"}
 """What each named environment is called in Gymnasium, after `bp2_rl/`."""
+PLAYGROUND = {"bp2": "BP2", "bp2_ideal": "BP2Ideal", "bp2_kinematic": "BP2Kinematic"}
+"""The same for MuJoCo Playground."""
 EPISODE = 1000  # control steps, 5 s
 
 
 def register_gymnasium() -> None:
-    """Register `bp2_rl/BP2-v0` and the others with Gymnasium, which calls this as it is imported."""
+    """Register `bp2_rl/BP2-v0` and the others with Gymnasium; twice does no harm."""
     import gymnasium
 
     for name, ours in GYMNASIUM.items():
@@ -14,6 +21,26 @@ def register_gymnasium() -> None:
             gymnasium.register(
                 identity,
                 entry_point="bp2_rl.peers.gymnasium_env:BP2GymEnv",
+                vector_entry_point="bp2_rl.peers.gymnasium_vector:BP2VectorEnv",
                 max_episode_steps=EPISODE,
                 kwargs={"name": name},
             )
+
+
+def register_playground() -> None:
+    """Register `BP2` and the others with MuJoCo Playground's locomotion suite; raises `UserError` where it is not."""
+    try:
+        from mujoco_playground import locomotion  # pyright: ignore[reportMissingImports]
+    except ImportError as missing:
+        install = 'pip install -c constraints.txt -e ".[playground]"'
+        raise UserError(f"MuJoCo Playground is not installed: {install}") from missing
+    from bp2_rl.peers.playground_env import maker_of
+
+    for name, theirs in PLAYGROUND.items():
+        make: Any  # no class, but like Playground's own it is only called
+        make, config = maker_of(name)
+        locomotion.register_environment(theirs, make, config)
+
+
+if "gymnasium" in sys.modules:  # so that `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")` finds it, in any process
+    register_gymnasium()

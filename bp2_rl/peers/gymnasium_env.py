@@ -1,4 +1,4 @@
-"""BP2 as a Gymnasium environment on C MuJoCo: `gymnasium.make("bp2_rl/BP2-v0")`.
+"""BP2 as a Gymnasium environment on C MuJoCo: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
 
 The MDP is `BP2Env`'s: observation, action, reward, randomisation and falls. What the critic sees
 beyond the policy's observation is in `info["privileged_state"]`.
@@ -19,13 +19,18 @@ LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.
 POLICY, CRITIC = "state", "privileged_state"
 
 
-def _spaces(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
+def spaces_of(env: BP2Env) -> tuple[spaces.Box, spaces.Box]:
     """(Of an observation, of an action)."""
     seen, most = env.observation_size[POLICY], env.config.control.action_limit
     return (
         spaces.Box(-LARGEST_OBSERVATION, LARGEST_OBSERVATION, (seen,), np.float32),
         spaces.Box(-most, most, (env.action_size,), np.float32),
     )
+
+
+def draw_key(draws: np.random.Generator) -> int:
+    """What JAX's random numbers of an episode begin with."""
+    return int(draws.integers(2**31))
 
 
 class BP2GymEnv(Env[np.ndarray, np.ndarray]):
@@ -41,7 +46,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
 
     def __init__(self, name: str = "bp2", config: EnvConfig | None = None, impl: Impl = "c"):
         self.env = maker_of(name)(config, impl=impl)
-        self.observation_space, self.action_space = _spaces(self.env)
+        self.observation_space, self.action_space = spaces_of(self.env)
         self.render_mode = None
         self._reset, self._step = jax.jit(self.env.reset), jax.jit(self.env.step)
         self._state: Any = None
@@ -52,7 +57,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         """A new robot; its curriculum starts at the beginning."""
         super().reset(seed=seed)
         del options
-        self._state = self._reset(jax.random.PRNGKey(int(self.np_random.integers(2**31))))
+        self._state = self._reset(jax.random.PRNGKey(draw_key(self.np_random)))
         return np.array(self._state.obs[POLICY]), self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -46,6 +46,7 @@ COMMANDS = {
     "train": ("bp2_rl.cli.train", ["--preset", "smoke"]),
     "eval": ("bp2_rl.cli.eval", []),
     "study": ("bp2_rl.cli.study", []),
+    "tune": ("bp2_rl.cli.tune", []),
     "bench": ("bp2_rl.cli.bench", ["--preset", "smoke"]),
     "export": ("bp2_rl.cli.export", []),
     **{
@@ -77,6 +78,7 @@ WORK = (
     "bp2_rl.learning.run.replay",
     "bp2_rl.evaluation.report.folder.open_folder",
     "bp2_rl.study.training.run",
+    "bp2_rl.study.tuning.run",
     "bp2_rl.cli.bench.measuring._open",
     "bp2_rl.cli.trajopt.output.spinner",
     "bp2_rl.cli.trajopt.output.progress",

@@ -1,11 +1,19 @@
+import ast
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import pytest
 
 import bp2_rl
 from bp2_rl.cli.__main__ import COMMANDS, main
+
+PLUGS = ("gymnasium", "mlflow", "mujoco_playground", "optuna", "submitit", "wandb")
+"""Packages of others, which only those who ask for them wait for."""
+PLUG_MODULES = tuple(f"bp2_rl.{name}" for name in (
+    "bench.gymnasium_rate", "peers.gymnasium_env", "peers.gymnasium_vector", "peers.playground_env"
+))  # fmt: skip
 
 
 def test_a_command_gets_the_rest_of_the_line_and_its_status_is_ours(monkeypatch: pytest.MonkeyPatch):
@@ -39,7 +47,7 @@ def test_an_unknown_command_is_one_line_and_status_2(capsys: pytest.CaptureFixtu
 def test_help_imports_nothing_slow():
     program = (
         "import sys; from bp2_rl.cli.__main__ import main; status = main(['--help']); "
-        "assert not {'jax', 'numpy', 'mujoco', 'tyro'} & set(sys.modules); sys.exit(status)"
+        f"assert not {{'jax', 'numpy', 'mujoco', 'tyro', *{PLUGS}}} & set(sys.modules); sys.exit(status)"
     )
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert all(name in shown.stdout for name in COMMANDS)
@@ -48,6 +56,7 @@ def test_help_imports_nothing_slow():
 @pytest.mark.parametrize(
     "words",
     [
+        "train --track neptune",
         "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
         "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
@@ -62,6 +71,18 @@ def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (2, "[]\n"), ended.stderr
+
+
+def test_no_package_of_others_is_imported_unless_it_is_asked_for():
+    """Only where it is used: within a function, or in a module that only such functions import."""
+    root, found = Path(bp2_rl.__file__).parent, set()
+    for path in root.rglob("*.py"):
+        for statement in ast.parse(path.read_text()).body:
+            names = [alias.name for alias in statement.names] if isinstance(statement, ast.Import) else []
+            names += [statement.module or ""] if isinstance(statement, ast.ImportFrom) else []
+            plugs = {name for name in names if name.split(".")[0] in PLUGS or name in PLUG_MODULES}
+            found |= {(".".join(("bp2_rl", *path.relative_to(root).with_suffix("").parts)), name) for name in plugs}
+    assert {module for module, _ in found} <= set(PLUG_MODULES), found
 
 
 def test_the_package_runs_as_a_module():

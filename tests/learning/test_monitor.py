@@ -3,6 +3,7 @@ import json
 import math
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -187,8 +188,9 @@ def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(tmp_path:
 
     def log() -> None:
         with Monitor(tmp_path, 10, console=pipe()) as monitor:
-            monitor._metrics_file.close()
-            monkeypatch.setattr(monitor, "_metrics_file", Full())
+            lines: Any = monitor._writers[0]
+            lines.close()
+            monkeypatch.setattr(lines, "_file", Full())
             monitor.log(1, HEADLINES)
 
     with pytest.raises(OSError, match="No space left") as error:

@@ -19,6 +19,7 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
+from bp2_rl.settings.tracking import tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
 
 CLOCKS = ("wall_time", "steps_per_second")
@@ -105,6 +106,21 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
     assert metrics(stopped) == metrics(run)
     # What has been restored runs the program that the first run compiled.
     assert training.make_learner(tiny()).train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_tracker_follows_a_run_over_its_stops(run, tmp_path, monkeypatch):
+    mlflow = pytest.importorskip("mlflow", reason="MLflow is not installed (the extra `track`)")
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    stopped = tmp_path / "stopped"
+    shutil.copytree(run, stopped)
+    for _ in range(2):
+        shutil.rmtree(stopped / "checkpoints" / "4")
+        training.resume(stopped, tracker="mlflow")
+    followed = tracked(stopped)
+    assert followed is not None
+    points = mlflow.MlflowClient(followed.place).get_metric_history(followed.run_id, "reward")
+    lines = {line["step"]: line["reward"] for line in metrics(run)}
+    assert [(point.step, point.value) for point in points] == [(step, lines[step]) for step in (192, 256)]
 
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):

@@ -1,11 +1,16 @@
 """BP2 in Gymnasium: registered, checked by Gymnasium itself, and the same MDP as BP2Env's."""
 
+import subprocess
+import sys
+from typing import Any
+
 import gymnasium
 import jax
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from bp2_rl.errors import UserError
 from bp2_rl.peers import GYMNASIUM, register_gymnasium
 
 
@@ -17,13 +22,19 @@ def registered():
 
 @pytest.fixture(scope="module")
 def env():
-    with gymnasium.make("bp2_rl/BP2-v0") as env:
+    with gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0") as env:
         yield env
 
 
 def test_every_named_environment_is_registered():
     for name in GYMNASIUM.values():
         assert f"bp2_rl/{name}" in gymnasium.registry
+
+
+def test_the_module_before_the_name_registers_it_as_it_is_imported():
+    program = "import gymnasium, bp2_rl.peers; print(gymnasium.spec('bp2_rl/BP2-v0').vector_entry_point)"
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert shown.stdout == "bp2_rl.peers.gymnasium_vector:BP2VectorEnv\n"
 
 
 # An action is in units of `control.action_scale`, as in training; Gymnasium would rather have it in [-1, 1].
@@ -46,3 +57,56 @@ def test_it_is_bp2_env(env):
     assert reward == float(state.reward) != 0.0
     assert (terminated, truncated) == (False, False)
     assert info["speed"] == float(state.metrics["speed"])
+
+
+# --- Many robots ---------------------------------------------------------------------------------------------
+
+LIMIT = 3  # control steps of an episode
+
+
+@pytest.fixture(scope="module")
+def robots():
+    return gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=2, max_episode_steps=LIMIT)
+
+
+def test_robots_side_by_side_run_as_each_does_alone(env, robots):
+    """Over two ends of the episodes, of which a fall, provoked by an action that is no number, is one."""
+    assert robots.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
+    actions = np.random.default_rng(0).normal(0.0, 0.3, (2 * LIMIT + 2, 2, 12)).astype(np.float32)
+    actions[1, 0] = np.nan
+    seen, info = robots.reset(seed=5)
+    told = [robots.step(action) for action in actions]
+    for robot in range(2):
+        single = env.unwrapped
+        observation, told_alone = single.reset(seed=5 + robot)
+        # Another program of the same arithmetic: float32 may round otherwise, and contacts multiply that.
+        close: Any = {"rtol": 1e-3, "atol": 1e-3}
+        np.testing.assert_allclose(seen[robot], observation, **close)
+        np.testing.assert_allclose(info["privileged_state"][robot], told_alone["privileged_state"], **close)
+        age, over = 0, False
+        for action, (seen_now, rewards, terminated, truncated, info_now) in zip(actions, told, strict=True):
+            if over:
+                (observation, told_alone), reward, fell, age, over = single.reset(), 0.0, False, 0, False
+            else:
+                observation, reward, fell, _, told_alone = single.step(action[robot])
+                age += 1
+                over = fell or age >= LIMIT
+            np.testing.assert_allclose(seen_now[robot], observation, **close)
+            np.testing.assert_allclose(rewards[robot], reward, **close)
+            assert (terminated[robot], truncated[robot]) == (fell, age >= LIMIT)
+            assert info_now["speed"][robot] == pytest.approx(told_alone["speed"], abs=1e-3)
+            assert info_now["_speed"].all()
+    assert [step[2][0] for step in told].index(True) == 1  # the fall
+
+
+def test_what_a_vector_environment_gives_is_in_its_spaces(robots):
+    seen, _ = robots.reset(seed=[1, 2])
+    assert seen in robots.observation_space
+    again, *_ = robots.step(robots.action_space.sample())
+    assert again in robots.observation_space
+    np.testing.assert_array_equal(robots.reset(seed=[1, 2])[0], seen)
+    only, _ = robots.reset(seed=[7, 7], options={"reset_mask": np.array([False, True])})
+    np.testing.assert_array_equal(only[0], seen[0])
+    assert (only[1] != seen[1]).any()
+    with pytest.raises(UserError, match="one seed and one entry of reset_mask for each of 2 robots"):
+        robots.reset(seed=[1])

@@ -20,8 +20,9 @@ from bp2_rl.errors import UserError
 from bp2_rl.folders import lock_folder
 from bp2_rl.learning.policies import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import RunConfig, make_config
-from bp2_rl.study import judging, outcome, training
+from bp2_rl.study import judging, outcome, places, training
 from bp2_rl.study.judging import Judgement
 from bp2_rl.study.plan import VARIANTS, Plan, Training, default_steps
 
@@ -57,7 +58,7 @@ def trained(tmp_path, monkeypatch, make_card):
     """A folder for a study in which trainings take no time; `started` names those that were run."""
     started: list[str] = []
 
-    def run_train(self, training, gpu):
+    def run_train(self, training):
         started.append(training.name)
         if training.name in failing:
             return False
@@ -83,6 +84,9 @@ def trained(tmp_path, monkeypatch, make_card):
     monkeypatch.setattr(training, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
     monkeypatch.setattr(judging, "_judge", judge)
     return tmp_path / "study", started, failing
+
+
+REAL_TRAIN = training._Trainer._train
 
 
 def run(folder, plan=PLAN):
@@ -200,8 +204,8 @@ def trainer(tmp_path, monkeypatch):
             f"print(os.environ['CUDA_VISIBLE_DEVICES'], sys.argv[1:], flush=True)\n{code}\n"
         )
         script.chmod(0o755)
-        monkeypatch.setattr(training.sys, "executable", str(script))
-        return training._Trainer(PLAN, tmp_path, ("3",), lock.fileno(), print, print)
+        monkeypatch.setattr(places.sys, "executable", str(script))
+        return training._Trainer(PLAN, tmp_path, places.Here(("3",), lock.fileno(), print), print, print)
 
     yield make
     lock.close()
@@ -215,19 +219,19 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, 
     killed_early = tmp_path / RUN.name
     killed_early.mkdir()
     output = killed_early.with_suffix(".txt")
-    assert trainer(code)._train(RUN, "3") is ended
+    assert trainer(code)._train(RUN) is ended
     assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
     assert not killed_early.exists()
     (killed_early / "checkpoints" / "2").mkdir(parents=True)
     (killed_early / "checkpoints" / "2" / "metadata.json").touch()
-    trainer(code)._train(RUN, "3")
+    trainer(code)._train(RUN)
     assert f"'--resume', '{killed_early}'" in output.read_text()
 
 
 def test_a_run_that_has_policies_is_never_deleted(tmp_path, trainer):
     policy = tmp_path / RUN.name / POLICIES / "1024"
     policy.mkdir(parents=True)
-    trainer()._train(RUN, "3")
+    trainer()._train(RUN)
     assert policy.is_dir()
 
 
@@ -248,11 +252,11 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
 STUDY = """
 import sys
 from pathlib import Path
-from bp2_rl.study import training
+from bp2_rl.study import places, training
 from bp2_rl.study.plan import Plan
 
 if __name__ == "__main__":
-    training.sys.executable = sys.argv[1]
+    places.sys.executable = sys.argv[1]
     plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
     training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
 """
@@ -301,6 +305,48 @@ def wait_until(condition):
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+JOB = """
+import os, shutil, signal, sys
+from pathlib import Path
+
+def save(*_):
+    (run_dir / "checkpoints" / "2").mkdir(parents=True)
+    (run_dir / "checkpoints" / "2" / "metadata.json").touch()
+    sys.exit(143)
+
+words = sys.argv[1:]
+run_dir = Path(words[words.index("--resume" if "--resume" in words else "--out") + 1])
+if run_dir.name.endswith("imitation") and "--resume" not in words:
+    signal.signal(signal.SIGTERM, save)
+    os.kill(os.getppid(), signal.SIGUSR2)  # as Slurm, that wants its machine back
+    signal.pause()
+shutil.copytree(Path(os.environ["PREPARED"]) / run_dir.name, run_dir, dirs_exist_ok=True)
+"""
+
+
+def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, tmp_path, monkeypatch):
+    """submitit itself, its local executor; the training alone is a stand-in, which the scheduler stops once."""
+    pytest.importorskip("submitit", reason="submitit is not installed (the extra `cluster`)")
+    folder, *_ = trained
+    plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
+    run(folder, plan)
+    monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setattr(training._Trainer, "_train", REAL_TRAIN)
+    monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
+    gathered: list[str] = []
+    jobs = JobsConfig(executor="local", gpus=0, cpus=1)
+    missing = training.run(
+        plan, folder, gpus=(), judges=1, say=print, jobs=jobs, judged=lambda training: gathered.append(training.name)
+    )
+    assert missing == []
+    assert gathered == ["ours-0-imitation", "ours-0-relaxed"]
+    first, second = (folder / "ours-0-imitation.txt").read_text().splitlines()
+    assert " --stage imitation " in first
+    assert second.endswith(f" --resume {folder / 'ours-0-imitation'}")
+    assert len(list((folder / "jobs").glob("*_result.pkl"))) == 2
 
 
 # --- Judging and figures -------------------------------------------------------------------------------------

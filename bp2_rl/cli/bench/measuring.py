@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import importlib.util
 import json
 import os
 import platform
@@ -48,7 +49,9 @@ def bench(argv: list[str]) -> None:
     for case in measure_all(arguments, sizes, console):
         report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
         save_config(folder / NUMBERS, report)
-    if arguments.peer is not None:
+    if arguments.peer == "gymnasium":
+        report = dataclasses.replace(report, gymnasium=measure_gymnasium_rates(arguments))
+    elif arguments.peer is not None:
         case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
         report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)
@@ -94,7 +97,8 @@ def choose_sizes(arguments: Arguments) -> Iterator[Size]:
 
 def measure_all(arguments: Arguments, sizes: Sequence[Size], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
-    parts = arguments.parts or (("training",) if arguments.scaling else STEP)
+    default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
+    parts = arguments.parts or (("training",) if arguments.scaling else default)
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in sizes:
         if robots >= full.get(devices, robots + 1):
@@ -121,6 +125,16 @@ def _measure(arguments: Arguments, size: Size, parts: Sequence[PartName], consol
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
     return case
+
+
+def measure_gymnasium_rates(arguments: Arguments) -> dict[str, float]:
+    """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
+    if importlib.util.find_spec("gymnasium") is None:
+        raise UserError('--peer gymnasium needs Gymnasium: pip install -c constraints.txt -e ".[gym]"')
+    from bp2_rl.bench.gymnasium_rate import measure_gymnasium
+
+    numbers = dict.fromkeys((1, arguments.main_robots))
+    return {str(robots): measure_gymnasium(arguments.env, robots, arguments.seconds) for robots in numbers}
 
 
 def make_env(arguments: Arguments, robots: int) -> BP2Env:

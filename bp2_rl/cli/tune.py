@@ -1,0 +1,99 @@
+"""`bp2 tune`: search for better settings with Optuna, judged in C MuJoCo."""
+
+import dataclasses
+import importlib.util
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.train import Arguments as TrainArguments
+from bp2_rl.cli.train import refuse_early
+from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.files import require_name, write_text
+from bp2_rl.robot.specs import RobotName
+from bp2_rl.settings.jobs import JobsConfig
+from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, TrainConfig, make_config
+from bp2_rl.study.space import parse_dimension
+
+SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Search for settings of the imitation stage with which a policy runs faster, judged in C MuJoCo.
+
+    Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
+    again.
+    """
+
+    search: tuple[str, ...] = SEARCH
+    """FLAG=LOW:HIGH, FLAG=LOW:HIGH:log or FLAG=A,B,C, with flags of train.py"""
+    trials: Annotated[int, Within(1, 10**6)] = 20
+    """in all, those of earlier calls included"""
+    preset: Preset = "gpu"
+    """size of the trainings"""
+    robot: RobotName = "built"
+    """which is trained and judged, as for train.py"""
+    steps: Steps | None = None
+    """control steps of a trial; by default the preset's"""
+    seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
+    """of every trial, and of the search"""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/tune")
+    """the search's folder"""
+    judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
+    """processes that judge policies while others train"""
+    jobs: JobsConfig = JobsConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _tune(app.parse(Arguments, argv, "bp2 tune")))
+
+
+def _tune(arguments: Arguments) -> None:
+    require_name(arguments.out)
+    space = tuple(parse_dimension(text) for text in arguments.search)
+    if len({one.flag for one in space}) < len(space) or not space:
+        raise UserError("--search takes one flag or more, and each once")
+    for one in space:
+        for value in one.extremes:  # what train.py would refuse is refused here
+            words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
+            refuse_early(words, "bp2 tune --search", TrainArguments, _with)
+    if importlib.util.find_spec("optuna") is None:
+        raise UserError('bp2 tune needs the package optuna: pip install -c constraints.txt -e ".[tune]"')
+    arguments.jobs.require()
+
+    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.study.training import visible_gpus
+    from bp2_rl.study.tuning import Search, run
+
+    steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
+    search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
+    ranked = run(
+        search, arguments.out, trials=arguments.trials, jobs=arguments.jobs, gpus=visible_gpus(),
+        judges=arguments.judges, say=print,
+    )  # fmt: skip
+    lines = [f"| {one.number} | {_speed(one.top_speed)} | {' '.join(one.flags)} |" for one in ranked]
+    table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
+    write_text(arguments.out / "table.md", table)
+    print(table)
+    if ranked[0].top_speed is None:
+        raise RunStopped(f"no trial was trained to its end: see {arguments.out}/trial-*.txt", status=1)
+    print(f"python train.py --preset {arguments.preset} {' '.join(ranked[0].flags)}")
+
+
+def _speed(speed: float | None) -> str:
+    return "-" if speed is None else f"{speed:.2f}"
+
+
+def _with(defaults: TrainConfig) -> TrainArguments:
+    return TrainArguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)

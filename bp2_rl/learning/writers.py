@@ -1,0 +1,128 @@
+"""Where a run's metrics are written: metrics.jsonl and TensorBoard's events, one more with a tracker (`trackers`)."""
+
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from tensorboardX.event_file_writer import EventsWriter
+from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+from tensorboardX.summary import scalar
+
+from bp2_rl.files import BadFileError, flush, parse_json, write_bytes
+
+METRICS = "metrics.jsonl"
+
+
+class TrackerError(Exception):
+    """A writer that a run can do without has failed; the line says how."""
+
+
+@runtime_checkable
+class LogWriter(Protocol):
+    """Takes a run's metrics down; process 0 alone has any."""
+
+    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
+        """Record metrics of control step `step`, which may be one before the last, at `wall_time`, s since 1970.
+
+        Raises:
+            OSError: the disk is full or gone: the run stops.
+            TrackerError: the run goes on without this writer.
+        """
+        ...
+
+    def close(self) -> None:
+        """The run has ended, or has been stopped."""
+        ...
+
+
+class MetricsFile:
+    """metrics.jsonl: a line a call, non-finite numbers as null, on disk when `write` returns.
+
+    Args:
+        run_dir: the run's folder.
+        start_step: where the run goes on. Lines past it are of work that was lost: they are dropped.
+
+    `damaged` is the file to which lines that cannot be read were moved, if there were any.
+    """
+
+    def __init__(self, run_dir: Path, start_step: int):
+        self.damaged = _truncate(run_dir / METRICS, start_step)
+        self._file = (run_dir / METRICS).open("a", encoding="utf-8")
+
+    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
+        """See `LogWriter`."""
+        record = {name: value if math.isfinite(value) else None for name, value in metrics.items()}
+        line = {"step": step, "wall_time": wall_time, **record}
+        self._file.write(json.dumps(line, allow_nan=False) + "\n")
+        flush(self._file)
+
+    def close(self) -> None:
+        """See `LogWriter`."""
+        self._file.close()
+
+
+class EventsFile:
+    """TensorBoard's finite scalars, in a new file; TensorBoard hides what earlier ones hold past `start_step`.
+
+    Not by `SummaryWriter`: it writes in a thread that a full disk ends with a traceback, and then waits for it.
+    """
+
+    def __init__(self, run_dir: Path, start_step: int):
+        self._writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
+        if start_step:
+            self._writer.write_event(Event(step=start_step + 1, file_version="brain.Event:2"))
+            self._writer.write_event(Event(step=start_step + 1, session_log=SessionLog(status=SessionLog.START)))
+
+    def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
+        """See `LogWriter`."""
+        for summary in [scalar(name, value) for name, value in metrics.items() if math.isfinite(value)]:
+            self._writer.write_event(Event(step=step, wall_time=wall_time, summary=summary))
+        self._writer.flush()
+
+    def close(self) -> None:
+        """See `LogWriter`."""
+        self._writer.close()
+
+
+def read_metrics(run_dir: Path) -> list[dict[str, Any]]:
+    """The lines of metrics.jsonl that can be read; none where it is not there."""
+    path = run_dir / METRICS
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    return [parse_json(line, METRICS) for line in lines if _step_of(line) is not None]  # pyright: ignore[reportReturnType]
+
+
+def _truncate(path: Path, last_step: int) -> Path | None:
+    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read.
+
+    The end of a file without a line break is what a kill has left of a line: it is dropped.
+    """
+    if not path.exists():
+        return None
+    kept, damaged = [], []
+    *lines, _ = path.read_bytes().split(b"\n")
+    for line in lines:
+        step = _step_of(line)
+        if step is None:
+            damaged.append(line)
+        elif step <= last_step:
+            kept.append(line)
+    aside = None
+    if damaged:
+        names = (path.with_name(f"{path.stem}.damaged-{n}{path.suffix}") for n in itertools.count(1))
+        aside = next(name for name in names if not name.exists())
+        write_bytes(aside, b"".join(line + b"\n" for line in damaged))
+    write_bytes(path, b"".join(line + b"\n" for line in kept))
+    return aside
+
+
+def _step_of(line: bytes) -> int | None:
+    """The step of a line of metrics; None if it cannot be read."""
+    try:
+        record = parse_json(line, METRICS)
+    except BadFileError:
+        return None
+    step = record.get("step") if isinstance(record, dict) else None
+    return step if type(step) is int else None

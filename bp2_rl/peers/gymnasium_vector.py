@@ -1,0 +1,115 @@
+"""Many BP2s in one Gymnasium environment: `gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=8)`.
+
+All robots are one batch: a single compiled program, and C MuJoCo on all processors. Each robot runs as the single
+environment with its seed does.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Bool, Float
+
+from bp2_rl.env.named import maker_of
+from bp2_rl.errors import UserError
+from bp2_rl.peers import EPISODE
+from bp2_rl.peers.gymnasium_env import CRITIC, POLICY, draw_key, spaces_of
+from bp2_rl.settings.env import EnvConfig, Impl
+
+Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+
+
+class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """So many robots side by side.
+
+    A robot whose episode has ended begins a new one at the next step, whose action it does not heed and whose reward is
+    0 (`AutoresetMode.NEXT_STEP`). `info` holds an array for each entry of the single environment's, and what is in it
+    is there for every robot.
+
+    Args:
+        num_envs: robots.
+        max_episode_steps: control steps after which an episode is cut off.
+        name: one of `env.named.CONFIGS`.
+        config: settings in place of those.
+        impl: the physics; C MuJoCo unless you say otherwise.
+
+    Raises:
+        UserError: fewer than one robot.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 200, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int = EPISODE,
+        name: str = "bp2",
+        config: EnvConfig | None = None,
+        impl: Impl = "c",
+    ):
+        if num_envs < 1:
+            raise UserError(f"num_envs must be at least 1, got {num_envs}")
+        self.env = maker_of(name)(config, impl=impl, num_robots=num_envs)
+        self.num_envs, self._limit = num_envs, max_episode_steps
+        self.single_observation_space, self.single_action_space = spaces_of(self.env)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._reset, self._step = jax.jit(jax.vmap(self.env.reset)), jax.jit(jax.vmap(self.env.step))
+        self._choose = jax.jit(jax.vmap(lambda which, a, b: jax.tree.map(lambda x, y: jnp.where(which, x, y), a, b)))
+        self._draws = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._state: Any = None
+        self._age = np.zeros(num_envs, int)  # control steps of the present episodes
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """New robots; from one seed they take this and the following ones. `options["reset_mask"]` names those meant.
+
+        Raises:
+            UserError: there are not as many seeds, or entries of the mask, as robots.
+        """
+        if seed is None or isinstance(seed, (int, np.integer)):
+            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        which = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
+        if len(seed) != self.num_envs or which.shape != (self.num_envs,):
+            raise UserError(f"reset takes one seed and one entry of reset_mask for each of {self.num_envs} robots")
+        for robot in np.flatnonzero(which).tolist():
+            if seed[robot] is not None:
+                self._draws[robot] = seeding.np_random(seed[robot])[0]
+        self._begin(which)
+        return self._seen(), self._info()
+
+    def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
+        """One control step of each robot, 5 ms."""
+        begins = self._over
+        self._state = self._step(self._state, jnp.asarray(actions, jnp.float32))
+        self._age += 1
+        rewards, terminated = np.array(self._state.reward, float), np.array(self._state.done, bool)
+        if begins.any():
+            self._begin(begins)
+            rewards[begins], terminated[begins] = 0.0, False
+        truncated = (self._age >= self._limit) & ~begins
+        self._over = terminated | truncated
+        return self._seen(), rewards, terminated, truncated, self._info()
+
+    def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
+        """New episodes for these robots; only they draw a number."""
+        keys = [draw_key(draws) if begins else 0 for draws, begins in zip(self._draws, which, strict=True)]
+        fresh = self._reset(jnp.stack([jax.random.PRNGKey(key) for key in keys]))
+        self._state = fresh if self._state is None else self._choose(which, fresh, self._state)
+        self._age[which], self._over = 0, self._over & ~which
+
+    def _seen(self) -> np.ndarray:
+        return np.array(self._state.obs[POLICY])
+
+    def _info(self) -> dict[str, Any]:
+        """As Gymnasium's own vector environments give it: `_NAME` says of which robots NAME holds."""
+        state = self._state
+        info = {CRITIC: np.array(state.obs[CRITIC]), **{name: np.array(x, float) for name, x in state.metrics.items()}}
+        return info | {f"_{name}": np.ones(self.num_envs, bool) for name in info}

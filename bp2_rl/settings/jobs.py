@@ -1,0 +1,38 @@
+"""Where the trainings of a study run: as processes beside it, or as jobs of a cluster."""
+
+import dataclasses
+import importlib.util
+from typing import Annotated, Literal
+
+from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.errors import UserError
+
+
+@dataclasses.dataclass(frozen=True)
+class JobsConfig:
+    """Where the trainings run. By default here, one on each GPU at a time."""
+
+    executor: Literal["here", "slurm", "local"] = "here"
+    """slurm: each training is a job, which submitit hands to Slurm; local: the same jobs on this machine, to try it"""
+    most: Annotated[int, Within(1, 10_000)] = 16
+    """jobs at a time; the scheduler may run fewer"""
+    gpus: Annotated[int, Within(0, 64)] = 1
+    """of each job"""
+    cpus: Annotated[int, Within(1, 1024)] = 8
+    """of each job"""
+    hours: Annotated[float, Within(0.02, 720.0)] = 4.0
+    """of each job; a training that takes longer is saved, queued again and goes on"""
+    partition: str | None = None
+    """Slurm's"""
+    account: str | None = None
+    """Slurm's"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--jobs.")
+
+    def require(self) -> None:
+        """Raise `UserError` where submitit is needed and not there."""
+        if self.executor != "here" and importlib.util.find_spec("submitit") is None:
+            install = 'pip install -c constraints.txt -e ".[cluster]"'
+            raise UserError(f"--jobs.executor {self.executor} needs the package submitit: {install}")

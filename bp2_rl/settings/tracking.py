@@ -1,0 +1,43 @@
+"""Which tracker follows a run: W&B or MLflow, beside the run's own metrics.jsonl and TensorBoard."""
+
+import dataclasses
+import importlib.util
+from pathlib import Path
+from typing import Literal
+
+from bp2_rl.config import load_config
+from bp2_rl.errors import UserError
+
+Tracker = Literal["wandb", "mlflow"]
+TRACKED = "tracker.json"
+"""In a run's folder: who follows the run, and by which name the tracker knows it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracked:
+    """What a resumed run needs to go on under the same name."""
+
+    tracker: Tracker
+    run_id: str
+    place: str  # W&B's project, MLflow's tracking URI
+
+
+def tracked(run_dir: Path) -> Tracked | None:
+    """Who follows the run in this folder, if anyone; raises `UserError` where the file is damaged."""
+    return load_config(Tracked, Path(run_dir) / TRACKED) if (Path(run_dir) / TRACKED).is_file() else None
+
+
+def choose_tracker(named: Tracker | None, run_dir: Path | None = None) -> Tracker | None:
+    """The tracker that is named, or else the one that a resumed run has; looks whether it is installed.
+
+    Raises:
+        UserError: it is not, or the run has another one.
+    """
+    had = tracked(run_dir) if run_dir is not None else None
+    if had is not None and named not in (None, had.tracker):
+        raise UserError(f"--track {named}: {run_dir} is tracked by {had.tracker}, and goes on with that")
+    tracker = had.tracker if had is not None else named
+    if tracker is not None and importlib.util.find_spec(tracker) is None:
+        install = 'pip install -c constraints.txt -e ".[track]"'
+        raise UserError(f"--track {tracker} needs the package {tracker}: {install}")
+    return tracker
