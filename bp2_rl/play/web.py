@@ -4,6 +4,7 @@ The robot stays where it is on the page and the ground moves under it, so that n
 turn it about freely. Pages only say what they want: the robot is touched between two control steps, in `show`.
 """
 
+import logging
 import queue
 from collections.abc import Callable
 from typing import Any
@@ -45,6 +46,8 @@ class Page:
     """
 
     def __init__(self, session: Session, *, host: str, port: int):
+        # Browsers open connections ahead that they then never use: not worth a traceback.
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
         try:
             self.server = viser.ViserServer(host=host, port=port, label="BP2", verbose=False)
         except (OSError, RuntimeError, OverflowError) as error:

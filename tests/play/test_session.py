@@ -9,7 +9,7 @@ import pytest
 from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
-from bp2_rl.play.pace import Pace, play_on
+from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, Wish
 from bp2_rl.robot.specs import CONTROL_STEP
 
@@ -169,13 +169,13 @@ def test_the_pace_is_the_walls_or_the_machines(step, slow, factor):
     play_on(wall.tick, lambda: frames.append(wall.now) is None, pace, seconds=4.0)
     assert pace.factor == pytest.approx(factor, abs=0.01)
     assert pace.load == pytest.approx(0.3 / factor, abs=0.01)
-    assert len(frames) == pytest.approx(4.0 * 30.0, rel=0.2)
+    assert len(frames) == pytest.approx(4.0 * FRAMES, rel=0.2)
 
 
 def test_who_closes_the_window_ends_it():
-    ticks = []
-    play_on(lambda: ticks.append(1), lambda: len(ticks) < 20, Pace(sleep=lambda _: None))
-    assert 20 <= len(ticks) < 1000
+    wall = Wall(step=0.002)
+    play_on(wall.tick, lambda: wall.now < 1.0, Pace(lambda: wall.now, wall.sleep))
+    assert wall.now == pytest.approx(1.0, abs=2.0 / FRAMES)
 
 
 def test_speeds_are_means_over_a_stride(session):
