@@ -8,6 +8,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+from smallest import tiny
 
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
@@ -19,19 +20,10 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
+from bp2_rl.settings.training import Parent, TrainConfig
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""
-
-
-def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
-    config = make_config(stage, "smoke")
-    ppo = dataclasses.replace(
-        config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
-    )
-    settings = {"steps": 4 * ppo.steps_per_train_step, "checkpoints": 2, "logs": 4} | run
-    return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
 
 
 @pytest.fixture(autouse=True, scope="module")
