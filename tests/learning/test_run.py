@@ -8,7 +8,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from smallest import tiny
+import slow_trot
 
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
@@ -20,10 +20,19 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.settings.training import Parent, TrainConfig
+from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""
+
+
+def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
+    config = make_config(stage, "smoke")
+    ppo = dataclasses.replace(
+        config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
+    )
+    settings = {"steps": 4 * ppo.steps_per_train_step, "checkpoints": 2, "logs": 4} | run
+    return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -67,6 +76,15 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
     assert (run / "log.txt").read_text()
+
+
+def test_the_example_of_a_slow_trot_trains_a_run_and_reads_what_came_of_it(tmp_path):
+    """Here, where runs of its size share their compiled programs."""
+    assert slow_trot.settings().env.commands.max_forward == 2.0
+    lines = slow_trot.train(tiny(), tmp_path / "slow_trot")
+    assert [line["step"] for line in lines] == [64, 128, 192, 256]
+    assert all(np.isfinite(line["reward/tracking"]) for line in lines)
+    assert load_policy(tmp_path / "slow_trot").card.stage == "imitation"
 
 
 def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
