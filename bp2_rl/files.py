@@ -88,7 +88,9 @@ def flush(file: IO[Any] | io.IOBase) -> None:
 
 
 def sync(path: Path) -> None:
-    """Until a file's content, or a folder's names, are on disk."""
+    """Until a file's content, or a folder's names, are on disk; Windows, which opens no folders, is left to itself."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

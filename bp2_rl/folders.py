@@ -2,12 +2,12 @@
 
 import contextlib
 import errno
-import fcntl
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name, sync
@@ -112,7 +112,7 @@ def lock_folder(folder: Path, busy: str) -> Iterator[int]:
         folder: of the work.
         busy: the line for whoever comes second.
 
-    Where the file system knows no locks, as on some clusters, there is none.
+    Where the system or the file system knows no such locks, as Windows and some clusters, there is none.
 
     Raises:
         UserError: another process holds it, or the folder cannot be written.
@@ -122,14 +122,22 @@ def lock_folder(folder: Path, busy: str) -> Iterator[int]:
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(busy) from None
-        except OSError as error:
-            if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
-                raise
+        _lock(file, busy)
         yield file.fileno()
+
+
+def _lock(file: IO[str], busy: str) -> None:
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UserError(busy) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+            raise
 
 
 def make_folder(folder: Path) -> None:

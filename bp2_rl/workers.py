@@ -16,6 +16,7 @@ from bp2_rl.errors import UserError
 PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end with."""
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
 
 
 @contextlib.contextmanager
@@ -79,7 +80,7 @@ def end_with_caller() -> None:
 
 
 def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
-    end_with_parent(parent, signal.SIGKILL)
+    end_with_parent(parent, _AT_ONCE)
     if initializer is not None:
         initializer()
 

@@ -87,6 +87,6 @@ def test_a_file_system_without_locks_is_worked_on_without(tmp_path, monkeypatch)
     def none(*_):
         raise OSError(95, "Operation not supported")
 
-    monkeypatch.setattr(folders.fcntl, "flock", none)
+    monkeypatch.setattr("fcntl.flock", none)
     with lock_folder(tmp_path, "busy"):
         pass

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -42,12 +42,21 @@ class BP2Env(envs.Env):
 
     `impl` chooses the physics engine: MJX's `jax` runs anywhere; MJX's `warp` is for NVIDIA GPUs, not exactly
     repeatable, and steps at most `num_robots` robots at once; `c`, C MuJoCo, is the fastest where there is no GPU.
+    `rows` are the reward's, by name: Table S4's, or these and your own.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
 
-    def __init__(self, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1):
+    def __init__(
+        self,
+        config: EnvConfig | None = None,
+        *,
+        impl: Impl = "jax",
+        num_robots: int = 1,
+        rows: Mapping[str, rewards.Row] = rewards.ROWS,
+    ):
         self.config = config = config or EnvConfig()
+        self.rows = rows
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
                 f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
@@ -175,7 +184,7 @@ class BP2Env(envs.Env):
         zero, false = jnp.zeros(()), jnp.zeros((), bool)
         heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
-        no_rewards = dict.fromkeys(rewards.REWARD_TERMS, zero)
+        no_rewards = dict.fromkeys(self.rows, zero)
         no_fall = Fall(false, false, false, false if self.config.hardware.solid_legs else None)
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
@@ -223,6 +232,7 @@ class BP2Env(envs.Env):
             max_lateral=config.commands.max_lateral,
             max_yaw_rate=config.commands.max_yaw_rate,
             dt=specs.CONTROL_STEP,
+            rows=self.rows,
         )
 
     def _observe(self, state: PipelineState, feet: Float[Array, "4"], key: Array) -> dict[str, Array]:

@@ -4,7 +4,7 @@ Each function returns one row *without* its base coefficient (the imitation rows
 tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
@@ -159,8 +159,9 @@ class Weights(NamedTuple):
     dt: float  # s, a control step
 
 
-_Row = Callable[[RewardInputs, RewardConfig, Weights], Scalar]
-_ROWS: dict[str, _Row] = {
+Row = Callable[[RewardInputs, RewardConfig, Weights], Scalar]
+"""A row of the table, its coefficient included."""
+ROWS: Mapping[str, Row] = {
     "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
     "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
@@ -174,17 +175,21 @@ _ROWS: dict[str, _Row] = {
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
 }
-"""Table S4."""
-
-REWARD_TERMS = tuple(_ROWS)
-"""The rows' names, as in the metrics `reward/NAME`."""
+"""Table S4, by the rows' names, as in the metrics `reward/NAME`."""
 
 
 def table_s4(
-    x: RewardInputs, config: RewardConfig, *, max_forward: float, max_lateral: float, max_yaw_rate: float, dt: float
+    x: RewardInputs,
+    config: RewardConfig,
+    *,
+    max_forward: float,
+    max_lateral: float,
+    max_yaw_rate: float,
+    dt: float,
+    rows: Mapping[str, Row] = ROWS,
 ) -> dict[str, Scalar]:
     """All rows with their coefficients; the reward is their sum."""
     c_m, c_v = speed_schedule(x.command[0], max_forward, config.imitation, config.tracking, config.schedule)
     w = tracking_balance(max_forward, max_lateral, max_yaw_rate)
     weights = Weights(c_m, c_v, w, turn_activation(x.command, max_lateral, max_yaw_rate), dt)
-    return {name: row(x, config, weights) for name, row in _ROWS.items()}
+    return {name: row(x, config, weights) for name, row in rows.items()}

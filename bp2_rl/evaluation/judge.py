@@ -136,7 +136,8 @@ class Launching:
 
 def _begin(cache: str | None) -> None:
     """Be slow when others are busy, keep to one thread, and leave the GPU and Ctrl-C to the training."""
-    os.nice(NICE)
+    if hasattr(os, "nice"):  # not on Windows
+        os.nice(NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     compute_here()

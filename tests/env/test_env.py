@@ -16,7 +16,7 @@ from bp2_rl.env import observations, randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.metrics import SPEED_BINS
-from bp2_rl.env.rewards import REWARD_TERMS
+from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import specs
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
@@ -269,7 +269,7 @@ def test_no_episode_begins_with_legs_in_each_other():
 
 def test_the_reward_is_the_sum_of_the_tables_rows(start, step):
     after = step(start, ZERO)
-    rows = [after.metrics[f"reward/{name}"] for name in REWARD_TERMS]
+    rows = [after.metrics[f"reward/{name}"] for name in ROWS]
     np.testing.assert_allclose(after.reward, np.sum(rows, axis=0), rtol=1e-5, atol=1e-6)
 
 

@@ -8,6 +8,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+import slow_trot
 
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
@@ -76,6 +77,15 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
     assert (run / "log.txt").read_text()
+
+
+def test_the_example_of_a_slow_trot_trains_a_run_and_reads_what_came_of_it(tmp_path):
+    """Here, where runs of its size share their compiled programs."""
+    assert slow_trot.settings().env.commands.max_forward == 2.0
+    lines = slow_trot.train(tiny(), tmp_path / "slow_trot")
+    assert [line["step"] for line in lines] == [64, 128, 192, 256]
+    assert all(np.isfinite(line["reward/tracking"]) for line in lines)
+    assert load_policy(tmp_path / "slow_trot").card.stage == "imitation"
 
 
 def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
@@ -202,8 +201,12 @@ def _open(folder: Path, report: Bench) -> None:
     save_config(folder / NUMBERS, report)
 
 
-def _host_peak() -> int:
-    """The most memory that this process has held, bytes."""
+def _host_peak() -> int | None:
+    """The most memory that this process has held, bytes; None where the system does not tell it, as Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
 

@@ -1,0 +1,85 @@
+"""What `mkdocs` builds beside the pages of this folder: files of the repository's root, every command's help."""
+
+import contextlib
+import importlib
+import io
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+from bp2_rl.cli import __main__ as bp2
+from bp2_rl.cli.all_figures import FLAG
+from bp2_rl.figures.registry import FIGURES
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+COLUMNS = "80"  # of the terminal in which the help is printed
+INTRODUCTION = """# Commands
+
+This page is made by the commands themselves: it is what `--help` prints on a machine without a GPU, where
+`bp2 train` takes the preset `cpu`. `python train.py` is `bp2 train`, and `python eval.py` is `bp2 eval`.
+"""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are no files in `docs/`."""
+    for source, page in PAGES.items():
+        files.append(File.generated(config, page, content=_linked(ROOT / source)))
+    files.append(File.generated(config, "reference/commands.md", content=_commands()))
+    return files
+
+
+def _linked(source: Path) -> str:
+    """The text of a file of the root, with its links as they are within `docs/`; code is not on the site."""
+
+    def link(found: re.Match[str]) -> str:
+        text, target = found["text"], found["target"]
+        if target in PAGES:
+            return f"[{text}]({PAGES[target]})"
+        if target.startswith("docs/"):
+            place = target.removeprefix("docs/")
+            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'})"
+        return found[0] if "://" in target else f"`{text}`"
+
+    return re.sub(r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)\)", link, source.read_text(encoding="utf-8"))
+
+
+def _commands() -> str:
+    sections = [INTRODUCTION, "## bp2\n", _block(["--help"])]
+    for name in bp2.COMMANDS:
+        sections += [f"## bp2 {name}\n", _block([name, "--help"])]
+        for part in _below(name):
+            sections += [f"### bp2 {name} {part}\n", _block([name, part, "--help"])]
+    return "\n".join(sections)
+
+
+def _below(name: str) -> list[str]:
+    """The commands below a command."""
+    if name == "figures":
+        return [*FIGURES, FLAG]
+    return list(getattr(importlib.import_module(f"bp2_rl.cli.{name}"), "COMMANDS", ()))
+
+
+def _block(words: list[str]) -> str:
+    said = io.StringIO()
+    with _terminal(), contextlib.redirect_stdout(said):
+        try:
+            status = bp2.main(words)
+        except SystemExit as end:
+            status = end.code
+    if status:
+        raise RuntimeError(f"bp2 {' '.join(words)} ended with status {status}")
+    lines = [line.rstrip() for line in said.getvalue().replace(str(Path.home()), "~").splitlines()]
+    return "\n".join(["```text", *lines, "```\n"])
+
+
+@contextlib.contextmanager
+def _terminal() -> Iterator[None]:
+    """As wide as a page, without colours; what commands set in the environment ends with them."""
+    with mock.patch.dict(os.environ, {"COLUMNS": COLUMNS, "NO_COLOR": "1", "JAX_PLATFORMS": "cpu"}):
+        yield

@@ -1,0 +1,60 @@
+"""Follow a trajectory from the optimiser to the policy: what was asked for, what is played, what is run.
+
+pip install -c constraints.txt -e ".[trajopt]"
+python examples/optimiser_to_policy.py
+"""
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from bp2_rl.assets import asset_path
+from bp2_rl.evaluation.runs.metrics import measure
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.gait.collocation.gait import CollocationGait
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.trajopt.collocation import solve
+from bp2_rl.trajopt.problem import Problem
+from bp2_rl.trajopt.verify import verify
+
+
+class Stride(NamedTuple):
+    """What the three have in common."""
+
+    period: float  # s
+    duty: float  # share of the cycle that a foot stands
+
+
+def solved(speed: float, intervals: int) -> tuple[Stride, float]:
+    """The optimiser's trot on a coarse mesh, and the energy that a judge of its own misses in it."""
+    solution = solve(Problem(speed=speed, intervals=intervals))
+    return Stride(solution.period, solution.duty), verify(solution)["energy_residual"]
+
+
+def played(speed: float) -> Stride:
+    """The library that ships: such solutions at thirty speeds, each near its neighbour, as training plays it."""
+    gait, command = CollocationGait(), jnp.array([speed, 0.0, 0.0])
+    cycle = jax.jit(gait)(jnp.tile(command, (1000, 1)), jnp.arange(1000) / 1000.0)
+    return Stride(1.0 / float(gait.phase_rate(command)), float(cycle.contact.mean()))
+
+
+def run(speed: float, hold: float) -> Stride:
+    """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
+    policy = load_policy(asset_path("policies/default"))
+    leg = measure(rollout_mujoco(policy, Ramp((speed, 0.0, 0.0), hold=hold), policy.card.env)).legs[0]
+    return Stride(1.0 / (leg.stride_frequency or math.inf), leg.duty_factor)
+
+
+def main() -> None:
+    """All three at 8 m/s."""
+    found, missing = solved(8.0, 16)
+    print(f"the optimiser's stride misses {missing:.1e} of its motors' work")
+    for name, stride in (("optimiser", found), ("library", played(8.0)), ("policy", run(8.0, 4.0))):
+        print(f"{name:10} period {stride.period:.3f} s, duty {stride.duty:.2f}")
+
+
+if __name__ == "__main__":
+    main()

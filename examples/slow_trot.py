@@ -1,0 +1,44 @@
+"""Train a slow trot: a minute or so on two processors that have nothing else to do.
+
+    python examples/slow_trot.py
+
+It is what `python train.py --stage imitation --preset smoke` does, in Python: settings, a run, what came of it.
+"""
+
+import dataclasses
+import json
+from pathlib import Path
+
+from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.learning import run
+from bp2_rl.settings.training import TrainConfig, make_config
+
+
+def settings() -> TrainConfig:
+    """The smoke preset, with commands of at most 2 m/s instead of 3."""
+    config = make_config("imitation", "smoke")
+    slow = dataclasses.replace(config.env.commands, max_forward=2.0)
+    return dataclasses.replace(config, env=dataclasses.replace(config.env, commands=slow))
+
+
+def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
+    """Train a run in a new folder; the lines of its metrics."""
+    # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `run.resume`.
+    run.start(config, folder)
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def main() -> None:
+    """Train, and say how the reward and its largest rows came along."""
+    prepare_jax()  # compiled programs are kept from run to run
+    folder = Path("runs/slow_trot")
+    lines = train(settings(), folder)
+    for line in (lines[0], lines[-1]):
+        rows = {name: line[f"reward/{name}"] for name in ("joint_position", "joint_velocity", "tracking")}
+        said = ", ".join(f"{name} {value:.3f}" for name, value in rows.items())
+        print(f"train step {line['step']}: reward {line['reward']:.3f}, of it {said}; falls {line['falls']:.1%}")
+    print(f"watch it: python examples/watch.py {folder}")
+
+
+if __name__ == "__main__":
+    main()

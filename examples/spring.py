@@ -1,0 +1,55 @@
+"""Change the legs' spring, and see what a policy that never met it makes of that.
+
+    python examples/spring.py
+
+The robot is a frozen dataclass: a change is a copy with another number in it.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bp2_rl.assets import asset_path
+from bp2_rl.evaluation.runs.metrics import measure
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.robot.specs import BUILT
+
+POLICY = asset_path("policies/default")
+
+
+class Tried(NamedTuple):
+    """What came of a spring."""
+
+    sag: float  # m, of a spring, standing, mean of the four
+    speed: float  # m/s, in the mean of the steady part
+    travel: float  # m, most that a spring was pressed in
+    fell_at: float | None  # s
+
+
+def try_spring(stiffness: float, speed: float, hold: float, policy: Path = POLICY) -> Tried:
+    """Launch the policy on the built robot with springs of this stiffness, N/m."""
+    chosen = load_policy(policy)
+    robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
+    # `hardware` is the robot that runs; controller and policy still take it for the one that they were trained on.
+    run = rollout_mujoco(chosen, Ramp((speed, 0.0, 0.0), hold=hold), chosen.card.env, hardware=robot)
+    metrics = measure(run)
+    sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
+    return Tried(sag, metrics.mean_speed, metrics.peak_compression, metrics.fell_at)
+
+
+def main() -> None:
+    """Softer and harder than BP2's own 6000 N/m."""
+    print("   N/m   sag mm    m/s   travel mm")
+    for stiffness in (4000.0, 6000.0, 9000.0):
+        tried = try_spring(stiffness, speed=6.0, hold=4.0)
+        fell = "" if tried.fell_at is None else f"   fell after {tried.fell_at:.1f} s"
+        print(f"{stiffness:6.0f} {1000 * tried.sag:8.1f} {tried.speed:6.2f} {1000 * tried.travel:11.0f}{fell}")
+    print("train on it: python train.py --env.hardware.spring-stiffness 4000")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Watch a policy run: once through C MuJoCo, a table, keyframes, and a film where there is a GL library.
+
+python examples/watch.py                     # the policy that ships
+python examples/watch.py runs/slow_trot      # yours
+"""
+
+import sys
+from pathlib import Path
+
+from bp2_rl.assets import asset_path
+from bp2_rl.evaluation.report.film import NoVideo, make_video
+from bp2_rl.evaluation.runs.figures import gait_figure
+from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
+from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.plotting import save_figure
+
+OUT = Path("reports/watch")
+
+
+def watch(policy_or_run: Path, speed: float, hold: float, out: Path) -> RunMetrics:
+    """From a stand to `speed` (m/s), held for `hold` seconds; trajectory and picture in `out`."""
+    policy = load_policy(policy_or_run)
+    # A schedule says the command over time; the policy's card says on which robot it was trained.
+    schedule = Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold)
+    run = rollout_mujoco(policy, schedule, policy.card.env)
+    out.mkdir(parents=True, exist_ok=True)
+    run.save(out / "trajectory.npz")  # every millisecond: states, torques, targets, forces of the ground
+    save_figure(gait_figure(run), out / "gait.png")
+    return measure(run)
+
+
+def main() -> None:
+    """Watch the policy that is named, or the one that ships."""
+    policy = Path(sys.argv[1]) if len(sys.argv) > 1 else asset_path("policies/default")
+    metrics = watch(policy, speed=2.0, hold=5.0, out=OUT)
+    fell = "did not fall" if metrics.fell_at is None else f"fell after {metrics.fell_at:.2f} s"
+    print(f"{metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded; {fell}")
+    print(f"hardest foot {metrics.peak_force:.0f} N, most compressed spring {1000 * metrics.peak_compression:.0f} mm")
+    try:
+        make_video(OUT / "trajectory.npz", OUT / "film.mp4")
+    except NoVideo as why:
+        print(why)
+    print(f"pictures: {OUT}")
+
+
+if __name__ == "__main__":
+    main()
