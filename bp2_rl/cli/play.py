@@ -66,7 +66,8 @@ def play(config: PlayConfig) -> None:
     require_name(path)
     web = config.web or not has_display()
     if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
-        raise UserError(f'bp2 play in a browser needs the package {missing}: pip install "bp2_rl[play]"')
+        install = 'pip install -c constraints.txt -e ".[play]"'
+        raise UserError(f"bp2 play in a browser needs the package {missing}: {install}")
     # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

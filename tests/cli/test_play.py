@@ -29,7 +29,7 @@ def nowhere(monkeypatch):
 )
 def test_a_mistake_is_one_line_and_status_2(flags, said, capsys):
     if importlib.util.find_spec("viser") is None:
-        pytest.skip('needs the package viser: pip install "bp2_rl[play]"')
+        pytest.skip('needs the package viser: pip install -c constraints.txt -e ".[play]"')
     assert command.main(flags) == 2
     out, err = capsys.readouterr()
     assert err.startswith(f"error: {said}")
@@ -43,7 +43,7 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, ca
     )
     assert command.main([]) == 2
     assert capsys.readouterr().err == (
-        'error: bp2 play in a browser needs the package viser: pip install "bp2_rl[play]"\n'
+        'error: bp2 play in a browser needs the package viser: pip install -c constraints.txt -e ".[play]"\n'
     )
 
 

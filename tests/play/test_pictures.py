@@ -11,7 +11,7 @@ from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS
 
-pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install "bp2_rl[play]"')
+pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"')
 
 from bp2_rl.play.chart import COLORS, HEIGHT, LEFT, RIGHT, WIDTH, TorqueSpeed
 from bp2_rl.play.looks import Looks

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import browsing, find_browser
 
-pytest.importorskip("viser", reason='needs the package viser: pip install "bp2_rl[play]"')
+pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
 BROWSER = find_browser()
 SPEED = "Number(document.querySelector('[data-reading=speed]')?.textContent)"
 SLIDER = "[...document.querySelectorAll('[role=slider]')][0]"
