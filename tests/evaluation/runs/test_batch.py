@@ -9,7 +9,7 @@ import pytest
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
-from bp2_rl.evaluation.runs import rollout
+from bp2_rl.evaluation.runs import driver, rollout
 from bp2_rl.evaluation.runs.batch import rollout_batch
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
@@ -41,7 +41,7 @@ def alone(monkeypatch):
             return super().init(phase)
 
     monkeypatch.setattr(rollout, "SETTLING_TIME", 0.0)
-    monkeypatch.setattr(rollout, "Controller", OutOfPhase)
+    monkeypatch.setattr(driver, "Controller", OutOfPhase)
     return rollout_mujoco(no_action, SCHEDULE, TROTTING)
 
 
