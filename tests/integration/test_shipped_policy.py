@@ -1,6 +1,9 @@
-"""The policy that ships, run by the commands that a newcomer types first."""
+"""The policy that ships, run by the commands that a newcomer types first, in processes of their own as he runs them."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,12 +13,20 @@ from bp2_rl.cli import eval as command
 from bp2_rl.evaluation.benchmarks.conditions import on_card
 from bp2_rl.learning.policy import load_policy
 
+ROOT = Path(__file__).parents[2]
 
-def test_eval_without_arguments_reproduces_the_top_speed_on_the_card(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # no runs/ here: the shipped policy it is
-    monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
-    assert command.main(["--hold", "6", "--no-video", "--out", "report"]) == 0
-    report = json.loads(Path("report/metrics.json").read_text())
+
+def evaluate(folder: Path, *words: str) -> dict:
+    """The report of eval.py, run where there are no runs: it is of the shipped policy."""
+    command = [sys.executable, str(ROOT / "eval.py"), *words, "--no-video", "--out", "report"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MUJOCO_GL": ""}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "report/metrics.json").read_text())
+
+
+def test_eval_without_arguments_reproduces_the_top_speed_on_the_card(tmp_path):
+    report = evaluate(tmp_path, "--hold", "6")
     policy = load_policy(asset_path(command.DEFAULT_POLICY))
     assert report["conditions"]["weights_sha256"] == policy.card.weights_sha256
     measured = report["metrics"]
@@ -28,11 +39,8 @@ def test_eval_without_arguments_reproduces_the_top_speed_on_the_card(tmp_path, m
     assert measured["best_speed"] == pytest.approx(on_card(policy, "topspeed", "top_speed"), abs=0.05)
 
 
-def test_the_sprint_on_the_card_is_run_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MUJOCO_GL", "")
-    assert command.main(["--benchmark", "sprint", "--no-video", "--out", "report"]) == 0
-    results = json.loads(Path("report/metrics.json").read_text())["results"]["sprint"]
+def test_the_sprint_on_the_card_is_run_again(tmp_path):
+    results = evaluate(tmp_path, "--benchmark", "sprint")["results"]["sprint"]
     policy = load_policy(asset_path(command.DEFAULT_POLICY))
     assert results["time_100m"] == pytest.approx(on_card(policy, "sprint", "time_100m"), abs=0.05)
     assert results["time_100m"] < 12.2  # s, the paper's
