@@ -6,7 +6,6 @@ what comes from other legs through the trunk?
 """
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +13,12 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.mechanism import figures
 from bp2_rl.evaluation.benchmarks.mechanism.measured import (
-    LEG,
+    STRIDES,
     AtSpeed,
     MechanismMetrics,
     Optimiser,
     Ran,
     measure_forces,
-    whole_strides,
 )
 from bp2_rl.evaluation.benchmarks.mechanism.tables import (
     TILES,
@@ -32,40 +30,31 @@ from bp2_rl.evaluation.benchmarks.mechanism.tables import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
+from bp2_rl.evaluation.benchmarks.speeds import (
+    LEG,
+    Try,
+    commands_below,
+    nearest_solutions,
+    run_speeds,
+    steady_strides,
+)
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.forces import HIPS_AND_KNEES, decompose_run
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import in_parallel
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.gait.collocation.file import load_library
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.trajopt.coupling_account import CouplingAccount, account_coupling
-from bp2_rl.trajopt.family import family_of
 
 SPEEDS = 3.0, 5.5, 8.0, 10.74  # m/s, commands, and the top one
 SHORT = (8.0,)  # in the quick version
 HOLD = 5.0  # s
-EASING = 1.5  # s of the hold that are not looked at
-
-
-class Try(NamedTuple):
-    """One run."""
-
-    ramp: Ramp
-    operator: HeadingHold
-    robot: HardwareSpec
 
 
 def mechanism(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all speeds and take their forces apart."""
     robot, top = robot_of(policy, setup), ramp.target[0]
-    commands = (*(speed for speed in (SHORT if setup.quick else SPEEDS) if speed < top), top)
-    tries = [Try(dataclasses.replace(ramp, target=(speed, 0.0, 0.0)), setup.operator, robot) for speed in commands]
-    longest_first = in_parallel(run_and_decompose, policy, tries[::-1])
-    ran = longest_first[::-1]
+    commands = commands_below(SHORT if setup.quick else SPEEDS, top)
+    ran = run_speeds(run_and_decompose, policy, ramp, commands, setup)
     found = tuple(each.at for each in ran)
     metrics = MechanismMetrics(found, optimised([at.speed for at in found if at.forces is not None]))
     said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
@@ -98,10 +87,7 @@ def run_and_decompose(policy: Policy, one: Try) -> Ran:
     """Run one speed and take the last strides of its hold apart."""
     run = rollout_mujoco(policy, one.ramp, policy.card.env, operator=one.operator, hardware=one.robot)
     command = one.ramp.target[0]
-    steady = one.ramp.steady_from + min(EASING, 0.5 * one.ramp.hold)
-    end = len(run) * run.dt
-    chosen = whole_strides(run.between(steady, end)) if run.fell_at is None and end - steady > 2 * run.dt else None
-    if chosen is None:
+    if (chosen := steady_strides(run, one.ramp, STRIDES)) is None:
         return Ran(AtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
     part, strides = chosen
     forces = decompose_run(part)
@@ -112,12 +98,9 @@ def run_and_decompose(policy: Policy, one: Try) -> Ran:
 
 def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:
     """The shipped library at the speeds nearest to these; nothing where CasADi is not installed."""
-    library = load_library(CollocationConfig().file)
-    family = family_of(library.arrays, library.provenance)
+    solutions = nearest_solutions(speeds)
     try:
-        return tuple(
-            _of_account(account_coupling(min(family, key=lambda s: abs(s.problem.speed - speed)))) for speed in speeds
-        )
+        return tuple(_of_account(account_coupling(solution)) for solution in solutions)
     except UserError:  # that is what a missing CasADi is
         return ()
 

@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bp2_rl.evaluation.benchmarks.mechanism.measured import LEG, AtSpeed, Decomposed, MechanismMetrics, Ran
+from bp2_rl.evaluation.benchmarks.mechanism.measured import AtSpeed, Decomposed, MechanismMetrics, Ran
+from bp2_rl.evaluation.benchmarks.speeds import LEG
 from bp2_rl.evaluation.runs.forces import BALANCE, TERMS, WITHIN
 from bp2_rl.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot.specs import LEGS

@@ -7,14 +7,11 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from bp2_rl.evaluation.runs.forces import JOINTS, TERMS, THROUGH, TRUNK, WITHIN, Forces
-from bp2_rl.evaluation.runs.metrics import contacts, touchdowns
-from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot.specs import LEGS
 from bp2_rl.trajopt.coupling import ENDS
 from bp2_rl.trajopt.coupling_account import HARMONICS
 from bp2_rl.trajopt.decomposition import KINDS, force_ratio, periodic_peaks
 
-LEG = LEGS.index("RR")  # whose touchdowns begin the strides, and whose joints are drawn
 STRIDES = 8  # whole ones that are looked at, at most
 HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)
 
@@ -115,14 +112,6 @@ class MechanismMetrics:
     def decomposed(self) -> tuple[tuple[AtSpeed, Decomposed], ...]:
         """The speeds that were run through."""
         return tuple((at, at.forces) for at in self.speeds if at.forces is not None)
-
-
-def whole_strides(run: Trajectory, most: int = STRIDES) -> tuple[Trajectory, int] | None:
-    """The last whole strides of a run, from one touchdown of `LEG` to another, and how many; None without two."""
-    landed = touchdowns(contacts(run)[:, LEG])[-most - 1 :]
-    if len(landed) < 2:
-        return None
-    return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(landed) - 1
 
 
 def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:

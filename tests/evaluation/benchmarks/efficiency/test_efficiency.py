@@ -9,6 +9,7 @@ from bp2_rl.assets import asset_path
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.config import from_json, to_json
 from bp2_rl.env.observations import LAYOUT
+from bp2_rl.evaluation.benchmarks import speeds
 from bp2_rl.evaluation.benchmarks.efficiency import benchmark as module
 from bp2_rl.evaluation.benchmarks.efficiency.benchmark import (
     Try,
@@ -199,7 +200,7 @@ def ran(monkeypatch, make_run):
 
     one = Optimiser(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
     monkeypatch.setattr(module, "run_and_account", account)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(speeds, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 

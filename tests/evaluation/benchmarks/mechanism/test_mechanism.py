@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.config import from_json, to_json
+from bp2_rl.evaluation.benchmarks import speeds
 from bp2_rl.evaluation.benchmarks.mechanism import benchmark as module
 from bp2_rl.evaluation.benchmarks.mechanism.benchmark import Ran, mechanism, optimised, ramp_to_mechanism
 from bp2_rl.evaluation.benchmarks.mechanism.measured import (
@@ -13,10 +14,10 @@ from bp2_rl.evaluation.benchmarks.mechanism.measured import (
     MechanismMetrics,
     keep_harmonics,
     measure_forces,
-    whole_strides,
 )
 from bp2_rl.evaluation.benchmarks.mechanism.tables import saved, verdict
 from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.speeds import whole_strides
 from bp2_rl.evaluation.runs.forces import HIPS_AND_KNEES, TERMS, THROUGH, WITHIN, Forces
 from bp2_rl.trajopt.decomposition import KINDS
 
@@ -118,7 +119,7 @@ def ran(monkeypatch):
 
     one = module.Optimiser(10.0, 0.77, 0.4, 0.39, 0.001, -0.01, 83.0, 92.0)
     monkeypatch.setattr(module, "run_and_decompose", run)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(speeds, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 

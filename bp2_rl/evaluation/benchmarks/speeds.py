@@ -1,0 +1,71 @@
+"""What benchmarks at several speeds share: the runs, the whole strides of each, the optimiser's beside them."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
+
+from bp2_rl.evaluation.benchmarks.conditions import robot_of
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.runs.metrics import contacts, touchdowns
+from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.parallel import in_parallel
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.gait.collocation.file import load_library
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.specs import LEGS, HardwareSpec
+from bp2_rl.settings.gait import CollocationConfig
+from bp2_rl.trajopt.family import family_of
+from bp2_rl.trajopt.solution import Solution
+
+LEG = LEGS.index("RR")  # whose touchdowns begin the strides
+EASING = 1.5  # s of the hold that are not looked at
+Result = TypeVar("Result")
+
+
+class Try(NamedTuple):
+    """One run."""
+
+    ramp: Ramp
+    operator: HeadingHold
+    robot: HardwareSpec
+
+
+def commands_below(speeds: Sequence[float], top: float) -> tuple[float, ...]:
+    """Those of the speeds that are below the top one, m/s, and that."""
+    return (*(speed for speed in speeds if speed < top), top)
+
+
+def run_speeds(
+    run: Callable[[Policy, Try], Result], policy: Policy, ramp: Ramp, commands: Sequence[float], setup: Setup
+) -> list[Result]:
+    """`run` at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
+    robot = robot_of(policy, setup)
+    tries = [Try(dataclasses.replace(ramp, target=(speed, 0.0, 0.0)), setup.operator, robot) for speed in commands]
+    return in_parallel(run, policy, tries[::-1])[::-1]  # the longest first
+
+
+def steady_strides(run: Trajectory, ramp: Ramp, most: int | None = None) -> tuple[Trajectory, int] | None:
+    """`whole_strides` of the hold behind its `EASING`; None of a run that fell, too."""
+    steady = ramp.steady_from + min(EASING, 0.5 * ramp.hold)
+    end = len(run) * run.dt
+    if run.fell_at is not None or end - steady <= 2 * run.dt:
+        return None
+    return whole_strides(run.between(steady, end), most)
+
+
+def whole_strides(run: Trajectory, most: int | None = None) -> tuple[Trajectory, int] | None:
+    """The last whole strides of a run, from one touchdown of `LEG` to another, and how many; None without two."""
+    landed = touchdowns(contacts(run)[:, LEG])
+    if most is not None:
+        landed = landed[-most - 1 :]
+    if len(landed) < 2:
+        return None
+    return run.between(float(run.time[landed[0]]), float(run.time[landed[-1]])), len(landed) - 1
+
+
+def nearest_solutions(speeds: Sequence[float]) -> list[Solution]:
+    """The shipped library's motion at the speed nearest to each of these, m/s."""
+    library = load_library(CollocationConfig().file)
+    family = family_of(library.arrays, library.provenance)
+    return [min(family, key=lambda solution: abs(solution.problem.speed - speed)) for speed in speeds]
