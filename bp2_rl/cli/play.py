@@ -73,17 +73,15 @@ def play(config: PlayConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
-    import jax
-
     from bp2_rl.env.observations import LAYOUT
     from bp2_rl.evaluation.benchmarks.conditions import name_of, robot_of
     from bp2_rl.evaluation.benchmarks.options import Setup
+    from bp2_rl.evaluation.runs.parallel import compute_here
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.pace import Pace, play_on
     from bp2_rl.play.session import Session, Wish
 
-    jax.config.update("jax_platforms", "cpu")
-    jax.config.update("jax_cpu_enable_async_dispatch", False)  # a call for a few numbers is sooner done than handed on
+    compute_here()
     sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
     prepare_jax()
     policy = load_policy(path, expected_layout=LAYOUT)

@@ -95,7 +95,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
     mean = run.qvel[:-1] + 0.5 * change
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
     qd, torque = mean[:, MOTOR_QVEL], run.torque[:-1]
-    copper = winding_heat(Actuator.from_hardware(run.hardware), torque)
+    motors, copper = torque * qd, winding_heat(Actuator.from_hardware(run.hardware), torque)
     lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
         "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
@@ -112,11 +112,11 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
         lost["dampers"] = lost["dampers"] - np.sum(against.rebound[:-1] * rate, axis=-1)
     nothing = np.zeros(count)
     return Ledger(
-        bus=np.sum(torque * qd, axis=-1) + np.sum(copper, axis=-1),
+        bus=np.sum(motors, axis=-1) + lost["copper"],
         lost={cause: lost.get(cause, nothing) for cause in CAUSES},
         stored=powers["momentum"] + powers["bias"] - powers["spring"],
         energy=energy,
-        motors=torque * qd,
+        motors=motors,
         copper=copper,
         springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
     ), soles
