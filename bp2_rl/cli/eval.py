@@ -110,7 +110,7 @@ def evaluate(config: EvalConfig) -> None:
 
     from rich.console import Console
 
-    from bp2_rl.env.observations import LAYOUT
+    from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
     from bp2_rl.evaluation.report import folder, page, terminal
     from bp2_rl.evaluation.runs.parallel import compute_here
@@ -123,7 +123,7 @@ def evaluate(config: EvalConfig) -> None:
         config.benchmark,
         setup,
     )
-    policy = load_policy(path, expected_layout=LAYOUT)
+    policy = load_policy(path, layout_of=layout_of)
     schedules = {name: BENCHMARKS[name].schedule(policy, setup) for name, setup in chosen.items()}
     now = datetime.datetime.now()
     out = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"

@@ -73,7 +73,7 @@ def play(config: PlayConfig) -> None:
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
-    from bp2_rl.env.observations import LAYOUT
+    from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import name_of, robot_of
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.evaluation.runs.parallel import compute_here
@@ -84,7 +84,7 @@ def play(config: PlayConfig) -> None:
     compute_here()
     sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
     prepare_jax()
-    policy = load_policy(path, expected_layout=LAYOUT)
+    policy = load_policy(path, layout_of=layout_of)
     limits, robot = policy.card.env.commands, robot_of(policy, Setup(robot=config.robot))
     least = 0.0 - limits.max_backward
     if not least <= config.speed <= limits.max_forward:

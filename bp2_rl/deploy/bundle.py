@@ -113,6 +113,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "action_limit": control.action_limit,
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
+            "gait_lag": control.gait_lag,
             "stand": list(specs.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},

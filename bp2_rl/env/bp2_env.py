@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -37,7 +38,7 @@ class BP2Env(envs.Env):
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD, envelope, motor) recomputed at
     each. Actions are 12 joint position targets (see `ControlConfig`). Observations: `state`, what the policy sees
-    (`observations.LAYOUT`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
+    (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
     `impl` chooses the physics engine: MJX's `jax` runs anywhere; MJX's `warp` is for NVIDIA GPUs, not exactly
@@ -67,6 +68,8 @@ class BP2Env(envs.Env):
         self.simulate = _simulator(impl, self.mj_model, config, num_robots)
         self.starts = Starts(config, self.controller, self.mj_model)
         self.trunk = int(self.mj_model.body("trunk").id)
+        memory = config.reward.kernel.memory
+        self._fresh = -math.expm1(-specs.CONTROL_STEP / memory) if memory else 1.0
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
@@ -102,7 +105,12 @@ class BP2Env(envs.Env):
         effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
 
-        after = PipelineState(physics, controller, before.command, before.randomization, effort.torque)
+        after = before.replace(
+            physics=physics,
+            controller=controller,
+            mean_torque=effort.torque,
+            tracking_error=self._tracking_error(before, heading),
+        )
         terms = self._rewards(before, after, effort, heading, reference, fall)
 
         level = state.info["curriculum"]
@@ -127,14 +135,12 @@ class BP2Env(envs.Env):
     @property
     def observation_size(self) -> dict[str, int]:
         """Sizes of the policy's and of the critic's observation."""
-        size_of = observations.size_of
-        return {"state": size_of(observations.LAYOUT), "privileged_state": size_of(observations.CRITIC_LAYOUT)}
+        return {name: observations.size_of(layout) for name, layout in self._layouts.items()}
 
     @property
     def mirrors(self) -> dict[str, Mirror]:
         """How a mirror, half a cycle on, changes both observations and the action."""
-        layouts = {"state": observations.LAYOUT, "privileged_state": observations.CRITIC_LAYOUT}
-        return {name: mirror_of(layout) for name, layout in layouts.items()} | {"action": ACTION}
+        return {name: mirror_of(layout) for name, layout in self._layouts.items()} | {"action": ACTION}
 
     @property
     def action_size(self) -> int:
@@ -195,6 +201,19 @@ class BP2Env(envs.Env):
             info={"rng": rng, "curriculum": level},
         )
 
+    @property
+    def _layouts(self) -> dict[str, tuple[observations.Entry, ...]]:
+        return {
+            "state": observations.layout_of(self.config.control),
+            "privileged_state": observations.critic_layout_of(self.config),
+        }
+
+    def _tracking_error(self, before: PipelineState, heading: observations.Heading) -> Float[Array, "3"]:
+        """Velocity and yaw rate less what was commanded, averaged over the kernel's memory."""
+        now = jnp.append(heading.velocity[:2], heading.yaw_rate) - before.command.current
+        memory = self.config.reward.kernel.memory
+        return before.tracking_error + self._fresh * (now - before.tracking_error) if memory else now
+
     def _rewards(
         self,
         before: PipelineState,
@@ -206,6 +225,9 @@ class BP2Env(envs.Env):
     ) -> dict[str, Array]:
         config, physics = self.config, after.physics
         peak = config.hardware.joint_peak_torque
+        velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
+        if config.reward.kernel.memory:
+            velocity = before.command.current + after.tracking_error
         inputs = rewards.RewardInputs(
             command=before.command.current,
             z=physics.qpos[2],
@@ -216,8 +238,8 @@ class BP2Env(envs.Env):
             q_ref=reference.joint_position,
             qd=physics.qvel[MOTOR_QVEL],
             qd_ref=reference.joint_velocity,
-            v=heading.velocity[:2],
-            yaw_rate=heading.yaw_rate,
+            v=velocity[:2],
+            yaw_rate=velocity[2],
             tau_n=effort.torque / peak,
             tau_n_last=before.mean_torque / peak,
             power=effort.power,
@@ -244,7 +266,15 @@ class BP2Env(envs.Env):
             noisy = self.controller.observe(state.controller, command.current, measurement)
         heading = observations.heading(physics.qpos, physics.qvel)
         privileged = observations.critic_observation(
-            clean, heading, physics.qpos, physics.qvel, feet, command.target, state.randomization, self.trunk
+            clean,
+            heading,
+            physics.qpos,
+            physics.qvel,
+            feet,
+            command.target,
+            state.randomization,
+            self.trunk,
+            state.tracking_error if self.config.reward.kernel.memory else None,
         )
         return {"state": noisy, "privileged_state": privileged}
 

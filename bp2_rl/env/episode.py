@@ -31,6 +31,7 @@ class PipelineState(struct.PyTreeNode):
     command: CommandState
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
+    tracking_error: Float[Array, "... 3"]  # m/s and rad/s: velocity less command, averaged where the reward asks for it
 
     @property
     def q(self) -> Float[Array, "... 23"]:
@@ -68,10 +69,11 @@ class Starts:
         robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
         episode = PipelineState(
             physics=_unmoved(qpos, qvel, targets),
-            controller=self._controller.init(phase),
+            controller=self._controller.init(phase, command.current),
             command=told,
             randomization=robot,
             mean_torque=jnp.zeros(specs.NUM_MOTORS),
+            tracking_error=jnp.zeros(3),
         )
         return episode, reference.contact
 

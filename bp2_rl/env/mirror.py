@@ -57,6 +57,7 @@ _ENTRIES = {
     "up": VECTOR,
     "angular_velocity": ROTATION,
     "last_action": ACTION,
+    "gait_command": COMMAND,
     "velocity": VECTOR,
     "height": SCALAR,
     "spring_compression": LEG,
@@ -68,6 +69,7 @@ _ENTRIES = {
     "com_offset": VECTOR,
     "strength": MOTORS,
     "latency": SCALAR,
+    "tracking_error": COMMAND,
 }
 """Of every entry of an observation."""
 

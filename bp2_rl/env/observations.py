@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
-from bp2_rl.settings.env import RandomizationConfig
+from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig
 
 STAND = np.asarray(specs.STAND_JOINTS, np.float32)
 UP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -36,9 +36,10 @@ LAYOUT = (
     Entry("last_action", 12),
 )
 """The policy's observation, in order: the paper's (section RL training) plus the last action."""
+GAIT_COMMAND = Entry("gait_command", 3)
+"""What follows where the reference motion lags behind the command."""
 
-CRITIC_LAYOUT = (
-    *LAYOUT,  # without noise
+PRIVILEGED = (
     Entry("velocity", 3),
     Entry("height", 1),
     Entry("spring_compression", 4),
@@ -51,7 +52,22 @@ CRITIC_LAYOUT = (
     Entry("strength", 12),
     Entry("latency", 1),
 )
-"""The critic's observation, in order: also what no sensor tells, where the command goes, and the draw of the robot."""
+"""What the critic sees beyond that, in order: what no sensor tells, where the command goes, the draw of the robot."""
+CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
+"""All that the critic sees, where nothing else is asked for."""
+TRACKING_ERROR = Entry("tracking_error", 3)
+"""What follows where the reward looks at averaged errors."""
+
+
+def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
+    """The policy's observation under this controller."""
+    return (*LAYOUT, GAIT_COMMAND) if control.gait_lag else LAYOUT
+
+
+def critic_layout_of(config: EnvConfig) -> tuple[Entry, ...]:
+    """The critic's: the policy's without noise, and more."""
+    averaged = (TRACKING_ERROR,) if config.reward.kernel.memory else ()
+    return (*layout_of(config.control), *PRIVILEGED, *averaged)
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
@@ -96,8 +112,9 @@ def actor_observation(
     measurement: Measurement,
     last_action: Float[Array, "12"],
     hand: Float[Array, ""] | float = 1.0,
-) -> Float[Array, "47"]:
-    """The vector that `LAYOUT` describes: joint positions relative to the standing pose, the phase as a clock's hand
+    gait_command: Float[Array, "3"] | None = None,
+) -> Float[Array, " seen"]:
+    """The vector that `layout_of` describes: joint positions relative to the standing pose, the phase as a clock's hand
     of this length."""
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
@@ -109,12 +126,13 @@ def actor_observation(
             measurement.up,
             measurement.angular_velocity,
             last_action,
+            *(() if gait_command is None else (gait_command,)),
         ]
     )
 
 
 def critic_observation(
-    seen: Float[Array, "47"],
+    seen: Float[Array, " seen"],
     heading: "Heading",
     qpos: Float[Array, "23"],
     qvel: Float[Array, "22"],
@@ -122,8 +140,9 @@ def critic_observation(
     target: Float[Array, "3"],
     robot: Randomization,
     trunk: int,
-) -> Float[Array, "84"]:
-    """The vector that `CRITIC_LAYOUT` describes.
+    tracking_error: Float[Array, "3"] | None = None,
+) -> Float[Array, " all"]:
+    """The vector that `critic_layout_of` describes.
 
     Args:
         seen: what the policy would see without noise.
@@ -134,6 +153,7 @@ def critic_observation(
         target: the command that the present one is on its way to.
         robot: what was drawn for it.
         trunk: the trunk's body index.
+        tracking_error: the averaged errors, where the reward looks at these.
     """
     return jnp.concatenate(
         [
@@ -149,6 +169,7 @@ def critic_observation(
             robot.com_offset,
             robot.strength,
             robot.latency[None],
+            *(() if tracking_error is None else (tracking_error,)),
         ]
     )
 

@@ -15,7 +15,6 @@ from bp2_rl.settings.env import Kernel, RewardConfig
 
 Scalar = Float[Array, ""]
 PAPERS_KERNEL = Kernel()
-TAIL = 1.0  # m/s or rad/s: the error at which the tracking kernel's tail ends at rest; half the command is added
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -57,18 +56,18 @@ def velocity_tracking(
     small, as in slow motion and in fast turns; see `Kernel`.
     """
     square_width = kernel.floor**2 + squared_norm(v_cmd) / kernel.width**2
-    linear = _kernel(v - v_cmd, v_cmd, square_width, kernel.tail)
-    angular = _kernel(omega - omega_cmd, omega_cmd, kernel.yaw_width**2, kernel.tail)
+    linear = _kernel(v - v_cmd, v_cmd, square_width, kernel.tail, kernel.reach)
+    angular = _kernel(omega - omega_cmd, omega_cmd, kernel.yaw_width**2, kernel.tail, kernel.yaw_reach)
     return w * linear + (1.0 - w) * angular
 
 
 def _kernel(
-    error: Float[Array, " n"], command: Float[Array, " n"], square_width: Scalar | float, tail: float
+    error: Float[Array, " n"], command: Float[Array, " n"], square_width: Scalar | float, tail: float, reach: float
 ) -> Scalar:
     bell = jnp.exp(-2.0 * squared_norm(error) / square_width)
     if tail == 0.0:
         return bell
-    line = 1.0 - jnp.linalg.norm(error) / (TAIL + 0.5 * jnp.linalg.norm(command))
+    line = 1.0 - jnp.linalg.norm(error) / (reach + 0.5 * jnp.linalg.norm(command))
     return (1.0 - tail) * bell + tail * jnp.maximum(line, 0.0)
 
 

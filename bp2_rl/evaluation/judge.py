@@ -15,7 +15,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.runs.driver import ActionFunction
 from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import HELD, best_window
@@ -161,4 +161,4 @@ def _launch(policy: Path, one: Launch) -> Launched:
 
 @functools.lru_cache(maxsize=1)
 def _load(policy: Path) -> Policy:
-    return load_policy(policy, expected_layout=LAYOUT)
+    return load_policy(policy, layout_of=layout_of)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from bp2_rl.config import config_hash, package_versions, to_json
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.env.observations import layout_of
 from bp2_rl.errors import RunStopped, UserError
 from bp2_rl.folders import find_folder
 from bp2_rl.learning import cluster
@@ -240,7 +240,7 @@ def _export(
     steps += config.parent.control_steps if config.parent else 0
     card = PolicyCard(
         stage=config.stage,
-        observation_layout=tuple((entry.name, entry.size) for entry in LAYOUT),
+        observation_layout=tuple((entry.name, entry.size) for entry in layout_of(config.env.control)),
         action_size=specs.NUM_MOTORS,
         activation=config.ppo.activation,
         hidden_layer_sizes=config.ppo.policy_layers,

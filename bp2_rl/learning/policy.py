@@ -23,7 +23,7 @@ from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
 from bp2_rl.errors import UserError
 from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, require_name, write_npz, write_text
 from bp2_rl.folders import find_folder, new_folder
-from bp2_rl.settings.env import EnvConfig, upgrade
+from bp2_rl.settings.env import ControlConfig, EnvConfig, upgrade
 from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
@@ -158,12 +158,14 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     return dataclasses.replace(policy, card=card)
 
 
-def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] | None = None) -> Policy:
+def load_policy(
+    path: Path | str, *, layout_of: Callable[[ControlConfig], Sequence[tuple[str, int]]] | None = None
+) -> Policy:
     """Load an exported policy, or a run's.
 
     Args:
         path: a policy directory (it holds card.json), or a run directory (it holds policy/).
-        expected_layout: the observation's (name, size) pairs that the caller will feed; None takes any.
+        layout_of: the observation's (name, size) pairs that the caller will feed under a controller; None takes any.
 
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we know, how to mend it.
@@ -175,8 +177,8 @@ def load_policy(path: Path | str, *, expected_layout: Sequence[tuple[str, int]] 
             f"policy {directory} was trained on another motion library: checksum {card.library_sha256[:12]}, that of "
             f"{card.env.library.path or 'the one that ships'} is {card.env.library.sha256[:12]}"
         )
-    if expected_layout is not None:
-        _check_layout(card, expected_layout, directory)
+    if layout_of is not None:
+        _check_layout(card, layout_of(card.env.control), directory)
     arrays = _read_weights(directory / WEIGHTS, card)
     count = len(card.hidden_layer_sizes) + 1
     policy = Policy(

@@ -36,6 +36,9 @@ class ControlConfig:
     clock_at_rest: bool = True
     """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
     hand of the clock that it sees is as long as the reference steps"""
+    gait_lag: Annotated[float, Within(0.0, 10.0)] = 0.0
+    """s, with which the reference motion follows the command, so that legs go on stepping until a braking robot has
+    come to rest; the policy sees what the reference follows, and so how fast the command changes"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,13 +121,17 @@ class TerminationConfig:
 @dataclasses.dataclass(frozen=True)
 class Kernel:
     """Of the tracking reward: exp(-2 e^2 / W^2) with W^2 = floor^2 + (speed commanded / width)^2, and for the yaw rate
-    W = yaw_width; but a share `tail` of either is a straight line that ends at an error of 1 m/s (rad/s) and half of
-    the command. The defaults are the paper's."""
+    W = yaw_width; but a share `tail` of either is a straight line that ends at an error of `reach` and half of the
+    command. The defaults are the paper's."""
 
     floor: Extent = 1.0  # m/s
     width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
     tail: Share = 0.0
+    reach: Extent = 1.0  # m/s
     yaw_width: Extent = 1.0  # rad/s
+    yaw_reach: Extent = 1.0  # rad/s
+    memory: Annotated[float, Within(0.0, 10.0)] = 0.0
+    """s, over which the errors are averaged (exponentially) before: a trunk sways and turns within every stride"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 
 from bp2_rl.config import load_config, save_config
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
@@ -50,7 +50,7 @@ def judge(run_dir: Path) -> list[Judgement]:
     result = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
     for name in sorted(names, key=int):
-        policy = load_policy(run_dir / POLICIES / name, expected_layout=LAYOUT)
+        policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
         judgement = known.get(policy.card.weights_sha256)
         if judgement is None:
             made = datetime.datetime.fromisoformat(policy.card.created)

@@ -13,7 +13,7 @@ import pytest
 
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import train as command
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
@@ -34,7 +34,7 @@ SMALL = [
 
 @pytest.fixture(scope="module")
 def shipped():
-    return load_policy(asset_path("policies/default"), expected_layout=LAYOUT)
+    return load_policy(asset_path("policies/default"), layout_of=layout_of)
 
 
 @pytest.fixture(scope="module")

@@ -474,10 +474,10 @@ def test_an_unknown_activation(policy_dir: Path):
     ],
 )
 def test_another_observation_layout_names_the_first_difference(policy_dir: Path, expected: list, words: str):
-    message = refusal(policy_dir, expected_layout=expected)
+    message = refusal(policy_dir, layout_of=lambda _: expected)
     assert words in message
     assert "use the bp2_rl that trained it (0.1.0)" in message
 
 
 def test_the_same_layout_of_named_tuples_is_accepted(exported: Path):
-    assert load_policy(exported, expected_layout=[Entry(*entry) for entry in LAYOUT]).card.observation_size == SIZE
+    assert load_policy(exported, layout_of=lambda _: [Entry(*entry) for entry in LAYOUT]).card.observation_size == SIZE

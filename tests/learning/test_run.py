@@ -13,7 +13,7 @@ import slow_trot
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
 from bp2_rl.env.metrics import SPEED_BINS
-from bp2_rl.env.observations import LAYOUT
+from bp2_rl.env.observations import layout_of
 from bp2_rl.errors import UserError
 from bp2_rl.folders import lock_folder
 from bp2_rl.learning import run as training
@@ -73,7 +73,7 @@ def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert {"reward", "falls", "speed_error", "curriculum_level", "reward/tracking", "loss/kl_mean"} <= lines[0].keys()
     assert {"share/0", "falls_per_second"} <= lines[0].keys()
     assert all("steps_per_second" in json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines())
-    policy = load_policy(run / "policy", expected_layout=LAYOUT)
+    policy = load_policy(run / "policy", layout_of=layout_of)
     assert policy.card.stage == "imitation"
     assert list(run.glob("events.*"))
     assert (run / "log.txt").read_text()

@@ -65,6 +65,7 @@ class _Seen(NamedTuple):
     hand: float  # length of the clock's hand that shows the phase
     measurement: Measurement
     last_action: np.ndarray
+    gait_command: np.ndarray
 
 
 OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
@@ -78,6 +79,7 @@ OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
     "up": lambda seen, stand: seen.measurement.up,
     "angular_velocity": lambda seen, stand: seen.measurement.angular_velocity,
     "last_action": lambda seen, stand: seen.last_action,
+    "gait_command": lambda seen, stand: seen.gait_command,
 }
 """How each entry of a policy's observation is made, by its name in the layout."""
 
@@ -106,6 +108,8 @@ class Controller:
         self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
+        lag = control["gait_lag"]
+        self._approach = -math.expm1(-self._dt / lag) if lag else 1.0
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -127,7 +131,7 @@ class Controller:
         """Why the watchdog took over; empty where it did not."""
         self._phase = phase
         self._last_action = np.zeros(12, np.float32)
-        self.command = np.zeros(3, np.float32)
+        self.command = self._gait_command = np.zeros(3, np.float32)
         self._targets = Targets(self._stand.copy(), np.zeros(12))
         self._measurement: Measurement | None = None
         self._heard: float | None = None
@@ -211,19 +215,22 @@ class Controller:
 
     def _act(self, measurement: Measurement) -> Targets:
         """One tick: observation, network, reference, targets."""
-        command = self.command.astype(float).tolist()
-        hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
-        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
+        lags = self._approach < 1.0
+        shown = self._gait_command if lags else self.command
+        hand = 1.0 if self._clock_at_rest else self.motion.stepping(shown.astype(float).tolist())
+        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action, self._gait_command)
         parts = [OBSERVATION[name](seen, self._stand) for name, _ in self.settings["observation"]]
         observation = np.concatenate(parts, dtype=np.float32)[None]
         answer: Any = self._network.run(None, {"observation": observation})[0]
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
-        self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
+        self._gait_command = self._gait_command + np.float32(self._approach) * (self.command - self._gait_command)
+        gait = (self._gait_command if lags else self.command).astype(float).tolist()
+        self._phase = (self._phase + self._dt * self.motion.phase_rate(gait)) % 1.0
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
             return Targets(self._stand + offset, np.zeros(12))
-        pose: Pose = self.motion(command, self._phase)
+        pose: Pose = self.motion(gait, self._phase)
         return Targets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
 
 
