@@ -19,7 +19,7 @@ import numpy as np
 
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import to_onnx
-from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch
+from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch, split_name
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.errors import UserError
@@ -83,7 +83,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         UserError: the controller of a bundle cannot run it.
     """
     card, env = policy.card, policy.card.env
-    unknown = [name for name, _ in card.observation_layout if name not in OBSERVATION]
+    unknown = [name for name, _ in card.observation_layout if split_name(name)[0] not in OBSERVATION]
     if unknown:
         raise UserError(
             f"the policy sees {', '.join(unknown)}, which the controller of a bundle does not make: it knows "
@@ -113,7 +113,6 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "action_limit": control.action_limit,
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
-            "gait_lag": control.gait_lag,
             "stand": list(specs.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},

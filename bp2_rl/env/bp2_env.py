@@ -91,7 +91,9 @@ class BP2Env(envs.Env):
 
         sound_action = jnp.all(jnp.isfinite(action))
         action = jnp.where(sound_action, action, 0.0)
-        controller, targets, reference = self.controller.act(before.controller, before.command.current, action)
+        controller, targets, reference = self.controller.act(
+            before.controller, before.command.current, action, state.obs["state"]
+        )
         pushed = randomization.push(before.physics.qvel, config.randomization, key_push)
         with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
             physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
@@ -260,10 +262,10 @@ class BP2Env(envs.Env):
     def _observe(self, state: PipelineState, feet: Float[Array, "4"], key: Array) -> dict[str, Array]:
         config, physics, command = self.config.randomization, state.physics, state.command
         measurement = observations.measure(physics.qpos, physics.qvel)
-        clean = noisy = self.controller.observe(state.controller, command.current, measurement)
+        clean = self.controller.frame(state.controller, command.current, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
-            noisy = self.controller.observe(state.controller, command.current, measurement)
+        noisy = self.controller.observe(state.controller, command.current, measurement)
         heading = observations.heading(physics.qpos, physics.qvel)
         privileged = observations.critic_observation(
             clean,

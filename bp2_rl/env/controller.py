@@ -2,18 +2,17 @@
 
     observation = controller.observe(state, command, measurement)
     action = policy(observation)
-    state, targets, reference = controller.act(state, command, action)
+    state, targets, reference = controller.act(state, command, action, observation)
 
 The targets go to the 1 kHz PD loop.
 """
 
-import math
-
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.env.observations import STAND, Measurement, actor_observation
+from bp2_rl.env.observations import LAYOUT, STAND, Measurement, actor_observation, size_of
 from bp2_rl.errors import UserError
 from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
@@ -29,7 +28,8 @@ class ControllerState(struct.PyTreeNode):
 
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
-    gait_command: Float[Array, "... 3"]  # m/s and rad/s: what the reference motion follows
+    seen: Float[Array, "... longest 47"]  # in the last control steps, newest first, as far back as `history` asks
+    steps: Float[Array, "..."]  # control steps since the start
 
 
 class Targets(struct.PyTreeNode):
@@ -44,46 +44,58 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
-        self._approach = -math.expm1(-specs.CONTROL_STEP / config.control.gait_lag) if config.control.gait_lag else 1.0
         self.reference: ReferenceMotion = motion_of(config)
 
-    def init(
-        self, phase: Float[Array, "..."] | float = 0.0, command: Float[Array, "... 3"] | None = None
-    ) -> ControllerState:
-        """The state at the start of an episode, at rest or moving as this command says."""
+    def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
+        """The state at the start of an episode."""
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(specs.NUM_MOTORS),
-            gait_command=jnp.zeros(3) if command is None else command,
+            seen=jnp.zeros((max(self._control.history, default=0), size_of(LAYOUT))),
+            steps=jnp.zeros(()),
         )
 
     def observe(
-        self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
-    ) -> Float[Array, "... seen"]:
+        self, state: ControllerState, command: Float[Array, "3"], measurement: Measurement
+    ) -> Float[Array, " seen"]:
         """The policy's observation (see `observations.layout_of`) under the present command, m/s and rad/s."""
-        lags = self._control.gait_lag > 0.0
-        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(state.gait_command if lags else command)
-        gait_command = state.gait_command if lags else None
-        return actor_observation(command, state.phase, measurement, state.last_action, hand, gait_command)
+        frame = self.frame(state, command, measurement)
+        if not self._control.history:
+            return frame
+        steps = np.array(self._control.history)
+        changes = jnp.where(steps[:, None] <= state.steps, frame - state.seen[steps - 1], 0.0)
+        return jnp.concatenate([frame, changes.reshape(-1)])
+
+    def frame(
+        self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
+    ) -> Float[Array, "... 47"]:
+        """What is seen of the moment alone."""
+        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        return actor_observation(command, state.phase, measurement, state.last_action, hand)
 
     def act(
-        self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
+        self,
+        state: ControllerState,
+        command: Float[Array, "... 3"],
+        action: Float[Array, "... 12"],
+        observation: Float[Array, "... seen"] | None = None,
     ) -> tuple[ControllerState, Targets, Reference]:
         """Advance the phase by one control step under the present command and turn the action into joint targets.
 
-        The reference follows g, with dg/dt = (command - g) / `gait_lag`, or the command itself. With the targets comes
-        the reference at the end of the step.
+        With them comes the reference at the end of the step.
 
         `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
         reference's velocity; a share `feedforward` of its torque comes in as the offset that the PD law turns into it.
-        `absolute`: standing pose plus action_scale x action, with zero velocity.
+        `absolute`: standing pose plus action_scale x action, with zero velocity. The `observation` that the action
+        answers is remembered, where the policy's `history` asks for it.
         """
         control = self._control
-        gait = command
-        if control.gait_lag:
-            gait = state.gait_command + self._approach * (command - state.gait_command)
-        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(gait)) % 1.0
-        reference = self.reference(gait, phase)
+        seen = state.seen
+        if control.history:
+            assert observation is not None
+            seen = jnp.concatenate([observation[None, : seen.shape[-1]], seen[:-1]])
+        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
+        reference = self.reference(command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
         if control.mode == "residual":
             centre = reference.joint_position + control.feedforward / control.stiffness * reference.torque
@@ -91,7 +103,7 @@ class Controller:
         else:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
-        return ControllerState(phase=phase, last_action=action, gait_command=gait), targets, reference
+        return ControllerState(phase, action, seen, state.steps + 1.0), targets, reference
 
 
 def motion_of(config: EnvConfig) -> ReferenceMotion:

@@ -69,7 +69,7 @@ class Starts:
         robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
         episode = PipelineState(
             physics=_unmoved(qpos, qvel, targets),
-            controller=self._controller.init(phase, command.current),
+            controller=self._controller.init(phase),
             command=told,
             randomization=robot,
             mean_torque=jnp.zeros(specs.NUM_MOTORS),

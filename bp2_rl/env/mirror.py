@@ -57,7 +57,6 @@ _ENTRIES = {
     "up": VECTOR,
     "angular_velocity": ROTATION,
     "last_action": ACTION,
-    "gait_command": COMMAND,
     "velocity": VECTOR,
     "height": SCALAR,
     "spring_compression": LEG,
@@ -78,7 +77,7 @@ def mirror_of(layout: Sequence[Entry]) -> Mirror:
     """The reflection of the observation that a layout describes."""
     order, sign = [], []
     for entry in layout:
-        part = _ENTRIES[entry.name]
+        part = _ENTRIES[entry.name.partition("@")[0]]
         order += [len(sign) + i for i in part.order]
         sign += part.sign
     return Mirror(tuple(order), tuple(sign))

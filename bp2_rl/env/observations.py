@@ -36,8 +36,6 @@ LAYOUT = (
     Entry("last_action", 12),
 )
 """The policy's observation, in order: the paper's (section RL training) plus the last action."""
-GAIT_COMMAND = Entry("gait_command", 3)
-"""What follows where the reference motion lags behind the command."""
 
 PRIVILEGED = (
     Entry("velocity", 3),
@@ -60,14 +58,14 @@ TRACKING_ERROR = Entry("tracking_error", 3)
 
 
 def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
-    """The policy's observation under this controller."""
-    return (*LAYOUT, GAIT_COMMAND) if control.gait_lag else LAYOUT
+    """The policy's observation under this controller: of the moment, and `NAME@K`: what changed since K steps ago."""
+    return (*LAYOUT, *(Entry(f"{name}@{steps}", size) for steps in control.history for name, size in LAYOUT))
 
 
 def critic_layout_of(config: EnvConfig) -> tuple[Entry, ...]:
-    """The critic's: the policy's without noise, and more."""
+    """The critic's: what the policy sees of the moment, without noise, and more."""
     averaged = (TRACKING_ERROR,) if config.reward.kernel.memory else ()
-    return (*layout_of(config.control), *PRIVILEGED, *averaged)
+    return (*CRITIC_LAYOUT, *averaged)
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
@@ -112,9 +110,8 @@ def actor_observation(
     measurement: Measurement,
     last_action: Float[Array, "12"],
     hand: Float[Array, ""] | float = 1.0,
-    gait_command: Float[Array, "3"] | None = None,
-) -> Float[Array, " seen"]:
-    """The vector that `layout_of` describes: joint positions relative to the standing pose, the phase as a clock's hand
+) -> Float[Array, "47"]:
+    """The vector that `LAYOUT` describes: joint positions relative to the standing pose, the phase as a clock's hand
     of this length."""
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
@@ -126,13 +123,12 @@ def actor_observation(
             measurement.up,
             measurement.angular_velocity,
             last_action,
-            *(() if gait_command is None else (gait_command,)),
         ]
     )
 
 
 def critic_observation(
-    seen: Float[Array, " seen"],
+    seen: Float[Array, "47"],
     heading: "Heading",
     qpos: Float[Array, "23"],
     qvel: Float[Array, "22"],

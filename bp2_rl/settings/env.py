@@ -36,9 +36,8 @@ class ControlConfig:
     clock_at_rest: bool = True
     """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
     hand of the clock that it sees is as long as the reference steps"""
-    gait_lag: Annotated[float, Within(0.0, 10.0)] = 0.0
-    """s, with which the reference motion follows the command, so that legs go on stepping until a braking robot has
-    come to rest; the policy sees what the reference follows, and so how fast the command changes"""
+    history: tuple[Annotated[int, Within(1, 200)], ...] = ()
+    """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
 
 
 @dataclasses.dataclass(frozen=True)

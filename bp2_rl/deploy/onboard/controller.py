@@ -13,6 +13,7 @@ import dataclasses
 import json
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -65,7 +66,6 @@ class _Seen(NamedTuple):
     hand: float  # length of the clock's hand that shows the phase
     measurement: Measurement
     last_action: np.ndarray
-    gait_command: np.ndarray
 
 
 OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
@@ -79,9 +79,15 @@ OBSERVATION: dict[str, Callable[[_Seen, np.ndarray], Any]] = {
     "up": lambda seen, stand: seen.measurement.up,
     "angular_velocity": lambda seen, stand: seen.measurement.angular_velocity,
     "last_action": lambda seen, stand: seen.last_action,
-    "gait_command": lambda seen, stand: seen.gait_command,
 }
-"""How each entry of a policy's observation is made, by its name in the layout."""
+"""How each entry of a policy's observation is made, by its name in the layout; `NAME@K` is by how much it has changed
+since K ticks ago."""
+
+
+def split_name(entry: str) -> tuple[str, int]:
+    """Of an entry of the observation: (what, change since so many ticks ago; 0: as it is)."""
+    name, _, ticks = entry.partition("@")
+    return name, int(ticks or 0)
 
 
 class Controller:
@@ -108,17 +114,21 @@ class Controller:
         self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
-        lag = control["gait_lag"]
-        self._approach = -math.expm1(-self._dt / lag) if lag else 1.0
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
             self.motion = load_motion(self.settings["reference"], dict(arrays))
         self._network = _load_network(folder / NETWORK)
-        unknown = [name for name, _ in self.settings["observation"] if name not in OBSERVATION]
+        layout = [(*split_name(name), size) for name, size in self.settings["observation"]]
+        unknown = [name for name, _, _ in layout if name not in OBSERVATION]
         size = self._network.get_inputs()[0].shape[-1]
-        if unknown or size != sum(size for _, size in self.settings["observation"]):
+        if unknown or size != sum(size for _, _, size in layout):
             raise ValueError(f"{folder}: the network reads {size} numbers, {SETTINGS} lists others {unknown}")
+        self._frame = [name for name, ticks, _ in layout if not ticks]
+        ends = np.cumsum([0, *(size for _, ticks, size in layout if not ticks)])
+        places = {name: slice(*ends[i : i + 2]) for i, name in enumerate(self._frame)}
+        self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
+        self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
         self.reset()
         still = Measurement(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
         for _ in range(WARMING):  # else the first ticks are the slowest
@@ -131,7 +141,8 @@ class Controller:
         """Why the watchdog took over; empty where it did not."""
         self._phase = phase
         self._last_action = np.zeros(12, np.float32)
-        self.command = self._gait_command = np.zeros(3, np.float32)
+        self._past.clear()
+        self.command = np.zeros(3, np.float32)
         self._targets = Targets(self._stand.copy(), np.zeros(12))
         self._measurement: Measurement | None = None
         self._heard: float | None = None
@@ -215,22 +226,24 @@ class Controller:
 
     def _act(self, measurement: Measurement) -> Targets:
         """One tick: observation, network, reference, targets."""
-        lags = self._approach < 1.0
-        shown = self._gait_command if lags else self.command
-        hand = 1.0 if self._clock_at_rest else self.motion.stepping(shown.astype(float).tolist())
-        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action, self._gait_command)
-        parts = [OBSERVATION[name](seen, self._stand) for name, _ in self.settings["observation"]]
-        observation = np.concatenate(parts, dtype=np.float32)[None]
-        answer: Any = self._network.run(None, {"observation": observation})[0]
+        command = self.command.astype(float).tolist()
+        hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
+        seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
+        frame = np.concatenate([OBSERVATION[name](seen, self._stand) for name in self._frame], dtype=np.float32)
+        known = len(self._past)
+        changes = [
+            frame[place] - self._past[-ticks][place] if ticks <= known else 0.0 * frame[place]
+            for ticks, place in self._changes
+        ]
+        self._past.append(frame)
+        answer: Any = self._network.run(None, {"observation": np.concatenate([frame, *changes])[None]})[0]
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
-        self._gait_command = self._gait_command + np.float32(self._approach) * (self.command - self._gait_command)
-        gait = (self._gait_command if lags else self.command).astype(float).tolist()
-        self._phase = (self._phase + self._dt * self.motion.phase_rate(gait)) % 1.0
+        self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
             return Targets(self._stand + offset, np.zeros(12))
-        pose: Pose = self.motion(gait, self._phase)
+        pose: Pose = self.motion(command, self._phase)
         return Targets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
 
 

@@ -43,7 +43,8 @@ class Moment:
     warmstart: Float[np.ndarray, "N 22"]  # the solver's first guess: with a converged solver it decides nothing
     phase: Float[np.ndarray, " N"]  # cycles, of the controller's clock
     action: Float[np.ndarray, "N 12"]  # the last one
-    gait_command: Float[np.ndarray, "N 3"]  # what the reference motion follows
+    seen: Float[np.ndarray, "N H 47"]  # what the controller remembers of its observations
+    steps: Float[np.ndarray, " N"]  # control steps since the start
     command: Float[np.ndarray, "N 3"]  # m/s, m/s, rad/s: what the policy is told next
     position: Float[np.ndarray, "N D 12"]  # rad, targets of the last D control steps, newest last; D by the latency
     velocity: Float[np.ndarray, "N D 12"]  # rad/s, likewise
@@ -151,7 +152,8 @@ class Flock:
             warmstart=each(data.qacc_warmstart),
             phase=each(self._init.phase),
             action=each(self._init.last_action),
-            gait_command=each(self._init.gait_command),
+            seen=each(self._init.seen),
+            steps=each(self._init.steps),
             command=each(np.asarray(command, np.float32)),
             position=each(np.tile(STAND, (depth, 1))),
             velocity=each(np.zeros((depth, specs.NUM_MOTORS))),
@@ -185,7 +187,8 @@ class Flock:
         state = ControllerState(
             phase=jnp.asarray(moment.phase, jnp.float32),
             last_action=jnp.asarray(moment.action, jnp.float32),
-            gait_command=jnp.asarray(moment.gait_command, jnp.float32),
+            seen=jnp.asarray(moment.seen, jnp.float32),
+            steps=jnp.asarray(moment.steps, jnp.float32),
         )
         command, turns = np.asarray(moment.command, np.float32), np.zeros(count)
         position, velocity = list(moment.position.swapaxes(0, 1)), list(moment.velocity.swapaxes(0, 1))
@@ -238,7 +241,8 @@ class Flock:
             warmstart=np.stack([one.qacc_warmstart for one in body.data]),
             phase=np.asarray(state.phase, np.float64),
             action=np.asarray(state.last_action, np.float64),
-            gait_command=np.asarray(state.gait_command, np.float64),
+            seen=np.asarray(state.seen, np.float64),
+            steps=np.asarray(state.steps, np.float64),
             command=np.asarray(command, np.float64),
             position=history(position),
             velocity=history(velocity),
