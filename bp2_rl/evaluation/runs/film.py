@@ -30,6 +30,7 @@ SLOW_FRAME = 0.1  # s: a frame that takes longer is drawn by the CPU, and the fi
 TIME_LIMIT = 300.0  # s, for one library
 SCENE = 90.0  # m: where the film is made, in the midst of the scene's lane lines and metre marks
 CAMERA = "track"
+LAST = 19  # niceness
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Shot:
     width: int = 960  # pixels; both multiples of 16, as the codec wants
     height: int = 544
     to_the_end: bool = False  # the run's last seconds instead of those around its best one
-    plain: bool = False  # without what takes a processor long: shadows' edges, reflections, smooth edges
+    beside: bool = False  # something that goes first: plainly, with the time that everyone else leaves
 
 
 class NoVideo(Exception):
@@ -92,7 +93,7 @@ def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
     """
     model = load_model(run.hardware)
     data = mujoco.MjData(model)
-    if shot.plain or _seconds_a_frame(model, data, shot) > SLOW_FRAME:
+    if shot.beside or _seconds_a_frame(model, data, shot) > SLOW_FRAME:
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 1024
         model.mat_reflectance[:] = 0.0
@@ -171,9 +172,12 @@ def _captioned(frame: np.ndarray, text: str) -> Image.Image:
 
 
 def _main() -> int:
-    trajectory, output, shot = sys.argv[1:]
+    trajectory, output = map(Path, sys.argv[1:3])
+    shot = Shot(**json.loads(sys.argv[3]))
+    if shot.beside and hasattr(os, "nice"):  # not on Windows
+        os.nice(LAST)
     try:
-        film(Trajectory.load(Path(trajectory)), Path(output), Shot(**json.loads(shot)))
+        film(Trajectory.load(trajectory), output, shot)
     except Exception as error:
         # What a missing or broken GL library raises depends on the library: the parent only wants to read why.
         print(f"{type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
