@@ -45,7 +45,7 @@ STYLE: dict[Any, Any] = {
     "figure.dpi": 150,
     "savefig.dpi": 150,
 }
-WIDTH = 8.4  # inches
+WIDTH, NARROW = 8.4, 4.4  # inches: of a page, of a telephone
 P = ParamSpec("P")
 
 

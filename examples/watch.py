@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from bp2_rl.assets import asset_path
-from bp2_rl.evaluation.report.film import NoVideo, make_video
 from bp2_rl.evaluation.runs.figures import gait_figure
+from bp2_rl.evaluation.runs.film import NoVideo, make_video
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp

@@ -3,6 +3,8 @@
 import dataclasses
 import datetime
 import os
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -83,11 +85,16 @@ class EvalConfig:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: evaluate(app.parse(EvalConfig, argv, "eval.py")))
+    words = list(sys.argv[1:] if argv is None else argv)
+    again = shlex.join(["python", "eval.py", *words])
+    return app.run(lambda: evaluate(app.parse(EvalConfig, words, "eval.py"), again))
 
 
-def evaluate(config: EvalConfig) -> None:
-    """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs."""
+def evaluate(config: EvalConfig, again: str | None = None) -> None:
+    """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs.
+
+    `again` is the command that does it, for the reports.
+    """
     setup = Setup(
         backend=config.backend,
         robot=config.robot,
@@ -138,7 +145,9 @@ def evaluate(config: EvalConfig) -> None:
         terminal.print_table(evaluation, console)
         if config.video and evaluation.trajectory is not None:
             console.print("filming the best seconds; without a GPU that takes a minute or two", style="dim")
-        no_video = folder.write_report(evaluation, folders[name], video=config.video, gl_library=gl_library)
+        no_video = folder.write_report(
+            evaluation, folders[name], video=config.video, gl_library=gl_library, command=again
+        )
         if no_video is not None:
             console.print(no_video, soft_wrap=True, markup=False)
         evaluations.append(evaluation)

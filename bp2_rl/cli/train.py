@@ -182,9 +182,15 @@ def _judge(config: TrainConfig) -> Iterator[Any]:
 
     from bp2_rl.evaluation.judge import judging
 
-    os.environ.pop("MUJOCO_GL", None)  # his processes import MuJoCo, too; see `runtime`
+    gl_library = os.environ.pop("MUJOCO_GL", None)  # his processes import MuJoCo, too; see `runtime`
     with judging(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
-        yield judge
+        if not config.run.films:
+            yield judge
+            return
+        from bp2_rl.evaluation.films import filming
+
+        with filming(judge, print, gl_library) as films:
+            yield films
 
 
 class Named(NamedTuple):

@@ -6,6 +6,7 @@ It works in processes of its own, on processors that the training leaves idle.
 import contextlib
 import dataclasses
 import functools
+import math
 import os
 import signal
 from collections.abc import Iterator, Sequence
@@ -75,11 +76,16 @@ class Launched:
     speed: float  # m/s, mean of the best second; 0 where it fell
 
 
-def launch(policy: ActionFunction, env: EnvConfig, launch: Launch) -> Launched:
-    """Launch a policy on the robot of its environment."""
+def launch(
+    policy: ActionFunction, env: EnvConfig, launch: Launch, kept: Path | None = None, length: float = 0.0
+) -> Launched:
+    """Launch a policy on the robot of its environment, and keep the last `length` seconds of the run, if wanted."""
     run = rollout_mujoco(policy, launch.ramp(env), env, hardware=launch.robot(env.hardware), machine=SwiftMachine)
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
+    if kept is not None:
+        with contextlib.suppress(OSError):  # no verdict hangs on it
+            run.between(max(len(run) * run.dt - length, 0.0), math.inf).save(kept)
     return Launched(fell, best.speed if best is not None and not fell else 0.0)
 
 
@@ -111,9 +117,10 @@ class Workers:
     def __init__(self, pool: ProcessPoolExecutor, places: int):
         self._pool, self.places = pool, places
 
-    def submit(self, policy: Path) -> "Launching":
-        """Launch the policy in this folder."""
-        return Launching([self._pool.submit(_launch, policy, one) for one in LAUNCHES])
+    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "Launching":
+        """Launch the policy in this folder; in the file `kept`, if named, the first launch's last seconds are kept."""
+        first = self._pool.submit(_launch, policy, LAUNCHES[0], kept, length)
+        return Launching([first, *(self._pool.submit(_launch, policy, one) for one in LAUNCHES[1:])])
 
 
 class Launching:
@@ -154,9 +161,9 @@ def _keep_still(observation: np.ndarray) -> np.ndarray:
     return 0.0 * observation[..., : specs.NUM_MOTORS]
 
 
-def _launch(policy: Path, one: Launch) -> Launched:
+def _launch(policy: Path, one: Launch, kept: Path | None = None, length: float = 0.0) -> Launched:
     loaded = _load(policy)
-    return launch(loaded, loaded.card.env, one)
+    return launch(loaded, loaded.card.env, one, kept, length)
 
 
 @functools.lru_cache(maxsize=1)

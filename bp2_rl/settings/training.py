@@ -86,9 +86,14 @@ class RunConfig:
     until: Annotated[float | None, Within(0.1, 100.0), tyro.conf.arg(prefix_name=False, metavar="M/S")] = None
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
 
+    films: bool = False
+    """film the launch of each policy that is judged; the run's films.html shows them with the speeds as they come"""
+
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "run.")
+        if self.films and not self.judged:
+            raise UserError("--run.films shows what the judge sees: let --run.judged be 1 or more")
         if self.until is not None and not self.judged:
             raise UserError("--until needs a judge: let --run.judged be 1 or more")
 

@@ -14,12 +14,14 @@ import pytest
 from bp2_rl.assets import asset_path
 from bp2_rl.cli import train as command
 from bp2_rl.env.observations import layout_of
+from bp2_rl.evaluation import films
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import LAUNCHES, Launch, Launched
 from bp2_rl.evaluation.runs.machine import Machine, SwiftMachine
 from bp2_rl.evaluation.runs.metrics import RunMetrics
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policies import Verdict
 from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.model import MOTOR_QVEL
@@ -46,15 +48,17 @@ def slower(shipped):
     return dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
 
 
-def test_the_speed_is_that_of_the_benchmark(slower):
+def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     """The benchmark computes in NumPy, and roundings part the two runs by 1e-8 m/s."""
-    launched = judging.launch(slower, slower.card.env, Launch(acceleration=3.0, hold=0.5))
+    kept = tmp_path / "kept.npz"
+    launched = judging.launch(slower, slower.card.env, Launch(acceleration=3.0, hold=0.5), kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
     assert isinstance(result, RunMetrics)
     assert not launched.fell
     assert launched.speed > 4.0
     assert launched.speed == pytest.approx(result.best_speed, abs=1e-5)
+    assert Trajectory.load(kept).time[[0, -1]] == pytest.approx([1.0, 2.499], abs=1e-6)  # its last 1.5 s of 2.5
 
 
 def test_a_swift_machine_moves_as_the_judges_does():
@@ -138,9 +142,10 @@ def test_a_judge_whose_process_is_killed_says_so(slow_policy):
             judge.submit(slow_policy)
 
 
-def test_a_training_is_judged_beside(tmp_path, monkeypatch, capfd):
+def test_a_training_is_judged_and_filmed_beside(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    assert command.main([*SMALL, "--run.judged", "2", "--out", "run"]) == 0
+    monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
+    assert command.main([*SMALL, "--run.judged", "2", "--run.films", "--out", "run"]) == 0
     lines = [json.loads(line) for line in Path("run/metrics.jsonl").read_text().splitlines()]
     judged = {line["step"]: line for line in lines if "judged/speed" in line}
     assert 128 in judged
@@ -149,3 +154,6 @@ def test_a_training_is_judged_beside(tmp_path, monkeypatch, capfd):
     output, errors = capfd.readouterr()
     assert "judged: " in output
     assert errors == ""
+    filmed = {int(film.stem) for film in Path("run/films").iterdir() if film.suffix == ".mp4"}
+    assert filmed == judged.keys() or output.count("warning: no video: ") == 1
+    assert all(f'"films/{step}.mp4"' in Path("run/films.html").read_text() for step in filmed)

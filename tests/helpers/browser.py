@@ -32,15 +32,39 @@ class Tab:
 
     def __init__(self, socket: Any):
         self._socket, self._numbers = socket, itertools.count(1)
+        self.url = "about:blank"
+        self.complaints: list[Any] = []  # errors and warnings of the page's console, from `listen` on
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
             answer = json.loads(self._socket.recv(timeout=120))
+            self._hear(answer)
             if answer.get("id") == number:
                 assert "error" not in answer, answer["error"]
                 return answer["result"]
+
+    def listen(self) -> None:
+        """Hear what the page complains of."""
+        self.call("Runtime.enable")
+        self.call("Log.enable")
+
+    def _hear(self, event: dict[str, Any]) -> None:
+        said = event.get("params", {})
+        kind = {
+            "Runtime.exceptionThrown": "error",
+            "Runtime.consoleAPICalled": said.get("type"),
+            "Log.entryAdded": said.get("entry", {}).get("level"),
+        }.get(event.get("method", ""))
+        if kind in ("error", "warning", "assert"):
+            self.complaints.append(said)
+
+    def open(self, url: str, width: int, height: int) -> None:
+        """Another page, in a window of this size."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call("Page.navigate", url=url)
+        self.wait(f"document.readyState == 'complete' && location.href == {json.dumps(url)}")
 
     def value(self, expression: str) -> Any:
         """What a line of JavaScript says."""

@@ -36,6 +36,7 @@ class Picture(NamedTuple):
     name: str
     caption: str
     figure: Figure
+    narrow: Figure | None = None  # the same for a narrow screen
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,6 +6,7 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Tab
 from bp2_rl.evaluation.runs.figures import FIGURES
 from bp2_rl.evaluation.runs.metrics import Account, RunMetrics
 from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.plotting import NARROW
 
 ENERGY = {
     "copper": "windings",
@@ -147,7 +148,7 @@ def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
 
 def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
     """Every figure of the run."""
-    return tuple(Picture(name, caption, draw(run)) for name, (draw, caption) in FIGURES.items())
+    return tuple(Picture(name, caption, draw(run), draw(run, NARROW)) for name, (draw, caption) in FIGURES.items())
 
 
 def run_results(metrics: RunMetrics) -> dict[str, Any]:

@@ -1,13 +1,13 @@
 """What an evaluation leaves in a folder, and how that is read back.
 
 metrics.json     benchmark, conditions, results and every figure of merit
-index.html       the same as one page, pictures inside
+index.html       the same as one page, pictures inside; a single run plays in it, in three dimensions
 *.png            the pictures
-run.mp4          the best seconds        trajectory.npz   every millisecond: where there was a single run
+run.mp4          the best seconds, with a still of them in run.jpg, and
+trajectory.npz   every millisecond: where there was a single run
 """
 
 import dataclasses
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,13 @@ from bp2_rl.config import load_config, save_config, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
-from bp2_rl.evaluation.report.film import NoVideo, make_video
-from bp2_rl.evaluation.report.page import PAGE, VIDEO, overview, page
+from bp2_rl.evaluation.report.page import PAGE, STILL, TRAJECTORY, VIDEO, overview, page
+from bp2_rl.evaluation.report.pictures import png
+from bp2_rl.evaluation.runs.film import NoVideo, make_video
 from bp2_rl.files import write_bytes, write_text
 from bp2_rl.folders import open_report
 
-METRICS, TRAJECTORY = "metrics.json", "trajectory.npz"
+METRICS = "metrics.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,24 +43,28 @@ def open_folder(folder: Path, benchmark: str) -> None:
 
 
 def write_report(
-    evaluation: Evaluation, folder: Path, *, video: bool = True, gl_library: str | None = None
+    evaluation: Evaluation,
+    folder: Path,
+    *,
+    video: bool = True,
+    gl_library: str | None = None,
+    command: str | None = None,
 ) -> str | None:
-    """Write the whole report to an open folder.
+    """Write the whole report to an open folder; `command` is what makes it again, for the page.
 
     Returns the reason, in one line, if a film was asked for and could not be made.
     """
-    for old in (PAGE, VIDEO, TRAJECTORY):
+    for old in (PAGE, VIDEO, STILL, TRAJECTORY):
         (folder / old).unlink(missing_ok=True)
     results, metrics = {evaluation.benchmark: card_results(evaluation)}, to_json(evaluation.metrics)
     save_config(folder / METRICS, Report(evaluation.benchmark, evaluation.conditions, results, metrics))
-    pictures = {picture.name: _png(picture.figure) for picture in evaluation.pictures}
-    for name, picture in pictures.items():
-        write_bytes(folder / f"{name}.png", picture)
+    for picture in evaluation.pictures:
+        write_bytes(folder / f"{picture.name}.png", png(picture.figure))
     no_video = None
     if evaluation.trajectory is not None:
         evaluation.trajectory.save(folder / TRAJECTORY)
         no_video = _film(folder, gl_library) if video else None
-    write_text(folder / PAGE, page(evaluation, pictures, has_video=(folder / VIDEO).is_file()))
+    write_text(folder / PAGE, page(evaluation, has_video=(folder / VIDEO).is_file(), command=command))
     return no_video
 
 
@@ -95,9 +100,3 @@ def card_results(evaluation: Evaluation) -> dict[str, Any]:
 
 
 _CARD_CONDITIONS = ("robot", "schedule", "sprint", "simulator", "operator", "steering")
-
-
-def _png(figure: Any) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

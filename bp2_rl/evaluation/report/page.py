@@ -1,24 +1,27 @@
 """The report as a page of HTML that explains itself, pictures inside."""
 
-import base64
 import html
 from collections.abc import Collection, Iterable, Sequence
 
 from bp2_rl.evaluation.benchmarks.outcome import MEASURES, Evaluation, Table
+from bp2_rl.evaluation.report.pictures import figure
+from bp2_rl.evaluation.report.player import element
 
-PAGE, VIDEO = "index.html", "run.mp4"
+PAGE, VIDEO, STILL, TRAJECTORY = "index.html", "run.mp4", "run.jpg", "trajectory.npz"
 
 
-def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool) -> str:
-    """The report as one HTML page; only the film stays a file beside it.
+def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None) -> str:
+    """The report as one HTML page; only the film and the trajectory stay files beside it.
 
     Args:
         evaluation: what to show.
-        pictures: its pictures as PNG, by name.
-        has_video: whether the film is there.
+        has_video: whether the film is there, with its still.
+        command: what makes the report again.
     """
-    film = f'<video src="{VIDEO}" controls loop muted playsinline></video>' if has_video else ""
-    figures = "".join(_figure(pictures[p.name], _escape(p.caption)) for p in evaluation.pictures if p.name in pictures)
+    run = evaluation.trajectory
+    moving = element.player(run) if run is not None else ""
+    film = f'<video src="{VIDEO}" poster="{STILL}" preload="none" controls loop muted playsinline></video>'
+    figures = "".join(map(figure, evaluation.pictures))
     measures = Table("Measures", MEASURES, evaluation.rows, words=True)
     conditions = "".join(
         f"<tr><th>{_escape(k)}</th><td>{_escape(v)}</td></tr>" for k, v in evaluation.conditions.items()
@@ -26,9 +29,22 @@ def page(evaluation: Evaluation, pictures: dict[str, bytes], *, has_video: bool)
     return document(
         title=f"{evaluation.benchmark}: {evaluation.subject}",
         header=f"{_verdict(evaluation)}<p class=quiet>BP2 in {_escape(evaluation.backend)}</p>",
-        body=f"{_tiles(evaluation)}{film}{figures}{''.join(map(_section, (measures, *evaluation.tables)))}"
-        f"<h2>Conditions</h2><table class=conditions><tbody>{conditions}</tbody></table>",
+        body=f"{_tiles(evaluation)}{moving}{film if has_video else ''}{figures}"
+        f"{''.join(map(_section, (measures, *evaluation.tables)))}"
+        f"<h2>Conditions</h2><table class=conditions><tbody>{conditions}</tbody></table>"
+        f"{_again(command, run is not None)}",
+        style=element.style() if run is not None else "",
     )
+
+
+def _again(command: str | None, has_trajectory: bool) -> str:
+    """How the report is made again, and what it is made from."""
+    made = f"<pre class=wide><code>{_escape(command)}</code></pre>" if command else ""
+    data = (
+        f'<p><a href="{TRAJECTORY}">{TRAJECTORY}</a> holds the run millisecond by millisecond; in Python: '
+        "<code>bp2_rl.evaluation.runs.trajectory.Trajectory.load</code>.</p>"
+    )
+    return (f"<h2>Make it again</h2>{made}{data if has_trajectory else ''}") if command or has_trajectory else ""
 
 
 def overview(evaluations: Sequence[Evaluation]) -> str:
@@ -57,11 +73,6 @@ def _tiles(evaluation: Evaluation) -> str:
         f"<div><b>{_escape(shown[label])}</b><span>{_escape(label)}</span></div>" for label in evaluation.tiles
     )
     return f"<section class=tiles>{tiles}</section>"
-
-
-def _figure(png: bytes, caption: str) -> str:
-    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
-    return f'<figure><img alt="{caption}" src="{source}"><figcaption>{caption}</figcaption></figure>'
 
 
 def _section(table: Table) -> str:
@@ -108,6 +119,9 @@ video, img {{ display: block; width: 100%; height: auto; border-radius: 8px; }}
 figure {{ margin: 2.25rem 0 0; }}
 figcaption {{ margin-top: .4rem; color: var(--quiet); font-size: .9rem; }}
 .wide {{ overflow-x: auto; }}
+.pan img {{ min-width: 40rem; }}
+pre {{ margin: 0 0 1rem; padding: .7rem .9rem; background: #f6f8fa; border-radius: 8px; font-size: .85rem; }}
+p code {{ font-size: .85em; overflow-wrap: anywhere; }}
 table {{ width: 100%; border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
 th, td {{ padding: .38rem .75rem .38rem 0; border-bottom: 1px solid var(--line);
   text-align: left; vertical-align: top; }}

@@ -10,14 +10,15 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
-from bp2_rl.evaluation.report import film as video
 from bp2_rl.evaluation.report import folder, page, terminal
+from bp2_rl.evaluation.runs import film as video
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 
@@ -54,8 +55,8 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
-        self.sources += [value for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "img"):
+        self.sources += [value for name, value in attrs if name in ("src", "srcset", "poster", "href")]
+        if tag not in ("meta", "img", "input", "source"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -75,29 +76,34 @@ def test_report_folder_explains_itself(busy_run, tmp_path):
     np.testing.assert_array_equal(Trajectory.load(tmp_path / "trajectory.npz").qpos, busy_run.qpos)
 
 
-def test_page_needs_no_other_file_and_no_script(busy_run, tmp_path):
-    folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
+def test_page_holds_all_that_it_shows(busy_run, tmp_path):
+    folder.write_report(evaluation_of(busy_run), tmp_path, video=False, command="python eval.py --speed '<5>'")
     text = (tmp_path / "index.html").read_text()
     shown = Page(text)
-    assert "script" not in shown.tags
-    assert len(shown.sources) == 1
-    assert all(source.startswith("data:image/png;base64,") for source in shown.sources)
+    wide, narrow, link = sorted(shown.sources)
+    assert wide.startswith("data:image/svg+xml;base64,")
+    assert narrow.startswith("data:image/svg+xml;base64,")
+    assert wide != narrow
+    assert link == "trajectory.npz"
+    assert "://" not in text
+    assert "python eval.py --speed &#x27;&lt;5&gt;&#x27;" in text
     assert "ramp &amp; &lt;hold&gt;" in text
     for leg in ("FR", "FL", "RR", "RL"):
         assert f"{leg}_knee" in text
 
 
 def test_page_shows_the_film_where_there_is_one(busy_run):
-    shown = Page(page.page(evaluation_of(busy_run), {}, has_video=True))
-    assert shown.sources == ["run.mp4"]
+    shown = Page(page.page(evaluation_of(busy_run, pictures=()), has_video=True))
+    assert shown.sources == ["run.mp4", "run.jpg", "trajectory.npz"]
 
 
 def test_an_older_report_is_replaced_whole(busy_run, make_run, tmp_path):
     folder.write_report(evaluation_of(busy_run), tmp_path, video=False)
-    (tmp_path / "run.mp4").write_bytes(b"of the older run")
+    for name in ("run.mp4", "run.jpg"):
+        (tmp_path / name).write_bytes(b"of the older run")
     folder.open_folder(tmp_path, "topspeed")
     folder.write_report(evaluation_of(make_run(duration=2.0)), tmp_path, video=False)
-    assert not (tmp_path / "run.mp4").exists()
+    assert not list(tmp_path.glob("run.*"))
     assert len(Trajectory.load(tmp_path / "trajectory.npz")) == 2000
 
 
@@ -137,7 +143,7 @@ def test_a_page_shows_rows_tables_and_the_mood(busy_run):
     evaluation = evaluation_of(
         busy_run, rows=(Row("Lead", "0.6 s", "at <5 m"),), tiles=("Lead",), tables=(table,), good=False
     )
-    text = page.page(evaluation, {}, has_video=False)
+    text = page.page(evaluation, has_video=False)
     Page(text)
     assert "<div><b>0.6 s</b><span>Lead</span></div>" in text
     assert "at &lt;5 m" in text
@@ -197,15 +203,15 @@ def test_film_shows_the_seconds_around_the_best_one(make_run):
     qvel = run.qvel.copy()
     qvel[9000:10000, 0] = 7.0
     times = video.frame_samples(make_run(duration=20.0, qvel=qvel)) * 1e-3
-    assert times[0] == pytest.approx(9.5 - video.LENGTH / 2, abs=1e-3)
-    assert times[-1] == pytest.approx(9.5 + video.LENGTH / 2, abs=1.1 / video.FRAME_RATE)
-    np.testing.assert_allclose(np.diff(times), 1 / video.FRAME_RATE, atol=1.1e-3)
+    assert times[0] == pytest.approx(9.5 - video.Shot.length / 2, abs=1e-3)
+    assert times[-1] == pytest.approx(9.5 + video.Shot.length / 2, abs=1.1 / video.Shot.frame_rate)
+    np.testing.assert_allclose(np.diff(times), 1 / video.Shot.frame_rate, atol=1.1e-3)
 
 
 @pytest.mark.parametrize("duration", [0.5, 3.0, 4.5])
 def test_film_of_a_short_run_shows_as_much_as_there_is(make_run, duration):
     samples = video.frame_samples(make_run(duration=duration))
-    assert len(samples) == pytest.approx(min(duration, video.LENGTH) * video.FRAME_RATE, abs=1)
+    assert len(samples) == pytest.approx(min(duration, video.Shot.length) * video.Shot.frame_rate, abs=1)
     assert samples[0] >= 0
     assert samples[-1] < 1000 * duration
 
@@ -221,23 +227,35 @@ def test_without_a_gl_library_one_line_says_how_to_mend_it(busy_run, tmp_path):
 
 def test_film_is_a_film(make_run, tmp_path):
     """Where there is no GL library, the reason is all there is."""
-    path = tmp_path / "trajectory.npz"
+    path, shot = tmp_path / "trajectory.npz", video.Shot(width=480, height=272)
     far = make_run(duration=0.2)
     far.qpos[:, 0] += 280.3  # where the scene has no lane lines any more
     far.save(path)
     try:
-        video.make_video(path, tmp_path / "run.mp4")
+        video.make_video(path, tmp_path / "run.mp4", shot=shot)
     except video.NoVideo as reason:
         pytest.skip(str(reason))
     decode = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "run.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     pixels = np.frombuffer(subprocess.run(decode, capture_output=True, check=True).stdout, np.uint8)
-    frames = pixels.reshape(-1, video.HEIGHT, video.WIDTH, 3)
+    frames = pixels.reshape(-1, shot.height, shot.width, 3)
     assert len(frames) == 6
     assert all(np.std(frame) > 10 for frame in frames)
-    ground = frames[:, -video.HEIGHT // 8 :, video.WIDTH // 2 :].astype(float).mean(axis=(1, 2))
+    ground = frames[:, -shot.height // 8 :, shot.width // 2 :].astype(float).mean(axis=(1, 2))
     assert np.all(ground[:, 0] > 1.5 * ground[:, 2])  # the track is red, from the first frame on
-    assert np.max(frames[:, video.HEIGHT // 2 :].min(axis=-1)) > 180  # and has white lines
-    assert {entry.name for entry in tmp_path.iterdir()} == {"trajectory.npz", "run.mp4"}
+    assert np.max(frames[:, shot.height // 2 :].min(axis=-1)) > 180  # and has white lines
+    content = (tmp_path / "run.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")  # a browser can begin before it has all
+    with Image.open(tmp_path / "run.jpg") as still:
+        far = np.abs(np.asarray(still.convert("RGB")).astype(float) - frames).mean(axis=(1, 2, 3))
+    assert np.argmin(far) == 3
+    assert far[3] < 4.0  # of 255: the film and its still are compressed
+    assert {entry.name for entry in tmp_path.iterdir()} == {"trajectory.npz", "run.mp4", "run.jpg"}
+
+
+def test_film_to_the_end_shows_how_it_ended(make_run):
+    samples = video.frame_samples(make_run(duration=9.0, fell_at=9.0), video.Shot(length=3.0, to_the_end=True))
+    assert samples[0] == pytest.approx(6000, abs=1)
+    assert samples[-1] == pytest.approx(9000, abs=1100 / video.Shot.frame_rate)
 
 
 def test_without_the_package_that_writes_films_the_report_is_made_all_the_same(busy_run, tmp_path, monkeypatch):

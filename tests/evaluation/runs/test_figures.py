@@ -3,10 +3,11 @@ import io
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from PIL import Image
 
 from bp2_rl.evaluation.runs.figures import FIGURES
-from bp2_rl.plotting import moving_mean
+from bp2_rl.plotting import NARROW, moving_mean
 
 
 def draw(name, run):
@@ -21,6 +22,19 @@ def test_figures_show_the_run(name, make_run, busy_run):
     assert busy.shape[1] >= 1200  # pixels: legible on a page
     assert busy.shape == still.shape
     assert np.mean(np.any(busy != still, axis=-1)) > 0.01
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_letters_are_legible_on_a_telephone(name, busy_run):
+    """Shown 350 pixels wide, the smallest are 8 pixels high or more, and no letter is beyond the edge."""
+    figure = FIGURES[name][0](busy_run, NARROW)
+    figure.draw_without_rendering()
+    words = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    scale = 350 / (72 * NARROW)
+    assert min(float(text.get_fontsize()) for text in words) * scale >= 8.0
+    drawn = figure.get_tightbbox()
+    assert drawn.x0 > -0.01
+    assert drawn.x1 < NARROW + 0.01
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -1,0 +1,142 @@
+"""What the page is told of a run: the robot's links and looks, and its motion as small numbers.
+
+The motion is given in joint coordinates, from which the page finds the links' poses as `mj_kinematics` does: with 20
+numbers an instant it takes a fifth of what the poses would.
+"""
+
+import base64
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.plotting import LEG_COLORS, moving_mean
+from bp2_rl.robot.model import SOLE_SITES, load_model
+from bp2_rl.robot.specs import CONTROL_STEP, LEGS, HardwareSpec
+
+LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
+VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
+LARGEST = 32767  # of a 16-bit number
+SHAPES = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+
+
+def describe(run: Trajectory) -> dict[str, Any]:
+    """Everything that the page needs, ready for JSON; samples are `CONTROL_STEP` apart."""
+    best = best_window(run, 1.0)
+    middle = best.start + 0.5 if best is not None else 0.0
+    length = len(run) * run.dt
+    if length > LONGEST:
+        start = min(max(middle - LONGEST / 2, 0.0), length - LONGEST)
+        run = run.between(start, start + LONGEST)
+    step = max(1, round(CONTROL_STEP / run.dt))
+    shown = slice(None, None, step)
+    speed = moving_mean(run.ground_velocity[:, 0], round(RIPPLE / run.dt))
+    turn = run.qpos[shown, 3:7]
+    flips = np.cumsum(np.sum(turn[1:] * turn[:-1], axis=1) < 0.0)  # q and -q are one turn, but not halfway between
+    turn = turn * np.where(np.concatenate(([0], flips)) % 2, -1.0, 1.0)[:, None]
+    return robot(run.hardware) | {
+        "motion": {
+            "rate": 1.0 / (step * run.dt),
+            "count": len(turn),
+            "start": float(run.time[0]),
+            "best": max(middle - float(run.time[0]), 0.0),
+            "fell": run.fell_at,
+        },
+        "channels": {
+            "place": _floats(run.qpos[shown, :3]),
+            "turn": _integers(turn),
+            "joints": _integers(run.qpos[shown, 7:]),
+            "force": _integers(moving_mean(run.foot_force, step)[shown].reshape(-1, 12)),
+            "speed": _floats(np.stack((speed, run.command[:, 0]), axis=-1)[shown]),
+        },
+    }
+
+
+def robot(hardware: HardwareSpec) -> dict[str, Any]:
+    """The robot's links, each hung on an earlier one, with their visible geoms; lengths in m."""
+    model = load_model(hardware)
+    links, meshes = [], {}
+    for body in range(1, model.nbody):
+        joint = int(model.body_jntadr[body])
+        links.append(
+            {
+                "name": model.body(body).name,
+                "parent": int(model.body_parentid[body]) - 1,
+                "position": _rounded(model.body_pos[body]),
+                "quaternion": _rounded(model.body_quat[body]),
+                "joint": "slide" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "hinge",
+                "axis": _rounded(model.jnt_axis[joint]),
+            }
+        )
+    geoms = []
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        if body == 0 or model.geom_group[geom] > VISIBLE:
+            continue
+        mesh = int(model.geom_dataid[geom])
+        if mesh >= 0:
+            meshes.setdefault(mesh, len(meshes))
+        geoms.append(
+            {
+                "link": body - 1,
+                "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
+                "mesh": meshes.get(mesh, -1),
+                "size": _rounded(model.geom_size[geom]),
+                "position": _rounded(model.geom_pos[geom]),
+                "quaternion": _rounded(model.geom_quat[geom]),
+                "color": _rounded(_color(model, geom)),
+            }
+        )
+    feet = [
+        {
+            "link": int(model.site(sole).bodyid[0]) - 1,
+            "position": _rounded(model.site(sole).pos),
+            "color": [int(LEG_COLORS[leg][i : i + 2], 16) / 255.0 for i in (1, 3, 5)],
+        }
+        for leg, sole in zip(LEGS, SOLE_SITES, strict=True)
+    ]
+    return {"links": links, "geoms": geoms, "meshes": [_mesh(model, mesh) for mesh in meshes], "feet": feet}
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = model.mesh_vert[first : first + count]
+    return {
+        "vertices": [_rounded(vertex) for vertex in vertices],
+        "faces": model.mesh_face[start : start + faces].tolist(),
+    }
+
+
+def _color(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    material = model.geom_matid[geom]
+    return (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])[:3]
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(value), 6) for value in values]
+
+
+def _floats(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
+    return _channel(values.astype("<f4"), "f4", np.ones(1))
+
+
+def _integers(values: Float[np.ndarray, "K n"]) -> dict[str, Any]:
+    """Each column in 65,535 steps around 0; what is not a number, as of a run that blew up, is 0."""
+    values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
+    scale = np.maximum(np.max(np.abs(values), axis=0), 1e-6) / LARGEST
+    return _channel(np.rint(values / scale).astype("<i2"), "i2", scale)
+
+
+def _channel(values: np.ndarray, kind: str, scale: np.ndarray) -> dict[str, Any]:
+    data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+    return {"type": kind, "width": values.shape[1], "scale": [float(s) for s in scale], "data": data}

@@ -1,0 +1,146 @@
+"""Films beside a training: they follow the verdicts, on a page that is there from the first verdict on."""
+
+import dataclasses
+import re
+import threading
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from bp2_rl.errors import UserError
+from bp2_rl.evaluation import films
+from bp2_rl.evaluation.films import FILMS, PAGE, filming
+from bp2_rl.evaluation.judge import Launched, Launching, Workers
+from bp2_rl.evaluation.runs.film import NoVideo
+from bp2_rl.learning.policies import Hearing, Judge, Verdict
+from bp2_rl.settings.training import RunConfig
+
+FAST, FALLEN = Launched(fell=False, speed=12.5), Launched(fell=True, speed=0.0)
+
+
+def known(launched):
+    future = Future()
+    future.set_result(launched)
+    return future
+
+
+class Fleet(Workers):
+    """Workers who know at once what comes of the policies, by their control steps."""
+
+    def __init__(self, launched):
+        self.launched, self.places = launched, 1
+
+    def submit(self, policy, kept=None, length=0.0):
+        if kept is not None:
+            kept.write_bytes(b"the launch's last seconds")
+        return Launching([known(self.launched[int(policy.name)])] * 3)
+
+
+@pytest.fixture
+def camera(monkeypatch):
+    """Films in no time, as far as it is let."""
+    free = threading.Event()
+    free.set()
+
+    def make_video(kept, output, gl_library, shot):
+        assert free.wait(10)
+        assert kept.read_bytes()
+        output.write_bytes(b"film")
+
+    monkeypatch.setattr(films, "make_video", make_video)
+    return free
+
+
+def hear(judge, run_dir, *steps):
+    return [judge.submit(run_dir / "policies" / str(step)).result() for step in steps]
+
+
+def page(run_dir):
+    return (run_dir / PAGE).read_text()
+
+
+def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, camera):
+    with filming(Fleet({64: FALLEN, 128: FAST}), print) as judge:
+        assert isinstance(judge, Judge)
+        assert isinstance(judge.submit(tmp_path / "policies" / "128"), Hearing)
+        assert hear(judge, tmp_path, 128, 64) == [Verdict(12.5, 0, 3, 12.5), Verdict(0.0, 3, 3, 0.0)]
+    card = r"<video src=\"(.*?)\" poster=\"(.*?)\".*?<b>(.*?)</b>.*?<span class=\"(\w+)\">(.*?)</span>"
+    shown = re.findall(card, page(tmp_path))
+    assert shown == [
+        ("films/64.mp4", "films/64.jpg", "fell", "bad", "3 of 3 launches fell"),
+        ("films/128.mp4", "films/128.jpg", "12.5 m/s", "good", "no fall"),
+    ]
+    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4", "128.mp4"}  # nothing else is left
+    assert "://" not in page(tmp_path)
+
+
+def test_a_verdict_does_not_wait_for_its_film_and_the_page_looks_for_more(tmp_path, camera):
+    camera.clear()
+    with filming(Fleet({64: FAST}), print) as judge:
+        assert hear(judge, tmp_path, 64)
+        assert "<video" not in page(tmp_path)
+        assert "12.5 m/s" in page(tmp_path)
+        assert "location.reload" in page(tmp_path)
+        camera.set()
+    assert "<video" in page(tmp_path)
+    assert "location.reload" not in page(tmp_path)
+
+
+def test_a_training_that_is_stopped_does_not_wait_for_films(tmp_path, camera):
+    def stop():
+        with filming(Fleet({64: FAST, 128: FAST, 192: FAST}), print) as judge:
+            hear(judge, tmp_path, 64, 128, 192)
+            threading.Timer(0.2, camera.set).start()
+            raise KeyboardInterrupt
+
+    camera.clear()
+    with pytest.raises(KeyboardInterrupt):
+        stop()
+    assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4"}  # the one that was being filmed
+
+
+@pytest.mark.parametrize("error", [NoVideo("no video: no GL library works here (egl: gone)"), OSError("disk full")])
+def test_where_no_film_can_be_made_one_line_says_so_and_the_verdicts_go_on(tmp_path, monkeypatch, error):
+    def make_video(*_):
+        raise error
+
+    said = []
+    monkeypatch.setattr(films, "make_video", make_video)
+    with filming(Fleet({64: FAST, 128: FAST, 192: FALLEN}), said.append) as judge:
+        assert len(hear(judge, tmp_path, 64, 128, 192)) == 3
+    assert len(said) == 1
+    assert said[0].startswith("warning: no ")
+    assert str(error).split(": ")[-1] in page(tmp_path)
+    assert page(tmp_path).count("no film<") == 3
+
+
+def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
+    with filming(Fleet({64: FAST}), print) as judge:
+        hear(judge, tmp_path, 64)
+    judged = {f"judged/{name}": value for name, value in dataclasses.asdict(Verdict(12.5, 0, 3, 12.5)).items()}
+    line = ", ".join(f'"{name}": {value}' for name, value in ({"step": 64} | judged).items())
+    (tmp_path / "metrics.jsonl").write_text(f"{{{line}}}\n")
+    with filming(Fleet({128: FALLEN}), print) as judge:
+        hear(judge, tmp_path, 128)
+    assert re.findall(r"films/(\d+).mp4", page(tmp_path)) == ["64", "128"]
+
+
+def test_a_run_whose_folder_is_gone_gets_no_new_one(tmp_path, camera):
+    run_dir = tmp_path / "gone"
+    with filming(Fleet({64: FAST}), print) as judge, pytest.raises(FileNotFoundError):
+        judge.submit(run_dir / "policies" / "64")
+    assert not run_dir.exists()
+
+
+def test_films_need_a_judge():
+    with pytest.raises(UserError, match=r"let --run\.judged be 1"):
+        RunConfig(films=True)
+    assert RunConfig(films=True, judged=1).films
+
+
+def test_without_a_policy_there_is_no_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with filming(Fleet({}), print):
+        pass
+    assert list(Path().iterdir()) == []
