@@ -343,4 +343,17 @@ BEYOND = (
         stated="not comparable",
         because="the paper takes from the pendulums that legs take torque off each other; two in antiphase do not",
     ),
+    Item(
+        "beyond-identifiability",
+        "What is assumed",
+        "Which of the numbers that had to be assumed the paper's own numbers pin down",
+        "identifiability",
+        "identifiability.png",
+        ours="{identifiability:results/pinned|d} combinations of {identifiability:results/assumptions|d} assumptions; "
+        "left of the range of a rotor's inertia {identifiability:results/left/rotor inertia|.0%}, "
+        "of the drag area's {identifiability:results/left/drag area|.0%}, "
+        "of friction's {identifiability:results/left/friction|.0%}",
+        stated="not comparable",
+        because="the paper prints none of these",
+    ),
 )
