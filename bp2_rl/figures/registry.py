@@ -6,6 +6,7 @@ A new figure is an entry. Nothing slow is imported before a figure is drawn: a m
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bp2_rl.figures.binding.settings import BindingSettings
 from bp2_rl.figures.identifiability.settings import IdentifiabilitySettings
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.scaling.settings import ScalingSettings
@@ -66,6 +67,12 @@ def _identifiability(settings: IdentifiabilitySettings) -> "Drawn":
     return identifiability(settings)
 
 
+def _binding(settings: BindingSettings) -> "Drawn":
+    from bp2_rl.figures.binding.figure import binding
+
+    return binding(settings)
+
+
 FIGURES = {
     "scaling": Entry(
         "Fig. 1, inset, Table S1",
@@ -85,6 +92,12 @@ FIGURES = {
         "which assumptions the paper's numbers pin down, and which nothing does; takes minutes",
         IdentifiabilitySettings,
         _identifiability,
+    ),
+    "binding": Entry(
+        "beyond the paper",
+        "which limits hold the optimiser back over speed, and the policy beside it; takes minutes",
+        BindingSettings,
+        _binding,
     ),
 }
 """By name."""
