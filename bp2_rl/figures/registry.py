@@ -6,6 +6,8 @@ A new figure is an entry. Nothing slow is imported before a figure is drawn: a m
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bp2_rl.figures.binding.settings import BindingSettings
+from bp2_rl.figures.identifiability.settings import IdentifiabilitySettings
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.scaling.settings import ScalingSettings
 from bp2_rl.figures.settings import OperatingSettings, RewardsSettings, RobotSettings, StridesSettings
@@ -59,6 +61,18 @@ def _operating(settings: OperatingSettings) -> "Drawn":
     return operating(settings)
 
 
+def _identifiability(settings: IdentifiabilitySettings) -> "Drawn":
+    from bp2_rl.figures.identifiability.figure import identifiability
+
+    return identifiability(settings)
+
+
+def _binding(settings: BindingSettings) -> "Drawn":
+    from bp2_rl.figures.binding.figure import binding
+
+    return binding(settings)
+
+
 FIGURES = {
     "scaling": Entry(
         "Fig. 1, inset, Table S1",
@@ -73,5 +87,17 @@ FIGURES = {
     "rewards": Entry("Table S4", "reward coefficients, and how their weights go with speed", RewardsSettings, _rewards),
     "strides": Entry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
     "operating": Entry("Fig. 5 E", "torque over speed of hips and knees, three cycles", OperatingSettings, _operating),
+    "identifiability": Entry(
+        "beyond the paper",
+        "which assumptions the paper's numbers pin down, and which nothing does; takes minutes",
+        IdentifiabilitySettings,
+        _identifiability,
+    ),
+    "binding": Entry(
+        "beyond the paper",
+        "which limits hold the optimiser back over speed, and the policy beside it; takes minutes",
+        BindingSettings,
+        _binding,
+    ),
 }
 """By name."""

@@ -18,6 +18,7 @@ cost, however long it is; within one, the sum over nodes is a quadrature, so tha
 import math
 import time
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +31,7 @@ from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.trajopt import sagittal
 from bp2_rl.trajopt.guess import cold_guess
 from bp2_rl.trajopt.problem import Problem, Scheme, Stride, contact_rows, motor_coordinates
-from bp2_rl.trajopt.program import Program
+from bp2_rl.trajopt.program import Optimum, Program
 from bp2_rl.trajopt.sagittal import DESIGN, ca
 from bp2_rl.trajopt.solution import Motion, NotSolved, Solution, resample
 
@@ -39,7 +40,17 @@ TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, FORCE, IMPULSE = 0.1, 1.0, 10.0,
 POWER = 1000.0
 SHORTEST, LONGEST = 0.005, 0.6  # s, of a segment
 INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # what CasADi makes of Ctrl-C within IPOPT
+RANGES = "hip range", "knee range", "spring range"  # what a leg's coordinates are within
+HASTE = 100.0  # units of cost for 1 m/s, where the greatest speed is looked for
 SLACK = 0.03  # m, by which a spring may press into its stops
+
+
+class Optimised(NamedTuple):
+    """A solution, and the program that it solves."""
+
+    solution: Solution
+    program: Program
+    optimum: Optimum
 
 
 def solve(
@@ -67,12 +78,26 @@ def solve(
         NotSolved: it stopped anywhere but at a point that satisfies its tolerances.
         UserError: this CasADi has no IPOPT.
     """
+    return optimise(problem, start, proximity=proximity, free=free, haste=haste, time_limit=time_limit).solution
+
+
+def optimise(
+    problem: Problem,
+    start: Motion | None = None,
+    *,
+    proximity: float = 0.0,
+    free: Mapping[str, tuple[float, float]] | None = None,
+    haste: float = 0.0,
+    time_limit: float = 300.0,
+) -> Optimised:
+    """As `solve`, with the program and its multipliers."""
     if not ca.has_nlpsol("ipopt"):
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     guess = cold_guess(problem) if start is None else start
     program, unknowns = transcribe(problem, guess, proximity=proximity, free=free or {}, haste=haste)
-    values, stats, violation = program.solve(unknowns, time_limit)
+    optimum = program.solve(time_limit)
+    stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:
         raise KeyboardInterrupt
     if not stats["success"]:
@@ -81,12 +106,13 @@ def solve(
             f"no trajectory at {problem.speed:g} m/s: IPOPT ended with '{how}'; lower the speed, relax a "
             "limit, or start from a solution nearby"
         )
-    durations, q, v, a, tau, force, impulse, design, speed, cost = values
+    durations, q, v, a, tau, force, impulse, design, speed, cost = program.values(unknowns, optimum.point)
     found = {name: float(value) for name, value in zip(DESIGN, design[0, 0], strict=True) if name in (free or {})}
     motion = Motion(durations[:, 0, 0], q, v, a, tau, force, impulse[:, 0])
     seconds = time.perf_counter() - began
     solved = problem.on(**found).at(speed.item() if haste > 0.0 else problem.speed)
-    return Solution(solved, motion, cost.item(), violation, stats["iter_count"], seconds)
+    solution = Solution(solved, motion, cost.item(), optimum.violation, stats["iter_count"], seconds)
+    return Optimised(solution, program, optimum)
 
 
 def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
@@ -118,7 +144,7 @@ def fastest(start: Solution) -> Solution:
     Raises:
         NotSolved: IPOPT did not find one.
     """
-    return solve(start.problem, start.motion, haste=100.0)
+    return solve(start.problem, start.motion, haste=HASTE)
 
 
 def refine(solution: Solution, intervals: int) -> Solution:
@@ -148,7 +174,8 @@ def transcribe(
     lower, upper = _range_of_motion(problem)
     speed = program.unknown(np.array([[problem.speed]]), VELOCITY, 0.0) if haste > 0.0 else ca.MX(problem.speed)
     T = [program.unknown(np.array([[duration]]), TIME, SHORTEST, LONGEST) for duration in guess.durations]
-    q = [program.unknown(guess.q[i].T, POSITION, lower[:, None], upper[:, None]) for i in segments]
+    names = ("", "trunk height", "pitch", *RANGES * len(legs))
+    q = [program.unknown(guess.q[i].T, POSITION, lower[:, None], upper[:, None], names) for i in segments]
     v = [program.unknown(guess.v[i].T, VELOCITY) for i in segments]
     a = [program.unknown(guess.a[i].T, ACCELERATION) for i in segments]
     tau = [program.unknown(guess.tau[i].T, TORQUE) for i in segments]
@@ -186,29 +213,29 @@ def transcribe(
             program.require(soles @ v[i][:, 0], VELOCITY)
             if math.isfinite(problem.form.hardest_landing):
                 limit = ca.repmat(ca.MX(problem.form.hardest_landing), len(landing))
-                program.within(soles @ v_before, limit, VELOCITY)
+                program.within(soles @ v_before, limit, VELOCITY, "landing")
         else:
             program.require(v[i][:, 0] - v_before, VELOCITY)
 
     # --- The stride's form ---
     form, period = problem.form, ca.sum1(ca.vertcat(*T)) / stride.cycles
     if math.isfinite(form.longest_period):
-        program.at_least_zero(form.longest_period - period, TIME)
+        program.at_least_zero(form.longest_period - period, TIME, "period")
     for i in (i for i in segments if stride.standing[i]):
         if form.least_duty > 0.0:
-            program.at_least_zero(T[i] - form.least_duty * period, TIME)
+            program.at_least_zero(T[i] - form.least_duty * period, TIME, "duty")
         if form.greatest_share < 1.0:
             loads = force[i][contact_rows(legs, stride.standing[i])[1::2], :] @ problem.quadrature
-            program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE)
+            program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE, "shares of the load")
 
     # --- Friction, swing, motors, smoothness ---
     for i in segments:
         for leg in stride.standing[i]:
             x, z = contact_rows(legs, (leg,))
             end = -1 if leg in stride.liftoffs(i) else None  # where the force is zero, there is no cone
-            program.within(force[i][x, :end], hardware.friction * force[i][z, :end], FORCE)
+            program.within(force[i][x, :end], hardware.friction * force[i][z, :end], FORCE, "friction")
             if leg in stride.touchdowns(i):
-                program.within(impulse[i][x], hardware.friction * impulse[i][z], IMPULSE)
+                program.within(impulse[i][x], hardware.friction * impulse[i][z], IMPULSE, "friction at touchdown")
         height = model.contact.map(points)(q[i], p)
         for leg in (leg for leg in legs if leg not in stride.standing[i]):
             share = _swing_share(stride, leg, i, T, problem.points)
@@ -217,23 +244,25 @@ def transcribe(
             begin = 1 if stride.stands(leg, i - 1) else 0
             end = -1 if stride.stands(leg, i + 1) else None
             sole = height[2 * legs.index(leg) + 1, :]
-            program.at_least_zero((sole - bump)[begin:end], POSITION)
+            program.at_least_zero((sole - bump)[begin:end], POSITION, "clearance")
             if math.isfinite(problem.form.highest_step):
-                program.at_least_zero((problem.form.highest_step - sole)[begin:end], POSITION)
+                program.at_least_zero((problem.form.highest_step - sole)[begin:end], POSITION, "step")
         for speed_at, torque_at in _motor_states(problem, T[i], v[i][motors, :], a[i][motors, :], tau[i]):
-            program.within(speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY)
-            program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE)
+            program.within(
+                speed_at, ca.repmat(problem.speed_margin * no_load, *speed_at.shape), VELOCITY, "joint speed"
+            )
+            program.within(torque_at, ca.repmat(peak, *torque_at.shape), TORQUE, "peak torque")
             stall = stall_torque(peak, hardware.corner_speed, hardware.no_load_speed)
-            program.at_least_zero(stall * (1.0 - speed_at / no_load) - torque_at, TORQUE)
-            program.at_least_zero(stall * (1.0 + speed_at / no_load) + torque_at, TORQUE)
+            program.at_least_zero(stall * (1.0 - speed_at / no_load) - torque_at, TORQUE, "falling line", 0.5)
+            program.at_least_zero(stall * (1.0 + speed_at / no_load) + torque_at, TORQUE, "falling line", 0.5)
             _limit_braking(program, hardware, gear, speed_at, torque_at)
             _limit_bus(program, problem, no_load, stall, speed_at, torque_at)
         dt = T[i] / (points - 1)
         steps = ca.repmat(problem.torque_rate * dt, len(motors), points - 1)
-        program.within(tau[i][:, 1:] - tau[i][:, :-1], steps, TORQUE)
+        program.within(tau[i][:, 1:] - tau[i][:, :-1], steps, TORQUE, "torque rate")
         if rows := contact_rows(legs, stride.standing[i]):
             steps = ca.repmat(problem.force_rate * dt, len(rows), points - 1)
-            program.within(force[i][rows, 1:] - force[i][rows, :-1], steps, FORCE)
+            program.within(force[i][rows, 1:] - force[i][rows, :-1], steps, FORCE, "force rate")
 
     # --- Cost ---
     for i in segments:
@@ -332,8 +361,8 @@ def _limit_braking(program: Program, hardware: HardwareSpec, gear: ca.MX, speed:
         return
     stall = stall_torque(hardware.peak_torque * gear, hardware.corner_speed, hardware.braking_speed)
     share = speed * gear / hardware.braking_speed
-    program.at_least_zero(stall * (1.0 - share) + torque, TORQUE)
-    program.at_least_zero(stall * (1.0 + share) - torque, TORQUE)
+    program.at_least_zero(stall * (1.0 - share) + torque, TORQUE, "braking line", 0.5)
+    program.at_least_zero(stall * (1.0 + share) - torque, TORQUE, "braking line", 0.5)
 
 
 def _limit_bus(program: Program, problem: Problem, no_load: ca.MX, stall: ca.MX, speed: ca.MX, torque: ca.MX) -> None:
@@ -344,11 +373,13 @@ def _limit_bus(program: Program, problem: Problem, no_load: ca.MX, stall: ca.MX,
     losses, share = problem.hardware.losses, problem.share
     power = ca.sum1(speed * torque + copper_loss(torque, no_load, stall))  # W
     if not (math.isinf(losses.bus_power_out) and math.isinf(losses.bus_power_in)):
-        program.require(power, POWER, -share * losses.bus_power_in / POWER, share * losses.bus_power_out / POWER)
+        program.require(
+            power, POWER, -share * losses.bus_power_in / POWER, share * losses.bus_power_out / POWER, "bus power"
+        )
     if losses.bus_sag > 0.0:
         voltage = ca.repmat(1.0 - losses.bus_sag / share * power / 1e3, speed.shape[0], 1)
-        program.at_least_zero(stall * (voltage - speed / no_load) - torque, TORQUE)
-        program.at_least_zero(stall * (voltage + speed / no_load) + torque, TORQUE)
+        program.at_least_zero(stall * (voltage - speed / no_load) - torque, TORQUE, "sagged line", 0.5)
+        program.at_least_zero(stall * (voltage + speed / no_load) + torque, TORQUE, "sagged line", 0.5)
 
 
 def _cost(problem: Problem, T: ca.MX, speed: ca.MX, torque: ca.MX, force: ca.MX) -> ca.MX:

@@ -23,7 +23,7 @@ SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
 GEAR_ROUNDING = 2.0  # Nm, ASSUMED
 
 Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
-Gait = Literal["trot", "two-leg"]
+Gait = Literal["trot", "two-leg", "pronk"]
 Speed = Annotated[float, Within(0.01, 100.0)]
 """m/s; files name speeds in this range in their order."""
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
@@ -98,6 +98,8 @@ STRIDES: dict[Gait, Stride] = {
     "trot": Stride(specs.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
     # The paper's words taken literally: half a robot on one fore and one hind limb, half a cycle apart.
     "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
+    # All legs at once: half a robot, too.
+    "pronk": Stride(("F", "H"), (("F", "H"), ()), ("F", "H")),
 }
 
 

@@ -15,7 +15,7 @@ def settled_soon(monkeypatch):
     monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
 
 
-@pytest.mark.parametrize("name", sorted(FIGURES.keys() - {"strides", "operating"}))  # which are drawn of runs
+@pytest.mark.parametrize("name", sorted(FIGURES.keys() - {"strides", "operating", "identifiability", "binding"}))
 def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced

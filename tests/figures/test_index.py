@@ -116,7 +116,7 @@ def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(polic
     (moved / "card.json").write_text('{"seed": 1}')
     of_policy = {name for name, key in keys(Choice(moved)).items() if key != before[name]}
     runs = {source.name for source in SOURCES if source.benchmark}
-    assert of_policy == runs | {"scaling", "race", "strides", "operating"}  # which draw runs
+    assert of_policy == runs | {"scaling", "race", "strides", "operating", "binding"}  # which draw runs
     quick = keys(Choice(moved, quick=True))
     assert {name for name, key in keys(Choice(moved)).items() if key != quick[name]} == {
         source.name for source in SOURCES if source.quick

@@ -142,9 +142,10 @@ def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
     # As CasADi reports Ctrl-C within IPOPT: it must not be kept as a problem without a solution.
     found = Program.solve
 
-    def interrupted(self, unknowns, time_limit):
-        values, stats, violation = found(self, unknowns, 0.01)
-        return values, {**stats, "success": False, "return_status": "NonIpopt_Exception_Thrown"}, violation
+    def interrupted(self, time_limit):
+        end = found(self, 0.01)
+        how = {"success": False, "return_status": "NonIpopt_Exception_Thrown"}
+        return end._replace(statistics=end.statistics | how)
 
     monkeypatch.setattr(Program, "solve", interrupted)
     with pytest.raises(KeyboardInterrupt):

@@ -12,6 +12,7 @@ COMMANDS = {
     "solve": "find the best trajectory at one speed, verify it, and keep it with its picture",
     "sweep": "solve at many speeds from many cold starts: how reliably, how fast, how many optima",
     "limits": "find the greatest speed that has a trajectory at all, and what it hangs on",
+    "gaits": "set trot, bound and pronk beside each other",
     "verify": "judge solutions by a model that shares no code with the one they were found with",
     "schemes": "compare discretisation schemes over meshes",
     "library": "build the library of reference motions",

@@ -63,6 +63,8 @@ SOURCES = (
     Source("strides", ("figures", "strides"), runs=("topspeed",)),
     _evaluated("topspeed", "--speed", f"{OUTDOOR_TOP_SPEED:g}", "--hold", "6", "--no-video", name="topspeed_outdoors"),
     Source("operating", ("figures", "operating"), runs=("topspeed_outdoors", "topspeed")),
+    Source("identifiability", ("figures", "identifiability")),
+    Source("binding", ("figures", "binding"), runs=("topspeed_ideal",)),
     _evaluated("mechanism", quick=True),
     _evaluated("stability", quick=True),
     _evaluated("efficiency", quick=True),

@@ -343,4 +343,33 @@ BEYOND = (
         stated="not comparable",
         because="the paper takes from the pendulums that legs take torque off each other; two in antiphase do not",
     ),
+    Item(
+        "beyond-identifiability",
+        "What is assumed",
+        "Which of the numbers that had to be assumed the paper's own numbers pin down",
+        "identifiability",
+        "identifiability.png",
+        ours="{identifiability:results/pinned|d} combinations of {identifiability:results/assumptions|d} assumptions; "
+        "left of the range of a rotor's inertia {identifiability:results/left/rotor inertia|.0%}, "
+        "of the drag area's {identifiability:results/left/drag area|.0%}, "
+        "of friction's {identifiability:results/left/friction|.0%}",
+        stated="not comparable",
+        because="the paper prints none of these",
+    ),
+    Item(
+        "beyond-binding",
+        "Limits of speed",
+        "Which limits hold the optimiser back, and how far the policy is from it on the same robot",
+        "binding",
+        "binding.png",
+        ours="greatest speed {binding:results/greatest/speed|.1f} m/s; for 1 % more of leg length, no-load speed, peak "
+        "torque and friction {binding:results/greatest/prices/leg length|+.1f}, "
+        "{binding:results/greatest/prices/no-load speed|+.1f}, {binding:results/greatest/prices/peak torque|+.1f} and "
+        "{binding:results/greatest/prices/friction|+.1f} cm/s more; "
+        "at {binding:results/gaps/0/policy/speed|.1f} m/s the policy works "
+        "{binding:results/gaps/0/policy/positive|.2f} m g d, the optimiser "
+        "{binding:results/gaps/0/optimiser/positive|.2f}",
+        stated="not comparable",
+        because="the paper has no bound to compare its speed with; ours is of the plane and without feedback",
+    ),
 )

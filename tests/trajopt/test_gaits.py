@@ -1,0 +1,42 @@
+"""Gaits beside each other, on a mesh that is solved in a moment."""
+
+import numpy as np
+import pytest
+
+from bp2_rl.errors import UserError
+from bp2_rl.trajopt import collocation, gaits
+from bp2_rl.trajopt.gaits import compare_gaits
+from bp2_rl.trajopt.problem import STRIDES, Problem
+from bp2_rl.trajopt.solution import load_solution, speed_name
+from bp2_rl.trajopt.verify import verify
+
+
+def test_a_pronk_lands_and_lifts_on_all_legs_at_once():
+    stride = STRIDES["pronk"]
+    assert stride.touchdowns(0) == stride.liftoffs(0) == ("F", "H")
+    assert stride.touchdowns(1) == stride.liftoffs(1) == ()
+    assert stride.cycles == 1.0
+    # Nobody stands in the flight, and everybody in the stance: the other half of the robot does the same.
+    assert [len(feet) for feet in stride.standing] == [2, 0]
+
+
+def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(gaits, "GAITS", {"pronk": "pronk"})
+    problem = Problem(intervals=4, pitch_limit=0.6)
+    rows = list(compare_gaits(problem, (6.0,), tmp_path))
+    assert [row.greatest for row in rows] == [False, True]
+    six, top = rows
+    assert six.described is not None
+    assert six.speed == 6.0
+    assert (top.speed or 0.0) > 6.0
+    assert np.max(np.abs(six.pitch or ())) <= 0.6
+    solution = load_solution(tmp_path / "pronk" / speed_name(6.0))
+    # The judge's model, which shares no code: equations of motion, landing and periodicity. Not that feet stand still
+    # between landings: on so few intervals they do not.
+    judged = verify(solution)
+    limits = {"dynamics_residual": 1e-3, "impact_residual": 1e-5, "position_jump": 1e-6}
+    assert all(judged[name] <= limit for name, limit in limits.items()), judged
+    monkeypatch.setattr(collocation, "solve", None)
+    assert list(compare_gaits(problem, (6.0,), tmp_path)) == rows
+    with pytest.raises(UserError, match="gaits"):
+        next(compare_gaits(Problem(intervals=5), (6.0,), tmp_path))
