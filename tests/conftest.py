@@ -32,6 +32,10 @@ if cache := _compilation_cache():
     os.environ.setdefault("BP2_CACHE", str(cache))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+# Tests compile far longer than they run: XLA optimises little, which takes a third of the time, and each command that a
+# test starts does so, too. What is compared bit for bit is compiled alike.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false".strip()
 
 import flax.struct  # noqa: E402
 import jax  # noqa: E402

@@ -19,7 +19,7 @@ def trained(tmp_path_factory):
         environment = {
             **os.environ,
             "PYTHONPATH": str(Path(__file__).parents[2]),
-            "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
+            "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}",
         }
         runs.append(subprocess.Popen([sys.executable, aim.__file__, str(folder / f"{devices}.npz")], env=environment))
     assert [run.wait() for run in runs] == [0, 0, 0]

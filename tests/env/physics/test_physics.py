@@ -220,7 +220,7 @@ both, alone = (jax.jit(f)(physics, robot, change) for f in (spread, run))
 assert len(np.unique(both.qpos[:, 9])) == 16
 jax.tree.map(np.testing.assert_array_equal, both, alone)
 """
-    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    flags = {"XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
     subprocess.run([sys.executable, "-c", program], env=os.environ | flags, check=True, timeout=120)
 
 
