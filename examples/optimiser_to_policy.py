@@ -43,7 +43,7 @@ def played(speed: float) -> Stride:
 
 def run(speed: float, hold: float) -> Stride:
     """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
-    policy = load_policy(asset_path("policies/default"))
+    policy = load_policy(asset_path("policies/built"))
     leg = measure(rollout_mujoco(policy, Ramp((speed, 0.0, 0.0), hold=hold), policy.card.env)).legs[0]
     return Stride(1.0 / (leg.stride_frequency or math.inf), leg.duty_factor)
 

@@ -18,7 +18,7 @@ from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.specs import BUILT
 
-POLICY = asset_path("policies/default")
+POLICY = asset_path("policies/built")
 
 
 class Tried(NamedTuple):

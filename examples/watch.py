@@ -33,7 +33,7 @@ def watch(policy_or_run: Path, speed: float, hold: float, out: Path) -> RunMetri
 
 def main() -> None:
     """Watch the policy that is named, or the one that ships."""
-    policy = Path(sys.argv[1]) if len(sys.argv) > 1 else asset_path("policies/default")
+    policy = Path(sys.argv[1]) if len(sys.argv) > 1 else asset_path("policies/built")
     metrics = watch(policy, speed=2.0, hold=5.0, out=OUT)
     fell = "did not fall" if metrics.fell_at is None else f"fell after {metrics.fell_at:.2f} s"
     print(f"{metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded; {fell}")

@@ -29,7 +29,7 @@ def _briefly_settled(monkeypatch):
 
 
 def test_a_policy_is_watched(tmp_path):
-    metrics = watch.watch(asset_path("policies/default"), speed=1.0, hold=0.3, out=tmp_path)
+    metrics = watch.watch(asset_path("policies/built"), speed=1.0, hold=0.3, out=tmp_path)
     assert metrics.fell_at is None
     assert metrics.mean_speed == pytest.approx(1.0, abs=0.5)  # slow running is not this policy's strength
     run = Trajectory.load(tmp_path / "trajectory.npz")

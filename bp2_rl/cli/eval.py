@@ -19,7 +19,7 @@ from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.files import require_name
 from bp2_rl.robot.specs import MotorHeat, RobotName
 
-DEFAULT_POLICY = "policies/default"
+DEFAULT_POLICY = "policies/built"
 BenchmarkName = Literal[
     "topspeed",
     "sprint",

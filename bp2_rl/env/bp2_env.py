@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -68,8 +67,6 @@ class BP2Env(envs.Env):
         self.simulate = _simulator(impl, self.mj_model, config, num_robots)
         self.starts = Starts(config, self.controller, self.mj_model)
         self.trunk = int(self.mj_model.body("trunk").id)
-        memory = config.reward.kernel.memory
-        self._fresh = -math.expm1(-specs.CONTROL_STEP / memory) if memory else 1.0
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
@@ -213,8 +210,7 @@ class BP2Env(envs.Env):
     def _tracking_error(self, before: PipelineState, heading: observations.Heading) -> Float[Array, "3"]:
         """Velocity and yaw rate less what was commanded, averaged over the kernel's memory."""
         now = jnp.append(heading.velocity[:2], heading.yaw_rate) - before.command.current
-        memory = self.config.reward.kernel.memory
-        return before.tracking_error + self._fresh * (now - before.tracking_error) if memory else now
+        return rewards.averaged(before.tracking_error, now, self.config.reward.kernel.memory, specs.CONTROL_STEP)
 
     def _rewards(
         self,

@@ -4,6 +4,7 @@ Each function returns one row *without* its base coefficient (the imitation rows
 tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
@@ -40,6 +41,11 @@ def joint_position_imitation(q: Float[Array, "12"], q_ref: Float[Array, "12"]) -
 def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"]) -> Scalar:
     """r_qd / c_m; rad/s."""
     return 0.7 * jnp.exp(-0.02 * squared_norm(qd_ref - qd))
+
+
+def averaged(mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float) -> Float[Array, " n"]:
+    """The exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
+    return now if time == 0.0 else mean - math.expm1(-dt / time) * (now - mean)
 
 
 def velocity_tracking(

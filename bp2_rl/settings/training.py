@@ -151,7 +151,7 @@ def make_config(
     if preset == "gpu":
         env = dataclasses.replace(env, control=dataclasses.replace(env.control, history=HISTORY))
         ppo = dataclasses.replace(ppo, critic_steps=0 if relaxed else 6, entropy_decay=200.0 if relaxed else math.inf)
-        run = RunConfig(steps=150_000_000 if relaxed else 30_000_000, judged=60)
+        run = RunConfig(steps=100_000_000 if relaxed else 30_000_000, judged=60)
         return TrainConfig(stage, env, ppo, run, impl="kernel")
     if preset == "cpu":  # ten minutes on two cores
         ppo = dataclasses.replace(

@@ -13,7 +13,7 @@ from bp2_rl.learning.policy import load_policy
 
 @pytest.fixture(scope="session")
 def shipped():
-    return load_policy(asset_path("policies/default"))
+    return load_policy(asset_path("policies/built"))
 
 
 @pytest.fixture(scope="session")

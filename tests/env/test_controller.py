@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.controller import Controller, motion_of
-from bp2_rl.env.observations import Measurement
+from bp2_rl.env.observations import Measurement, layout_of
 from bp2_rl.gait.collocation.gait import CollocationGait
 from bp2_rl.gait.kinematic import KinematicGait
 from bp2_rl.gait.standing import Standing
@@ -65,6 +65,23 @@ def test_the_clock_can_be_hidden_from_a_policy_where_nothing_steps(reference):
     np.testing.assert_array_equal(clock(0.0, False), 0.0)
     assert 0.05 < float(clock(0.1, False)[0]) < 0.5
     np.testing.assert_allclose(clock(6.0, False), seen, rtol=2e-3)
+
+
+def test_history_is_what_changed_since_then_and_nothing_at_first():
+    controller = Controller(EnvConfig(control=ControlConfig(history=(1, 3))))
+    state, frames, seen = controller.init(0.2), [], []
+    for k in range(5):
+        measured = Measurement(jnp.full(12, float(k) ** 2), jnp.zeros(12), jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3))
+        frames.append(np.asarray(controller.frame(state, COMMAND, measured)))
+        observation = controller.observe(state, COMMAND, measured)
+        seen.append(np.asarray(observation))
+        state, _, _ = controller.act(state, COMMAND, jnp.full(12, 0.1 * k), observation)
+    assert sum(entry.size for entry in layout_of(ControlConfig(history=(1, 3)))) == len(seen[0]) == 3 * 47
+    for k, observation in enumerate(seen):
+        now, one, three = np.split(observation, 3)
+        np.testing.assert_array_equal(now, frames[k])
+        np.testing.assert_array_equal(one, frames[k] - frames[k - 1] if k >= 1 else 0.0)
+        np.testing.assert_array_equal(three, frames[k] - frames[k - 3] if k >= 3 else 0.0)
 
 
 def test_feed_forward_is_the_torque_that_the_pd_law_makes_of_the_offset():

@@ -12,7 +12,7 @@ from brax.envs.wrappers.training import wrap
 from mujoco import mjx
 
 import bp2_rl.env
-from bp2_rl.env import observations, randomization
+from bp2_rl.env import observations, randomization, rewards
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.metrics import SPEED_BINS
@@ -21,7 +21,16 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig, TerminationConfig
+from bp2_rl.settings.env import (
+    ControlConfig,
+    CurriculumConfig,
+    EnvConfig,
+    Kernel,
+    RandomizationConfig,
+    ResetConfig,
+    RewardConfig,
+    TerminationConfig,
+)
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -302,3 +311,28 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
     lo, hi = torque_limits(motors_of(env.config), jnp.zeros(12))
     assert strongest > 0.9 * float(hi[0])
     assert np.all(np.asarray(lo) == -np.asarray(hi))
+
+
+def test_errors_are_averaged_and_observations_remembered_where_asked_for():
+    kernel = Kernel(memory=0.2)
+    config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(kernel=kernel))
+    env = BP2Env(config, impl="c")
+    before = jax.jit(env.reset)(jax.random.PRNGKey(3))
+    after = jax.jit(env.step)(before, jnp.zeros(12))
+    command = before.pipeline_state.command.current
+    moved = observations.heading(physics(after).qpos, physics(after).qvel)
+    error = jnp.append(moved.velocity[:2], moved.yaw_rate) - command
+    expected = (1.0 - np.exp(-0.005 / 0.2)) * np.asarray(error)
+    np.testing.assert_allclose(after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6)
+    seen = after.obs["privileged_state"]
+    assert len(seen) == observations.size_of(observations.critic_layout_of(config)) == 87
+    np.testing.assert_array_equal(seen[-3:], after.pipeline_state.tracking_error)
+    # What is rewarded is the average: a robot that errs for 5 ms has hardly erred.
+    near = command + after.pipeline_state.tracking_error
+    weights = rewards.speed_schedule(command[0], 15.5, config.reward.imitation, config.reward.tracking)
+    share = rewards.tracking_balance(15.5, 0.5, 1.0)
+    tracked = rewards.velocity_tracking(near[:2], command[:2], near[2:], command[2:], share, kernel)
+    assert float(after.metrics["reward/tracking"]) == pytest.approx(float(weights[1] * tracked), rel=1e-5)
+    first, then = before.obs["state"], after.obs["state"]
+    np.testing.assert_array_equal(first[47:], 0.0)
+    np.testing.assert_array_equal(then[47:], then[:47] - first[:47])

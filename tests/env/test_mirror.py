@@ -9,7 +9,7 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.env.mirror import ACTION, JOINTS, LEG, Mirror, mirror_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
 from bp2_rl.robot.specs import BUILT
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 WORLD = np.array([1.0, -1.0, 1.0])  # what a mirror on the x-z plane does to a vector; to a rotation the opposite
 
@@ -110,6 +110,7 @@ def test_parities_are_what_a_reflection_keeps_and_turns():
 
 
 def test_a_reflection_twice_is_nothing():
-    for mirror in (ACTION, mirror_of(observations.LAYOUT), mirror_of(observations.CRITIC_LAYOUT)):
+    remembered = observations.layout_of(ControlConfig(history=(2, 5)))
+    for mirror in (ACTION, mirror_of(remembered), mirror_of(observations.CRITIC_LAYOUT)):
         x = jax.random.normal(jax.random.PRNGKey(0), (len(mirror.order),))
         np.testing.assert_array_equal(image(mirror, image(mirror, x)), np.asarray(x))

@@ -199,8 +199,8 @@ def test_symmetry_reads_the_abduction_joints():
 def test_a_tail_gives_the_kernels_a_slope_at_any_error():
     v_cmd, omega_cmd = jnp.array([15.0, 0.0]), jnp.array([1.0])
 
-    def score(speed, yaw_rate, w, tail=0.3):
-        kernel = Kernel(width=9.0, tail=tail)
+    def score(speed, yaw_rate, w, tail=0.3, reach=1.0, yaw_reach=1.0):
+        kernel = Kernel(width=9.0, tail=tail, reach=reach, yaw_reach=yaw_reach)
         return float(
             rewards.velocity_tracking(jnp.array([speed, 0.0]), v_cmd, jnp.array([yaw_rate]), omega_cmd, w, kernel)
         )
@@ -212,6 +212,18 @@ def test_a_tail_gives_the_kernels_a_slope_at_any_error():
     assert score(6.5, 0.0, 1.0) < 1e-15  # where the line ends
     # 0.7 exp(-2) + 0.3 (1 - 1 / (1 + 1 / 2)) of the yaw rate
     assert score(0.0, 0.0, 0.0) == close(0.194735, rel=1e-5)
+    # Lines that end sooner: 0.3 (1 - 5 / (0.5 + 15 / 2)), and 0.7 exp(-2 0.36) + 0.3 (1 - 0.6 / (0.25 + 1 / 2)).
+    assert score(10.0, 0.0, 1.0, reach=0.5) == close(0.1125, rel=1e-4)
+    assert score(0.0, 0.4, 0.0, yaw_reach=0.25) == close(0.400727, rel=1e-5)
+
+
+def test_an_average_forgets_exponentially():
+    error = jnp.zeros(3)
+    for _ in range(40):
+        error = rewards.averaged(error, jnp.array([1.0, -2.0, 0.0]), 0.2, 0.005)
+    gained = 1.0 - math.exp(-1.0)  # after as long as it remembers
+    np.testing.assert_allclose(error, [gained, -2.0 * gained, 0.0], rtol=1e-5)
+    np.testing.assert_array_equal(rewards.averaged(error, jnp.ones(3), 0.0, 0.005), 1.0)
 
 
 def test_narrow_kernels_tell_slow_motion_and_small_yaw_rates_apart():

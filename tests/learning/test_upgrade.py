@@ -24,7 +24,7 @@ BEFORE = Path(__file__).parent / "before"
 @pytest.fixture
 def old_policy(tmp_path):
     """A folder with the card of then beside the weights that it is of."""
-    shutil.copy(asset_path("policies/default/weights.npz"), tmp_path)
+    shutil.copy(asset_path("policies/ideal/weights.npz"), tmp_path)
     shutil.copy(BEFORE / "card.json", tmp_path)
     return tmp_path
 
@@ -34,7 +34,7 @@ def test_the_robot_stands_once():
 
 
 def test_a_card_of_before_is_the_card_of_the_same_environment(old_policy):
-    old, new = load_policy(old_policy).card, load_policy(asset_path("policies/default")).card
+    old, new = load_policy(old_policy).card, load_policy(asset_path("policies/ideal")).card
     assert old.env == new.env
     assert old.weights_sha256 == new.weights_sha256
 

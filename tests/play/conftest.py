@@ -10,7 +10,7 @@ from bp2_rl.robot.specs import IDEAL
 
 @pytest.fixture(scope="session")
 def standing():
-    policy = load_policy(asset_path("policies/default"))
+    policy = load_policy(asset_path("policies/ideal"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.evaluation.runs.rollout.SETTLING_TIME", 0.5)  # s: it need not be quite still
         return Session(policy, policy.card.env, hardware=IDEAL)

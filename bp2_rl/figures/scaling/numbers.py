@@ -157,7 +157,7 @@ def find(robots: Sequence[Placed], name: str) -> Placed:
 
 def shipped() -> tuple[Robot, ...]:
     """The policy that ships, as its card has it: on the built robot, and of the model's mass; none without results."""
-    card = load_policy(asset_path("policies/default")).card
+    card = load_policy(asset_path("policies/built")).card
     speed = card.results.get(BENCHMARK, {}).get("top_speed")
     name = card.results.get(BENCHMARK, {}).get("robot", "").partition(":")[0]
     return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * specs.QUARTER_MASS, speed),)
