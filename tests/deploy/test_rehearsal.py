@@ -109,7 +109,9 @@ def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, f
         plan = onboard.world.Plan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
         world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
         assert controller.fault.startswith("joint_position is not finite" if fault == "nan" else "no measurement for")
-        assert np.ptp(world.targets[900:1100], axis=0).max() > 1e-3  # the policy was at work: a commanded stand is still
+        assert (
+            np.ptp(world.targets[900:1100], axis=0).max() > 1e-3
+        )  # the policy was at work: a commanded stand is still
         assert np.abs(world.targets[-500:] - STAND).max() < 1e-9
         if stays_up:
             assert world.fell_at is None

@@ -20,7 +20,8 @@ def moment(robots=3, depth=2) -> Moment:
     position = drawn(depth, 12)
     return Moment(
         qpos=qpos, qvel=drawn(22), torque=drawn(12), warmstart=drawn(22), phase=np.full(robots, 0.3),
-        action=drawn(12), command=drawn(3), position=position, velocity=drawn(depth, 12),
+        action=drawn(12), seen=drawn(0, 47), steps=np.full(robots, 60.0), command=drawn(3), position=position,
+        velocity=drawn(depth, 12),
     )  # fmt: skip
 
 
