@@ -46,11 +46,11 @@ def test_train_understands_the_flags_of_every_variant(name):
     imitation = _parse(plan.command(plan.chains[0][0], Path("folder")))
     assert imitation.run.steps == 2048
     assert imitation.env.reference == (name if name in ("kinematic", "none") else "collocation")
-    assert imitation.env.reset.standing_fraction == (1.0 if name == "standing" else 0.3)
+    assert imitation.env.reset.standing_fraction == (1.0 if name == "standing" else 0.5)
 
 
 def test_the_steps_of_a_study_are_the_presets():
-    assert default_steps("gpu") == (60_000_000, 100_000_000)
+    assert default_steps("gpu") == (30_000_000, 100_000_000)
 
 
 @pytest.fixture
