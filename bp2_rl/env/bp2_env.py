@@ -204,7 +204,7 @@ class BP2Env(envs.Env):
     def _layouts(self) -> dict[str, tuple[observations.Entry, ...]]:
         return {
             "state": observations.layout_of(self.config.control),
-            "privileged_state": observations.critic_layout_of(self.config),
+            "privileged_state": observations.CRITIC_LAYOUT,
         }
 
     def _tracking_error(self, before: PipelineState, heading: observations.Heading) -> Float[Array, "3"]:
@@ -272,7 +272,7 @@ class BP2Env(envs.Env):
             command.target,
             state.randomization,
             self.trunk,
-            state.tracking_error if self.config.reward.kernel.memory else None,
+            state.tracking_error,
         )
         return {"state": noisy, "privileged_state": privileged}
 

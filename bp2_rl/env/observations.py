@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
-from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig
+from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 
 STAND = np.asarray(specs.STAND_JOINTS, np.float32)
 UP = np.array([0.0, 0.0, 1.0], np.float32)
@@ -49,23 +49,17 @@ PRIVILEGED = (
     Entry("com_offset", 3),
     Entry("strength", 12),
     Entry("latency", 1),
+    Entry("tracking_error", 3),
 )
-"""What the critic sees beyond that, in order: what no sensor tells, where the command goes, the draw of the robot."""
+"""What the critic sees beyond that, in order: what no sensor tells, where the command goes, the draw of the robot, and
+the errors that the reward looks at."""
 CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
-"""All that the critic sees, where nothing else is asked for."""
-TRACKING_ERROR = Entry("tracking_error", 3)
-"""What follows where the reward looks at averaged errors."""
+"""All that the critic sees: the policy's observation of the moment, without noise, and more."""
 
 
 def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
     """The policy's observation under this controller: of the moment, and `NAME@K`: what changed since K steps ago."""
     return (*LAYOUT, *(Entry(f"{name}@{steps}", size) for steps in control.history for name, size in LAYOUT))
-
-
-def critic_layout_of(config: EnvConfig) -> tuple[Entry, ...]:
-    """The critic's: what the policy sees of the moment, without noise, and more."""
-    averaged = (TRACKING_ERROR,) if config.reward.kernel.memory else ()
-    return (*CRITIC_LAYOUT, *averaged)
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
@@ -136,9 +130,9 @@ def critic_observation(
     target: Float[Array, "3"],
     robot: Randomization,
     trunk: int,
-    tracking_error: Float[Array, "3"] | None = None,
-) -> Float[Array, " all"]:
-    """The vector that `critic_layout_of` describes.
+    tracking_error: Float[Array, "3"],
+) -> Float[Array, "87"]:
+    """The vector that `CRITIC_LAYOUT` describes.
 
     Args:
         seen: what the policy would see without noise.
@@ -149,7 +143,7 @@ def critic_observation(
         target: the command that the present one is on its way to.
         robot: what was drawn for it.
         trunk: the trunk's body index.
-        tracking_error: the averaged errors, where the reward looks at these.
+        tracking_error: those of velocity and yaw rate, averaged where the reward asks for it.
     """
     return jnp.concatenate(
         [
@@ -165,7 +159,7 @@ def critic_observation(
             robot.com_offset,
             robot.strength,
             robot.latency[None],
-            *(() if tracking_error is None else (tracking_error,)),
+            tracking_error,
         ]
     )
 

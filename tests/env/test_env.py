@@ -325,7 +325,7 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     expected = (1.0 - np.exp(-0.005 / 0.2)) * np.asarray(error)
     np.testing.assert_allclose(after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6)
     seen = after.obs["privileged_state"]
-    assert len(seen) == observations.size_of(observations.critic_layout_of(config)) == 87
+    assert len(seen) == observations.size_of(observations.CRITIC_LAYOUT) == 87
     np.testing.assert_array_equal(seen[-3:], after.pipeline_state.tracking_error)
     # What is rewarded is the average: a robot that errs for 5 ms has hardly erred.
     near = command + after.pipeline_state.tracking_error

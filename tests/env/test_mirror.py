@@ -41,10 +41,10 @@ def state():
 def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
     rng = np.random.default_rng(4)
     command, action, phase = rng.normal(size=3), rng.normal(size=12), 0.13
-    target, strength, com = rng.normal(size=3), rng.normal(size=12), rng.normal(size=3)
+    target, strength, com, error = rng.normal(size=3), rng.normal(size=12), rng.normal(size=3), rng.normal(size=3)
     robot = randomization.nominal(22, BUILT)
 
-    def observe(state, command, phase, action, target, feet, strength, com):
+    def observe(state, command, phase, action, target, feet, strength, com, error):
         qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
         seen = observations.actor_observation(
@@ -52,15 +52,15 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         )
         heading = observations.heading(qpos, qvel)
         return observations.critic_observation(
-            seen, heading, qpos, qvel, jnp.asarray(feet), jnp.asarray(target), drawn, 1
+            seen, heading, qpos, qvel, jnp.asarray(feet), jnp.asarray(target), drawn, 1, jnp.asarray(error)
         )
 
     turned = [1.0, -1.0, -1.0]
     left = [strength[leg * 3 + i] for leg in (1, 0, 3, 2) for i in range(3)]
-    here = observe(state, command, phase, action, target, [1.0, 0.0, 0.0, 0.5], strength, com)
+    here = observe(state, command, phase, action, target, [1.0, 0.0, 0.0, 0.5], strength, com, error)
     there = observe(
         mirrored_state(*state), turned * command, phase + 0.5, image(ACTION, action), turned * target,
-        [0.0, 1.0, 0.5, 0.0], left, WORLD * com,
+        [0.0, 1.0, 0.5, 0.0], left, WORLD * com, turned * error,
     )  # fmt: skip
     # float32, through the rotations of a heading.
     np.testing.assert_allclose(image(mirror_of(observations.CRITIC_LAYOUT), here), there, rtol=0, atol=2e-6)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bp2_rl.assets import asset_path
-from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.config import from_json, to_json
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.benchmarks import speeds
@@ -120,8 +119,8 @@ def test_a_robot_that_goes_nowhere_has_no_cost_of_transport(make_run):
 
 
 def test_work_is_what_is_lost_and_stored():
-    """The shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
-    policy = load_policy(asset_path(DEFAULT_POLICY), layout_of=layout_of)
+    """A shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
+    policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
     at = run_and_account(policy, Try(ramp, HEADING_HOLD, BUILT))
     energy = at.energy
