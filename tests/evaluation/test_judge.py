@@ -36,7 +36,7 @@ SMALL = [
 
 @pytest.fixture(scope="module")
 def shipped():
-    return load_policy(asset_path("policies/built"), layout_of=layout_of)
+    return load_policy(asset_path("policies/ideal"), layout_of=layout_of)
 
 
 @pytest.fixture(scope="module")
