@@ -156,8 +156,8 @@ def orbit_of(policy: Policy, one: Try, at: Moment, operator: HeadingHold) -> Orb
 
 
 def measure_returns(policy: Policy, one: Try, quiet: Moment, strokes: list[Moment]) -> MapMetrics | None:
-    """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one, and
-    for a policy with a history, which the coordinates do not hold.
+    """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one,
+    and for a policy with a history, which the coordinates do not hold.
 
     Coordinates count over their scatter under noise, from stroke to stroke.
     """
