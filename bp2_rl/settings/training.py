@@ -47,8 +47,8 @@ PAPER: dict[Stage, RewardConfig] = {
 FOLLOWING = Kernel(floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3, memory=0.2)
 """A slope at every error: sharp where motion is slow, wide where it is fast, a straight line beyond both, and blind to
 how the trunk sways and turns within a stride."""
-FIRST_FOLLOWING = Kernel(floor=0.2, width=5.0, tail=0.5, yaw_width=0.3)
-"""What small fleets were tried with, before errors were averaged."""
+SMALL_FLEET = Kernel(floor=0.2, width=5.0, tail=0.5, yaw_width=0.3)
+"""The `cpu` preset's, from before errors were averaged."""
 OURS: dict[Stage, RewardConfig] = {
     "imitation": dataclasses.replace(PAPER["imitation"], tracking=2.0, kernel=FOLLOWING),
     "relaxed": dataclasses.replace(PAPER["relaxed"], tracking=2.0, torque=0.1, kernel=FOLLOWING),
@@ -156,9 +156,8 @@ def make_config(
         run = RunConfig(steps=100_000_000 if relaxed else 30_000_000, judged=60)
         return TrainConfig(stage, env, ppo, run, impl="kernel")
     if preset == "cpu":  # ten minutes on two cores
-        if weights == "ours":
-            env = dataclasses.replace(env, reward=dataclasses.replace(env.reward, kernel=FIRST_FOLLOWING))
-        env = dataclasses.replace(env, commands=dataclasses.replace(COMMANDS, stand_fraction=0.1))
+        reward = env.reward if weights == "paper" else dataclasses.replace(env.reward, kernel=SMALL_FLEET)
+        env = dataclasses.replace(env, reward=reward, commands=dataclasses.replace(COMMANDS, stand_fraction=0.1))
         ppo = dataclasses.replace(
             ppo, num_envs=1024, num_minibatches=8, policy_layers=(256, 128), value_layers=(256, 128),
             critic_steps=0 if relaxed else 12, entropy_cost=1e-3 if relaxed else 2e-3,
