@@ -275,8 +275,7 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
     first: Any = state.fleet.pipeline_state
 
     def aim(robot: Any) -> Any:
-        seen = jnp.zeros(env.observation_size["state"])
-        return env.controller.act(robot.controller, robot.command.current, jnp.zeros(env.action_size), seen)[1]
+        return env.controller.act(robot.controller, robot.command.current, jnp.zeros(env.action_size))[1]
 
     def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:

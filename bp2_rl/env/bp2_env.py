@@ -88,9 +88,7 @@ class BP2Env(envs.Env):
 
         sound_action = jnp.all(jnp.isfinite(action))
         action = jnp.where(sound_action, action, 0.0)
-        controller, targets, reference = self.controller.act(
-            before.controller, before.command.current, action, state.obs["state"]
-        )
+        controller, targets, reference = self.controller.act(before.controller, before.command.current, action)
         pushed = randomization.push(before.physics.qvel, config.randomization, key_push)
         with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
             physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
@@ -120,11 +118,11 @@ class BP2Env(envs.Env):
         else:
             obeyed, raised = commands.obey(before.command, command, config.commands), level
         level = jnp.where(fall.happened, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
-        after = after.replace(command=obeyed)
+        obs, after = self._observe(after.replace(command=obeyed), feet, key_noise)
         return dataclasses.replace(
             state,
             pipeline_state=after,
-            obs=self._observe(after, feet, key_noise),
+            obs=obs,
             reward=sum(terms.values()),
             done=fall.happened.astype(jnp.float32),
             metrics=metrics(Outcome(terms, before.command.current, heading, effort, level, fall)),
@@ -185,7 +183,7 @@ class BP2Env(envs.Env):
 
     def _begin(self, rng: Array, level: Float[Array, ""]) -> envs.State:
         rng, *keys, key_noise = jax.random.split(rng, DRAWS + 2)
-        episode, feet = self.starts.draw(keys, level)
+        obs, episode = self._observe(*self.starts.draw(keys, level), key_noise)
         zero, false = jnp.zeros(()), jnp.zeros((), bool)
         heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
@@ -193,7 +191,7 @@ class BP2Env(envs.Env):
         no_fall = Fall(false, false, false, false if self.config.hardware.solid_legs else None)
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
-            obs=self._observe(episode, feet, key_noise),
+            obs=obs,
             reward=zero,
             done=zero,
             metrics=metrics(Outcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
@@ -255,13 +253,16 @@ class BP2Env(envs.Env):
             rows=self.rows,
         )
 
-    def _observe(self, state: PipelineState, feet: Float[Array, "4"], key: Array) -> dict[str, Array]:
+    def _observe(
+        self, state: PipelineState, feet: Float[Array, "4"], key: Array
+    ) -> tuple[dict[str, Array], PipelineState]:
+        """Both observations, and the state in which the controller remembers its own."""
         config, physics, command = self.config.randomization, state.physics, state.command
         measurement = observations.measure(physics.qpos, physics.qvel)
         clean = self.controller.frame(state.controller, command.current, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
-        noisy = self.controller.observe(state.controller, command.current, measurement)
+        noisy, controller = self.controller.observe(state.controller, command.current, measurement)
         heading = observations.heading(physics.qpos, physics.qvel)
         privileged = observations.critic_observation(
             clean,
@@ -274,7 +275,7 @@ class BP2Env(envs.Env):
             self.trunk,
             state.tracking_error,
         )
-        return {"state": noisy, "privileged_state": privileged}
+        return {"state": noisy, "privileged_state": privileged}, state.replace(controller=controller)
 
 
 def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:

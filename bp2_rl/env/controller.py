@@ -1,8 +1,8 @@
 """What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
 
-    observation = controller.observe(state, command, measurement)
+    observation, state = controller.observe(state, command, measurement)
     action = policy(observation)
-    state, targets, reference = controller.act(state, command, action, observation)
+    state, targets, reference = controller.act(state, command, action)
 
 The targets go to the 1 kHz PD loop.
 """
@@ -29,7 +29,7 @@ class ControllerState(struct.PyTreeNode):
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
     seen: Float[Array, "... longest 47"]  # in the last control steps, newest first, as far back as `history` asks
-    steps: Float[Array, "..."]  # control steps since the start
+    steps: Float[Array, "..."]  # so many of them there were since the start
 
 
 class Targets(struct.PyTreeNode):
@@ -57,14 +57,18 @@ class Controller:
 
     def observe(
         self, state: ControllerState, command: Float[Array, "3"], measurement: Measurement
-    ) -> Float[Array, " seen"]:
-        """The policy's observation (see `observations.layout_of`) under the present command, m/s and rad/s."""
+    ) -> tuple[Float[Array, " seen"], ControllerState]:
+        """The policy's observation (see `observations.layout_of`) under the present command, m/s and rad/s.
+
+        With it comes the state that remembers it, where the policy has a history.
+        """
         frame = self.frame(state, command, measurement)
         if not self._control.history:
-            return frame
+            return frame, state
         steps = np.array(self._control.history)
         changes = jnp.where(steps[:, None] <= state.steps, frame - state.seen[steps - 1], 0.0)
-        return jnp.concatenate([frame, changes.reshape(-1)])
+        remembers = state.replace(seen=jnp.concatenate([frame[None], state.seen[:-1]]), steps=state.steps + 1.0)
+        return jnp.concatenate([frame, changes.reshape(-1)]), remembers
 
     def frame(
         self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
@@ -74,11 +78,7 @@ class Controller:
         return actor_observation(command, state.phase, measurement, state.last_action, hand)
 
     def act(
-        self,
-        state: ControllerState,
-        command: Float[Array, "... 3"],
-        action: Float[Array, "... 12"],
-        observation: Float[Array, "... seen"] | None = None,
+        self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
     ) -> tuple[ControllerState, Targets, Reference]:
         """Advance the phase by one control step under the present command and turn the action into joint targets.
 
@@ -86,14 +86,9 @@ class Controller:
 
         `residual`: targets are the reference at the *end* of the step, plus action_scale x action, with the
         reference's velocity; a share `feedforward` of its torque comes in as the offset that the PD law turns into it.
-        `absolute`: standing pose plus action_scale x action, with zero velocity. The `observation` that the action
-        answers is remembered, where the policy's `history` asks for it.
+        `absolute`: standing pose plus action_scale x action, with zero velocity.
         """
         control = self._control
-        seen = state.seen
-        if control.history:
-            assert observation is not None
-            seen = jnp.concatenate([observation[None, : seen.shape[-1]], seen[:-1]])
         phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
         reference = self.reference(command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
@@ -103,7 +98,7 @@ class Controller:
         else:
             centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
-        return ControllerState(phase, action, seen, state.steps + 1.0), targets, reference
+        return state.replace(phase=phase, last_action=action), targets, reference
 
 
 def motion_of(config: EnvConfig) -> ReferenceMotion:

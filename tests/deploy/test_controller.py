@@ -91,8 +91,8 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
 
     def tick(state, seen):
         measured, command = seen
-        observation = trained.observe(state, command, Seen(*jnp.split(measured, [12, 24, 27])))
-        state, targets, _ = trained.act(state, command, shipped(observation), observation)
+        observation, state = trained.observe(state, command, Seen(*jnp.split(measured, [12, 24, 27])))
+        state, targets, _ = trained.act(state, command, shipped(observation))
         return state, jnp.stack([targets.position, targets.velocity])
 
     measured, command, found = loop
@@ -120,8 +120,8 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
         controller.reset(0.2)
         found = controller.step(standing(0.0), (speed, 0.0, 0.0), 0.0)
         command = jnp.array([speed, 0.0, 0.0])
-        observation = trained.observe(start, command, measured)
-        _, targets, _ = trained.act(start, command, policy(observation), observation)
+        observation, seen = trained.observe(start, command, measured)
+        _, targets, _ = trained.act(seen, command, policy(observation))
         assert found.position == pytest.approx(np.asarray(targets.position), abs=2e-5)
 
 

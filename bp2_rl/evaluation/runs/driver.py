@@ -99,11 +99,11 @@ def control_step(
         if noise is not None:
             noisy = add_noise(measured, noise, key)
             measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
-        observation = controller.observe(state, command, measured)
+        observation, state = controller.observe(state, command, measured)
         action = policy(observation)
         next_command = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
         # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
-        return *controller.act(state, command, action, observation), next_command
+        return *controller.act(state, command, action), next_command
 
     return control
 
