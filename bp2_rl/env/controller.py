@@ -51,7 +51,8 @@ class Controller:
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(specs.NUM_MOTORS),
-            seen=jnp.zeros((max(self._control.history, default=0), size_of(LAYOUT))),
+            # At least a row: an array of no size, split over devices, crashes JAX 0.11.2's compiler.
+            seen=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
             steps=jnp.zeros(()),
         )
 
