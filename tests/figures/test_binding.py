@@ -10,7 +10,9 @@ from bp2_rl.figures.binding.numbers import describe_run
 from bp2_rl.figures.binding.settings import BindingSettings
 from bp2_rl.robot.specs import IDEAL, TOTAL_MASS
 from bp2_rl.trajopt.described import running_cost
+from bp2_rl.trajopt.prices import weigh
 from bp2_rl.trajopt.problem import Weights
+from bp2_rl.trajopt.solution import NotSolved
 
 
 def test_the_running_cost_is_the_papers():
@@ -41,6 +43,21 @@ def test_speeds_are_weighed_and_drawn(monkeypatch):
     # R without smoothness, over time, beside the objective, which has it and counts segments alike.
     assert ten.gait.running_cost == pytest.approx(ten.cost, rel=0.5)
     assert list(drawn.pictures) == ["binding"]
+
+
+def test_no_greatest_speed_loses_nothing(monkeypatch):
+    def search(start, changes, *, greatest=False):
+        if greatest:
+            raise NotSolved("lost")
+        return weigh(start, changes)
+
+    monkeypatch.setattr(numbers_module, "weigh", search)
+    monkeypatch.setattr(numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]})
+    drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
+    _, prices = drawn.tables
+    assert prices.head[-1] == "greatest, not found"
+    assert {line[0]: line[-1] for line in prices.lines} == {"friction": "", "speed": "", "cost": ""}
+    assert "10.0 m/s or more" in drawn.comparisons[0].ours
 
 
 @pytest.mark.parametrize("speeds", [(), (10.0, 10.0), (13.0, 10.0)])

@@ -31,10 +31,11 @@ def compare(numbers: BindingNumbers) -> tuple[Comparison, ...]:
     top = numbers.greatest
     best = sorted((name for name in top.prices if top.prices[name] != 0.0), key=lambda name: -abs(top.prices[name]))
     gains = ", ".join(f"{name} {MORE * top.prices[name]:+.2f} m/s" for name in best[:4])
+    more = f"; {MORE:.0%} more of each: {gains}" if top.gait is not None else " or more: no greatest speed was found"
     return (
         Comparison(
             f"the motors' envelopes bound the speed, {specs.TREADMILL_TOP_SPEED:g} m/s",
-            f"the optimiser's {numbers.robot} robot reaches {top.speed:.1f} m/s; {MORE:.0%} more of each: {gains}",
+            f"the optimiser's {numbers.robot} robot reaches {top.speed:.1f} m/s{more}",
             "not comparable",
             "in the plane, without feedback: an upper bound, and a local optimum",
         ),
@@ -53,17 +54,21 @@ def _share(value: float | None, gait: Gait | None) -> str:
 
 
 def _heads(numbers: BindingNumbers) -> tuple[str, ...]:
-    return (*(f"{at.speed:g} m/s" for at in numbers.speeds), f"greatest, {numbers.greatest.speed:.2f} m/s")
+    top = numbers.greatest
+    return (
+        *(f"{at.speed:g} m/s" for at in numbers.speeds),
+        "greatest, not found" if top.gait is None else f"greatest, {top.speed:.2f} m/s",
+    )
 
 
 def _price_table(numbers: BindingNumbers) -> Table:
-    names = [*numbers.greatest.prices, SPEED]
     top = numbers.greatest.prices
+    names = list(dict.fromkeys(name for at in (numbers.greatest, *numbers.speeds) for name in at.prices))
     lines = [
         (
             name,
             *(show(at.prices.get(name), "+.3f") for at in numbers.speeds),
-            "" if name == SPEED else f"{MORE * top[name]:+.2f} m/s",
+            f"{MORE * top[name]:+.2f} m/s" if name in top else "",
         )
         for name in names
     ]

@@ -52,7 +52,7 @@ class BindingNumbers:
 
     robot: str
     speeds: tuple[AtSpeed, ...]
-    greatest: AtSpeed  # its prices are d speed / d ln of the parameter, m/s
+    greatest: AtSpeed  # its prices are d speed / d ln of the parameter, m/s; without a gait: not found
     gaps: tuple[Gap, ...]
 
 
@@ -79,12 +79,17 @@ def measure(settings: BindingSettings) -> BindingNumbers:
             solutions.append(weighed.solution)
     if not solutions:
         raise UserError("--speeds: no trajectory was found at any of them: name slower ones, or more --intervals")
-    top = weigh(solutions[-1], changes, greatest=True)
-    greatest = AtSpeed(
-        top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices)
-    )
+    greatest = _greatest(solutions[-1], changes)
     gaps = tuple(Gap(name, gait, _beside(problem.at(gait.speed), solutions)) for name, gait in policies)
     return BindingNumbers(settings.robot, tuple(found), greatest, gaps)
+
+
+def _greatest(start: Solution, changes: dict[str, Change]) -> AtSpeed:
+    try:
+        top = weigh(start, changes, greatest=True)
+    except NotSolved:
+        return AtSpeed(start.problem.speed, None, None, {}, {})
+    return AtSpeed(top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices))
 
 
 def _speed(problem: Problem, factor: float) -> Problem:
@@ -94,7 +99,10 @@ def _speed(problem: Problem, factor: float) -> Problem:
 def _cheapest(problem: Problem, before: list[Solution], changes: dict[str, Change]) -> Weighed | None:
     """The cheaper of what the cold guess and the neighbour lead to, weighed; None where neither leads anywhere."""
     best = min(_solved(problem, before), key=lambda solution: solution.cost, default=None)
-    return None if best is None else weigh(best, changes)
+    try:
+        return None if best is None else weigh(best, changes)
+    except NotSolved:
+        return None
 
 
 def _solved(problem: Problem, before: list[Solution]) -> Iterator[Solution]:
