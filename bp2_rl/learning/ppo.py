@@ -96,19 +96,15 @@ class PPO:
             optax.inject_hyperparams(optax.adam)(learning_rate=config.learning_rate),
         )
         self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
-        self._first_state = jax.jit(self._init, out_shardings=self.shardings())
 
     def init(self, seed: int) -> TrainState:
         """The state before the first train step, spread over the mesh."""
-        return self._first_state(jax.device_put(jax.random.PRNGKey(seed), self.everywhere))
-
-    def compile(self) -> None:
-        """Compile the train step, which then begins at once; in a thread, beside what else is to be compiled."""
-        self.train_step.lower(self.shape()).compile()
+        key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
+        return jax.jit(self._init, out_shardings=self.shardings())(key)
 
     def shape(self) -> TrainState:
         """The state's shapes and dtypes, for restoring a checkpoint."""
-        shapes = self._first_state.eval_shape(jax.device_put(jax.random.PRNGKey(0), self.everywhere))
+        shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
             shapes,
