@@ -111,6 +111,8 @@ def show(drawn: "Drawn") -> None:
         for line in lines:
             table.add_row(*map(Text, line))
         console.print(table)
+    if not drawn.comparisons:
+        return
     table = Table("The paper", "Here", "", title="What the paper says", title_justify="left", title_style="bold")
     for said in drawn.comparisons:
         verdict = ": ".join(filter(None, (said.verdict, said.because)))

@@ -10,7 +10,13 @@ from bp2_rl.figures.binding.settings import BindingSettings
 from bp2_rl.figures.identifiability.settings import IdentifiabilitySettings
 from bp2_rl.figures.race.settings import RaceSettings
 from bp2_rl.figures.scaling.settings import ScalingSettings
-from bp2_rl.figures.settings import OperatingSettings, RewardsSettings, RobotSettings, StridesSettings
+from bp2_rl.figures.settings import (
+    LearningSettings,
+    OperatingSettings,
+    RewardsSettings,
+    RobotSettings,
+    StridesSettings,
+)
 
 if TYPE_CHECKING:
     from bp2_rl.figures.drawn import Drawn
@@ -61,6 +67,12 @@ def _operating(settings: OperatingSettings) -> "Drawn":
     return operating(settings)
 
 
+def _learning(settings: LearningSettings) -> "Drawn":
+    from bp2_rl.figures.learning import learning
+
+    return learning(settings)
+
+
 def _identifiability(settings: IdentifiabilitySettings) -> "Drawn":
     from bp2_rl.figures.identifiability.figure import identifiability
 
@@ -87,6 +99,12 @@ FIGURES = {
     "rewards": Entry("Table S4", "reward coefficients, and how their weights go with speed", RewardsSettings, _rewards),
     "strides": Entry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
     "operating": Entry("Fig. 5 E", "torque over speed of hips and knees, three cycles", OperatingSettings, _operating),
+    "learning": Entry(
+        "beyond the paper",
+        "how soon policies run, over control steps and over time",
+        LearningSettings,
+        _learning,
+    ),
     "identifiability": Entry(
         "beyond the paper",
         "which assumptions the paper's numbers pin down, and which nothing does; takes minutes",

@@ -41,3 +41,11 @@ class OperatingSettings:
 
     runs: tuple[Path, ...] = ()
     """folders of reports of eval.py --benchmark topspeed, one a speed; comparisons are of the first"""
+
+
+@dataclasses.dataclass(frozen=True)
+class LearningSettings:
+    """Draw how soon the policies of trainings run, over control steps and over time, as their judge saw it."""
+
+    runs: tuple[Path, ...] = ()
+    """folders of trainings, each with a judge (--run.judged)"""
