@@ -36,8 +36,9 @@ if cache := _compilation_cache():
 # Tests compile far longer than they run: XLA optimises little, which takes a third of the time, and each command that a
 # test starts does so, too. What is compared bit for bit is compiled alike.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
-if importlib.metadata.version("jaxlib").startswith("0.10."):  # later ones end at a flag that they do not know
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false".strip()
+FUSION = "--xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib").startswith("0.10.") else ""
+"""Later ones do not know the flag, and end at it."""
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FUSION}".strip()
 
 import flax.struct  # noqa: E402
 import jax  # noqa: E402
