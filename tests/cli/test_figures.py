@@ -15,7 +15,9 @@ def settled_soon(monkeypatch):
     monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
 
 
-@pytest.mark.parametrize("name", sorted(FIGURES.keys() - {"strides", "operating", "identifiability", "binding"}))
+@pytest.mark.parametrize(
+    "name", sorted(FIGURES.keys() - {"strides", "operating", "learning", "identifiability", "binding"})
+)
 def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced
@@ -47,6 +49,7 @@ def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
         (["scaling", "--runs", "nowhere"], "no report in nowhere"),
         (["strides"], "--runs takes one report"),
         (["operating"], "--runs takes reports"),
+        (["learning"], "--runs: name the folders of one training or more"),
         (["scaling", "--speed", "3"], "--speed"),
     ],
 )
