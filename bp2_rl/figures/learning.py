@@ -11,8 +11,8 @@ from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.figures.drawn import Drawn
 from bp2_rl.figures.settings import LearningSettings
-from bp2_rl.files import BadFileError, parse_json
-from bp2_rl.learning.monitor import LOG, METRICS
+from bp2_rl.learning.monitor import LOG
+from bp2_rl.learning.policies import told_verdicts
 from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
 
@@ -69,20 +69,14 @@ def read_curve(run: Path) -> Curve:
         UserError: there is no training, or it had no judge.
     """
     try:
-        lines = (run / METRICS).read_bytes().split(b"\n")
         began = datetime.datetime.fromisoformat((run / LOG).read_text().split(" ", 1)[0]).timestamp()
     except (OSError, ValueError) as error:
         raise UserError(f"--runs: {run} is not the folder of a training that has begun") from error
-    judged = []
-    for line in lines:
-        try:
-            record = parse_json(line, METRICS)
-            known = float(record["wall_time"]) - began
-            judged.append(
-                Judged(int(record["step"]), known, float(record["judged/speed"]), int(record["judged/falls"]))
-            )
-        except (BadFileError, KeyError, TypeError, ValueError):
-            continue  # a line of other metrics, or a damaged one
+    judged = [
+        Judged(record["step"], record["wall_time"] - began, verdict.speed, verdict.falls)
+        for record, verdict in told_verdicts(run)
+        if isinstance(record.get("wall_time"), float)  # else a damaged line
+    ]
     if not judged:
         raise UserError(f"--runs: no policy of {run} was judged: train with --run.judged 1 or more")
     return Curve(run.resolve().name, tuple(sorted(judged, key=lambda one: one.steps)))

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -196,16 +196,21 @@ class Policies:
 
 def verdicts_of(run_dir: Path, kept: int) -> dict[int, Verdict]:
     """The verdicts in a run's metrics, by the control steps of the policies, up to `kept` of them."""
-    path, found = Path(run_dir) / METRICS, {}
+    return {record["step"]: verdict for record, verdict in told_verdicts(run_dir) if record["step"] <= kept}
+
+
+def told_verdicts(run_dir: Path) -> Iterator[tuple[dict[str, Any], Verdict]]:
+    """The lines of a run's metrics that tell of a verdict, each with it, in the order in which they became known."""
+    path = Path(run_dir) / METRICS
     for line in path.read_bytes().split(b"\n")[:-1] if path.is_file() else ():
         try:
             record = parse_json(line, METRICS)
             speed, falls, launches, mean = (record[f"judged/{field.name}"] for field in dataclasses.fields(Verdict))
-            if record["step"] <= kept:
-                found[record["step"]] = Verdict(float(speed), int(falls), int(launches), float(mean))
+            verdict = Verdict(float(speed), int(falls), int(launches), float(mean))
+            record["step"] = int(record["step"])
         except (BadFileError, KeyError, TypeError, ValueError):
             continue  # a line of other metrics, or a damaged one
-    return found
+        yield record, verdict
 
 
 def reaches(verdicts: dict[int, Verdict], until: float | None) -> bool:

@@ -16,9 +16,12 @@ def run_in(folder, *verdicts):
     (folder / "log.txt").write_text(f"{BEGAN} started at step 0 of 245\n")
     lines = [{"step": 1000, "wall_time": 1795383500.0, "reward": 1.0}]
     lines += [
-        {"step": step, "wall_time": 1795383470.0 + seconds, "judged/speed": speed, "judged/falls": falls}
+        {
+            "step": step, "wall_time": 1795383470.0 + seconds, "judged/speed": speed, "judged/falls": falls,
+            "judged/launches": 3.0, "judged/mean": speed,
+        }
         for step, seconds, speed, falls in verdicts
-    ]
+    ]  # fmt: skip
     (folder / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines) + "torn off {")
     return folder
 

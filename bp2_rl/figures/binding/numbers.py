@@ -88,7 +88,7 @@ def _greatest(start: Solution, changes: dict[str, Change]) -> AtSpeed:
     try:
         top = weigh(start, changes, greatest=True)
     except NotSolved:
-        return AtSpeed(start.problem.speed, None, None, {}, {})
+        return _relative(start.problem.speed, None)
     return AtSpeed(top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices))
 
 
