@@ -1,7 +1,10 @@
-"""What every test runs under: JAX on the CPU, compiled code kept between runs, shapes checked at each call."""
+"""What every test runs under: JAX on the CPU, compiled code kept between runs, shapes checked."""
 
+import dataclasses
+import functools
 import hashlib
 import importlib.metadata
+import inspect
 import os
 import platform
 from pathlib import Path
@@ -45,7 +48,7 @@ import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import numpy as np  # noqa: E402
 
-# Every annotated shape and type of the package is checked whenever a test calls it. Two allowances: the package's
+# Every annotated shape and type of the package is checked as tests call it. Two allowances: the package's
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
 jaxtyping.Array = jax.Array | np.ndarray
 
@@ -64,5 +67,39 @@ def _unchecked(*args, **kwargs):
 
 
 flax.struct.dataclass = _unchecked
+
+# Checks take ten times as long as a robot's millisecond, and a function within another is decorated anew at each call
+# of that one. So a function is checked at its first calls in each test, and decorated at the first of all.
+CHECKED_CALLS = 30
+_jaxtyped = jaxtyping.jaxtyped
+_calls: dict[str, int] = {}  # of each function by its name, in the test that runs
+
+
+def pytest_runtest_logstart():
+    _calls.clear()
+
+
+def _checked_at_first(function, *, typechecker):
+    if inspect.isclass(function):
+        if dataclasses.is_dataclass(function) and not getattr(function, "__no_type_check__", False):
+            setattr(function, "__init__", _checked_at_first(function.__init__, typechecker=typechecker))  # noqa: B010
+        return function
+    name, checked = f"{function.__module__}.{function.__qualname__}", None
+
+    @functools.wraps(function)
+    def call(*args, **kwargs):
+        nonlocal checked
+        calls = _calls.get(name, 0)
+        if calls == CHECKED_CALLS:
+            return function(*args, **kwargs)
+        _calls[name] = calls + 1
+        if checked is None:
+            checked = _jaxtyped(function, typechecker=typechecker)
+        return checked(*args, **kwargs)
+
+    return call
+
+
+jaxtyping.jaxtyped = lambda typechecker: functools.partial(_checked_at_first, typechecker=typechecker)
 jaxtyping.install_import_hook("bp2_rl", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 pytest_plugins = ["synthetic"]  # runs, cards and policies for tests of the evidence, the study and the commands
