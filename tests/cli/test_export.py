@@ -49,6 +49,7 @@ def measured(tmp_path_factory):
         patch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
         patch.setenv("MUJOCO_GL", "")
         patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
+        patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")  # drawing takes longest
         for flags in (
             ["--hold", "1.2", "--out", str(folder / "report")],
             ["--benchmark", "sprint", "--out", str(folder / "race")],
