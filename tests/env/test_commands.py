@@ -57,7 +57,7 @@ def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICU
 RISING = EnvConfig(commands=CommandConfig(max_forward=13.0), curriculum=CurriculumConfig(start_speed=4.0))
 
 
-def run_fleet(tracking, seconds, robots=128, config=RISING):
+def run_fleet(tracking, seconds, robots=32, config=RISING):
     """Levels (robot, time) and commands (robot, time, 3) of robots that start at level 0 and never fall."""
 
     def one(seed):
@@ -97,7 +97,7 @@ def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
     config = RISING
     keys = jax.random.split(KEY, 20_000)
     targets = jax.vmap(lambda key: commands.draw_target(key, jnp.array(13.0), config.commands))(keys)
-    _, currents = run_fleet(lambda command: command, 200.0, robots=32)
+    _, currents = run_fleet(lambda command: command, 200.0)
     for forward, _, yaw_rate in (np.asarray(targets).T, np.moveaxis(currents, -1, 0)):
         turn = np.abs(forward * yaw_rate)
         assert 0.9 * config.commands.max_turn < turn.max() <= config.commands.max_turn * (1 + 1e-6)  # float32
