@@ -80,8 +80,8 @@ def test_sizes_are_what_reset_and_step_return(env, start, step):
     assert jax.tree.structure(start) == jax.tree.structure(after)
 
 
-def test_brax_wrappers_run_it(env):
-    wrapped = wrap(env, episode_length=5)
+def test_brax_wrappers_run_it():
+    wrapped = wrap(BP2Env(impl="c"), episode_length=5)
     state = jax.jit(wrapped.reset)(KEYS[:2])
     step = jax.jit(wrapped.step)
     for _ in range(6):
@@ -200,7 +200,8 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
     assert set(np.unique(seen["feet"])) == {0.0, 1.0}
 
 
-def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start, env):
+def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start):
+    env = BP2Env(impl="c")
     told = jnp.broadcast_to(jnp.array([6.0, 0.0, 2.0]), (ROBOTS, 3))
     after = jax.jit(jax.vmap(lambda *arguments: env.step(*arguments[:2], command=arguments[2])))(start, ZERO, told)
     expected = np.tile([6.0, 0.0, env.config.commands.max_turn / 6.0], (ROBOTS, 1))
@@ -212,7 +213,7 @@ def test_latency_delays_the_targets(start, step):
     """With 10 ms of latency, two control steps pass before an action shows in the torque."""
     first_seen = {}
     for latency in (0.0, 0.003, 0.010):
-        robot = start.pipeline_state.randomization.replace(latency=jnp.full(ROBOTS, latency))
+        robot = start.pipeline_state.randomization.replace(latency=jnp.full(ROBOTS, latency, jnp.float32))
         same_robot = start.replace(pipeline_state=start.pipeline_state.replace(randomization=robot))
         torques = []
         for action in (ZERO, ZERO + 0.1):

@@ -145,7 +145,7 @@ def test_a_judge_whose_process_is_killed_says_so(slow_policy):
 def test_a_training_is_judged_and_filmed_beside(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
-    assert command.main([*SMALL, "--run.judged", "2", "--run.films", "--out", "run"]) == 0
+    assert command.main([*SMALL, "--impl", "c", "--run.judged", "2", "--run.films", "--out", "run"]) == 0
     lines = [json.loads(line) for line in Path("run/metrics.jsonl").read_text().splitlines()]
     judged = {line["step"]: line for line in lines if "judged/speed" in line}
     assert 128 in judged
