@@ -121,23 +121,36 @@ def test_latency_chooses_the_newest_target_that_has_got_through():
     assert [list(in_force(jnp.asarray(ages), jnp.asarray(latency))) for ages in AGES] == chosen
 
 
-def test_legs_in_each_other_end_an_episode_whoever_simulates_it(impl):
+SOLID = EnvConfig(
+    hardware=HardwareSpec(hind_track=0.28, solid_legs=True), termination=TerminationConfig(max_overlap=0.005)
+)
+
+
+@cache
+def crossed():
     """Robot 3 stands with crossed fore legs; no other robot's legs touch."""
-    hardware = HardwareSpec(hind_track=0.28, solid_legs=True)
-    config = EnvConfig(hardware=hardware, termination=TerminationConfig(max_overlap=0.005))
-    env = BP2Env(config)
+    env = BP2Env(SOLID)
     state = jax.jit(jax.vmap(env.reset))(KEYS)
-    crossed = (
-        physics(state).qpos.at[3].set(env.starts.at_rest().qpos.at[jnp.array([7, 11])].set(jnp.array([0.4, -0.4])))
-    )
+    legs = physics(state).qpos.at[3].set(env.starts.at_rest().qpos.at[jnp.array([7, 11])].set(jnp.array([0.4, -0.4])))
     still = physics(state).qvel.at[3].set(0.0)
-    tangle = state.pipeline_state.replace(physics=physics(state).replace(qpos=crossed, qvel=still))
-    state = state.replace(pipeline_state=tangle)
-    for engine in ("jax", impl):
-        after = jax.jit(jax.vmap(BP2Env(config, impl=engine, num_robots=ROBOTS).step))(state, jnp.zeros((ROBOTS, 12)))
-        np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/tangled"]), [3])
-        assert after.done[3] == 1.0
+    tangle = state.pipeline_state.replace(physics=physics(state).replace(qpos=legs, qvel=still))
+    return state.replace(pipeline_state=tangle)
+
+
+def assert_tangled(engine: Impl):
+    step = jax.jit(jax.vmap(BP2Env(SOLID, impl=engine, num_robots=ROBOTS).step))
+    after = step(crossed(), jnp.zeros((ROBOTS, 12)))
+    np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/tangled"]), [3])
+    assert after.done[3] == 1.0
+
+
+def test_legs_in_each_other_end_an_episode_whoever_simulates_it(impl):
+    assert_tangled(impl)
     assert "fall/tangled" not in start(True).metrics
+
+
+def test_legs_in_each_other_end_an_episode_in_mjx():
+    assert_tangled("jax")
 
 
 # --- C MuJoCo, called from XLA -------------------------------------------------------------------------------
