@@ -1,10 +1,8 @@
 """The judge beside a training: his verdicts are the benchmarks', and his processes end with him."""
 
 import dataclasses
-import json
 import multiprocessing
 import time
-from pathlib import Path
 
 import jax.numpy as jnp
 import mujoco
@@ -12,9 +10,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.assets import asset_path
-from bp2_rl.cli import train as command
 from bp2_rl.env.observations import layout_of
-from bp2_rl.evaluation import films
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
@@ -27,11 +23,6 @@ from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
-
-SMALL = [
-    "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "4", "--ppo.num-minibatches", "2",
-    "--ppo.policy-layers", "16", "--ppo.value-layers", "16", "--run.steps", "128", "--run.checkpoints", "1",
-]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -140,20 +131,3 @@ def test_a_judge_whose_process_is_killed_says_so(slow_policy):
             hearing.result()
         with pytest.raises(RuntimeError):
             judge.submit(slow_policy)
-
-
-def test_a_training_is_judged_and_filmed_beside(tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
-    assert command.main([*SMALL, "--impl", "c", "--run.judged", "2", "--run.films", "--out", "run"]) == 0
-    lines = [json.loads(line) for line in Path("run/metrics.jsonl").read_text().splitlines()]
-    judged = {line["step"]: line for line in lines if "judged/speed" in line}
-    assert 128 in judged
-    assert judged[128]["judged/launches"] == 3
-    assert load_policy("run").card.results["judged"]["control_steps"] in judged
-    output, errors = capfd.readouterr()
-    assert "judged: " in output
-    assert errors == ""
-    filmed = {int(film.stem) for film in Path("run/films").iterdir() if film.suffix == ".mp4"}
-    assert filmed == judged.keys() or output.count("warning: no video: ") == 1
-    assert all(f'"films/{step}.mp4"' in Path("run/films.html").read_text() for step in filmed)

@@ -1,5 +1,6 @@
 """Whole commands as a user types them: two stages and an evaluation, and every mistake."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -10,6 +11,8 @@ import pytest
 
 from bp2_rl.cli import eval as eval_command
 from bp2_rl.cli import train as train_command
+from bp2_rl.evaluation import films
+from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
@@ -18,11 +21,13 @@ SMALL = [
 ]  # fmt: skip
 
 
-def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeypatch, capsys):
+def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeypatch, capfd):
+    """The second stage is judged and filmed beside."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(films, "SHOT", dataclasses.replace(films.SHOT, length=0.1))
     hardware = ["--env.hardware.gear-ratio", "7", "--env.hardware.friction", "0.9"]
     assert train_command.main(["--stage", "imitation", *SMALL, *hardware]) == 0
-    assert train_command.main(["--stage", "relaxed", "--impl", "c", *SMALL]) == 0
+    assert train_command.main(["--stage", "relaxed", "--impl", "c", "--run.judged", "2", "--run.films", *SMALL]) == 0
     imitation, relaxed = sorted(Path("runs").iterdir())
     parent, child = (json.loads((run / "config.json").read_text()) for run in (imitation, relaxed))
     # The robot goes on; the stage's rewards are its own.
@@ -30,12 +35,26 @@ def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeyp
     assert (child["env"]["hardware"]["gear_ratio"], child["env"]["hardware"]["friction"]) == (7.0, 0.9)
     assert child["env"]["reward"] != parent["env"]["reward"]
     assert (child["parent"]["run"], child["parent"]["control_steps"]) == (imitation.name, 128)
-    printed = capsys.readouterr().out
+    printed, errors = capfd.readouterr()
+    assert errors == ""
     assert f"continues from {imitation}" in printed
     assert f"see it run: python eval.py {relaxed}" in printed
+    assert_judged_and_filmed(relaxed, printed)
     assert eval_command.main([str(relaxed), "--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
-    assert "Top speed" in capsys.readouterr().out
+    assert "Top speed" in capfd.readouterr().out
     assert json.loads(Path("report/metrics.json").read_text())["metrics"]["outside_envelope"] == 0
+
+
+def assert_judged_and_filmed(run, printed):
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    judged = {line["step"]: line for line in lines if "judged/speed" in line}
+    assert 128 in judged
+    assert judged[128]["judged/launches"] == 3
+    assert load_policy(run).card.results["judged"]["control_steps"] in judged
+    assert "judged: " in printed
+    filmed = {int(film.stem) for film in (run / "films").iterdir() if film.suffix == ".mp4"}
+    assert filmed == judged.keys() or printed.count("warning: no video: ") == 1
+    assert all(f'"films/{step}.mp4"' in (run / "films.html").read_text() for step in filmed)
 
 
 def fails(capsys, argv, *words):
