@@ -32,6 +32,7 @@ def pytest_addoption(parser):
 
 # In the environment, so that the commands which tests start have them too, and before JAX reads it on import.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # IPOPT's matrices are small: threads would only wait
 if cache := _compilation_cache():
     os.environ.setdefault("BP2_CACHE", str(cache))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
