@@ -7,6 +7,7 @@ import pytest
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.__main__ import main
 from bp2_rl.folders import lock_folder
+from bp2_rl.trajopt.program import Program
 
 
 def test_the_commands_are_listed(capsys):
@@ -25,7 +26,6 @@ def test_the_commands_are_listed(capsys):
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "gallop"], "gallop"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
-        (["solve", "--speed", "60", "--intervals", "2", "--starts", "1"], "no trajectory at 60 m/s"),
         (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest (5.0) up to --fastest (4.0)"),
         (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["solve", "--refine", "1"], "refine must be 0 or at least 2"),
@@ -72,6 +72,18 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
     lines = [line for line in error.splitlines() if line.startswith("error:")]
     assert len(lines) == 1
     assert message in lines[0]
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_speed_without_a_trajectory_is_one_line_and_status_2(capsys, tmp_path, monkeypatch):
+    """IPOPT is given up on at once: that it finds none itself is tested where trajectories are."""
+    monkeypatch.chdir(tmp_path)
+    found = Program.solve
+    monkeypatch.setattr(Program, "solve", lambda self, time_limit: found(self, 0.1))
+    assert trajopt.main(["solve", "--speed", "60", "--intervals", "2", "--starts", "1"]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
+    assert len(lines) == 1
+    assert "no trajectory at 60 m/s" in lines[0]
     assert not list(tmp_path.rglob("*.npz"))
 
 
