@@ -94,16 +94,17 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
     design = Design.of(load_model(BUILT, visual=False, feet_only=True))
     ones = jnp.ones((18, 5000))
 
-    @jax.jit
-    def run(iterations, qpos, qvel, torque):
-        monkeypatch.setattr(constraints, "ITERATIONS", iterations)
-        force = jnp.zeros((NV, 5000)).at[MOTOR_QVEL].set(torque.T)
-        moving = Moving(qpos.T, qvel.T, jnp.zeros((NV, 5000)))
-        masses = Masses.of(design, ones, jnp.zeros((3, 5000)))
-        return step(design, masses, 0.8 * jnp.ones(5000), moving, force)[0].qacc_warmstart
-
     def accelerations(iterations):
-        return np.asarray(run(iterations, *states))
+        monkeypatch.setattr(constraints, "ITERATIONS", iterations)
+
+        @jax.jit
+        def run(qpos, qvel, torque):
+            force = jnp.zeros((NV, 5000)).at[MOTOR_QVEL].set(torque.T)
+            moving = Moving(qpos.T, qvel.T, jnp.zeros((NV, 5000)))
+            masses = Masses.of(design, ones, jnp.zeros((3, 5000)))
+            return step(design, masses, 0.8 * jnp.ones(5000), moving, force)[0].qacc_warmstart
+
+        return np.asarray(run(*states))
 
     four, twenty = accelerations(4), accelerations(20)
     apart = abs(four - twenty).max(axis=0) / abs(twenty).max(axis=0)
