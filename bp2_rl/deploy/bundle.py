@@ -113,6 +113,8 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "action_limit": control.action_limit,
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
+            "braking": control.braking if math.isfinite(control.braking) else None,
+            "stopping_time": control.stopping_time,
             "stand": list(specs.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},

@@ -113,10 +113,16 @@ class BP2Env(envs.Env):
         level = state.info["curriculum"]
         if command is None:
             obeyed, raised = commands.advance(
-                before.command, level, heading.velocity[0], key_command, config.commands, config.curriculum
+                before.command,
+                level,
+                heading.velocity[0],
+                key_command,
+                config.commands,
+                config.curriculum,
+                config.control,
             )
         else:
-            obeyed, raised = commands.obey(before.command, command, config.commands), level
+            obeyed, raised = commands.obey(before.command, command, config.commands, config.control), level
         level = jnp.where(fall.happened, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
         obs, after = self._observe(after.replace(command=obeyed), feet, key_noise)
         return dataclasses.replace(
@@ -224,6 +230,7 @@ class BP2Env(envs.Env):
         velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
         if config.reward.kernel.memory:
             velocity = before.command.current + after.tracking_error
+        soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
         inputs = rewards.RewardInputs(
             command=before.command.current,
             z=physics.qpos[2],
@@ -242,6 +249,8 @@ class BP2Env(envs.Env):
             action=after.controller.last_action,
             last_action=before.controller.last_action,
             terminal=fall.happened.astype(jnp.float32),
+            sole_height=soles.height,
+            sole_rate=soles.rate,
         )
         return rewards.table_s4(
             inputs,

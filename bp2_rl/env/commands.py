@@ -1,12 +1,16 @@
 """Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed curriculum."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.robot import specs
-from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig
+from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig
+
+EASE = 0.5  # m/s: an exponential towards minus so much comes to rest
 
 
 class CommandState(struct.PyTreeNode):
@@ -74,9 +78,32 @@ def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, "
     return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
 
 
-def obey(state: CommandState, command: Float[Array, "3"], config: CommandConfig) -> CommandState:
-    """Someone steers: this command at once, but for a yaw rate that is too much for its speed."""
-    return state.replace(current=_turn_limited(command, config))
+def eased(told: Float[Array, "3"], asked: Float[Array, "3"], config: ControlConfig) -> Float[Array, "3"]:
+    """What a policy is told a control step after it was told `told`: the command asked for, but that a robot on its
+    way forward is slowed down no faster than its controller allows."""
+    if config.braking == math.inf and not config.stopping_time:
+        return asked
+    rate = jnp.asarray(config.braking)
+    if config.stopping_time:
+        rate = jnp.minimum(rate, (told[0] + EASE) / config.stopping_time)
+    least = jnp.maximum(told[0] - specs.CONTROL_STEP * rate, 0.0)
+    return asked.at[0].set(jnp.where(told[0] > 0.0, jnp.maximum(asked[0], least), asked[0]))
+
+
+def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
+    """A standing start that is told to stand for a while, before its first target is drawn."""
+    time = jax.random.uniform(key, minval=config.reset.standing_time[0], maxval=config.reset.standing_time[1])
+    return state.replace(
+        target=jnp.where(standing, state.current, state.target),
+        time_left=jnp.where(standing, time, state.time_left),
+    )
+
+
+def obey(
+    state: CommandState, command: Float[Array, "3"], config: CommandConfig, control: ControlConfig
+) -> CommandState:
+    """Someone steers: this command, but for a yaw rate that is too much for its speed and for too short a stop."""
+    return state.replace(current=_turn_limited(eased(state.current, command, control), config))
 
 
 def advance(
@@ -86,6 +113,7 @@ def advance(
     key: Array,
     config: CommandConfig,
     curriculum: CurriculumConfig,
+    control: ControlConfig,
 ) -> tuple[CommandState, Float[Array, ""]]:
     """One control step: (command state, curriculum level).
 
@@ -98,6 +126,7 @@ def advance(
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
     current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
+    current = eased(state.current, current, control)
     moved = state.replace(
         current=_turn_limited(current, config),  # the target's yaw rate may be too much on the way to its speed
         time_left=state.time_left - dt * reached,

@@ -64,6 +64,8 @@ class Starts:
         told = command
         if config.reset.command_error:
             told = commands.misled(jax.random.fold_in(key_command, 1), command, standing, top, config)
+        if config.reset.standing_time[1]:
+            told = commands.wait(jax.random.fold_in(key_command, 2), told, standing, config)
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
         robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)

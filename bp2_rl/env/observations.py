@@ -12,7 +12,9 @@ from jaxtyping import Array, Float
 
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 
 STAND = np.asarray(specs.STAND_JOINTS, np.float32)
@@ -184,3 +186,20 @@ def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
         e_z=to_heading @ math.rotate(jnp.asarray(UP), quat),
         yaw_rate=math.rotate(qvel[3:6], quat)[2],
     )
+
+
+class Soles(struct.PyTreeNode):
+    """How high the soles are, and how fast they go up."""
+
+    height: Float[Array, "... 4"]  # m
+    rate: Float[Array, "... 4"]  # m/s
+
+
+def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
+    """Over flat ground."""
+    now = measure(qpos, qvel)
+    joints = now.joint_position.reshape(4, 3), qpos[SPRING_QPOS]
+    rates = now.joint_velocity.reshape(4, 3), qvel[SPRING_QVEL]
+    feet, relative = jax.jvp(lambda angles, springs: foot_position(angles, springs, hardware), joints, rates)
+    velocity = relative + jnp.cross(now.angular_velocity, feet)
+    return Soles(height=qpos[2] + feet @ now.up, rate=qvel[2] + velocity @ now.up)

@@ -100,6 +100,12 @@ def straight_symmetry(abad: Float[Array, "4"], eta: Scalar) -> Scalar:
     return jnp.exp(-10.0 * eta) * jnp.exp(-100.0 * (jnp.square(front) + jnp.square(rear)))
 
 
+def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
+    """Beyond Table S4: the sum over soles within 50 mm of the ground (m) of (their speed downwards / 5 m/s)^2."""
+    near = jnp.clip(1.0 - height / 0.05, 0.0, 1.0)
+    return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
+
+
 def turn_activation(command: Float[Array, "3"], max_lateral: float, max_yaw_rate: float) -> Scalar:
     """eta: 0 for a straight command, 1 at the largest lateral or yaw command. command = (v_x, v_y, omega_z)."""
     tiny = 1e-6  # a maximum of 0 means that the command is always 0
@@ -152,6 +158,8 @@ class RewardInputs(struct.PyTreeNode):
     action: Float[Array, "... 12"]
     last_action: Float[Array, "... 12"]
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
+    sole_height: Float[Array, "... 4"]  # m
+    sole_rate: Float[Array, "... 4"]  # m/s, upwards
 
 
 class Weights(NamedTuple):
@@ -179,8 +187,9 @@ ROWS: Mapping[str, Row] = {
     "smoothness": lambda x, c, _: c.smoothness * action_smoothness(x.action, x.last_action),
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
+    "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
 }
-"""Table S4, by the rows' names, as in the metrics `reward/NAME`."""
+"""Table S4 and a row more, by their names, as in the metrics `reward/NAME`."""
 
 
 def table_s4(

@@ -36,6 +36,10 @@ class ControlConfig:
     clock_at_rest: bool = True
     """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
     hand of the clock that it sees is as long as the reference steps"""
+    braking: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    """m/s2, at which the forward command that the policy is told falls at most, whatever is asked for"""
+    stopping_time: Amount = 0.0
+    """s, in which it falls by itself and 0.5 m/s, at most: who stands while the trunk still moves, falls"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
     """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
 
@@ -78,6 +82,8 @@ class ResetConfig:
     """Where episodes start."""
 
     standing_fraction: Share = 0.3  # start at rest with the command ramping up; the others on the running reference
+    standing_time: Annotated[Range, Within(0.0, 1000.0)] = (0.0, 0.0)
+    """s, for which a robot that starts at rest is told nothing: else it knows that a launch is coming, and leans"""
     joint_noise: Amount = 0.05  # rad, uniform +-
     command_error: Amount = 0.0  # m/s, by which the command of a running start differs from its speed, at most
     velocity_noise: Amount = 0.1  # share of the reference's velocities, uniform +-
@@ -146,6 +152,7 @@ class RewardConfig:
     smoothness: Coefficient = 0.1  # c_s
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
+    landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
     schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
     kernel: Kernel = Kernel()
 

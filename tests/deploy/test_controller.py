@@ -10,6 +10,7 @@ import pytest
 
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.controller import Measurement
+from bp2_rl.env.commands import eased
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
 
@@ -123,6 +124,19 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
         observation, seen = trained.observe(start, command, measured)
         _, targets, _ = trained.act(seen, command, policy(observation))
         assert found.position == pytest.approx(np.asarray(targets.position), abs=2e-5)
+
+
+def test_a_stop_is_as_gentle_here(onboard, shipped, tmp_path):
+    control = dataclasses.replace(shipped.card.env.control, braking=4.0, stopping_time=0.9)
+    env = dataclasses.replace(shipped.card.env, control=control)
+    write_bundle(tmp_path / "b", dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env)))
+    controller, told = onboard.controller.Controller(tmp_path / "b"), jnp.zeros(3)
+    for k, forward in enumerate([10.0] * 5 + [6.0] * 300 + [0.0] * 700):
+        asked = (forward, 0.1, 0.2)
+        controller.step(standing(k * DT), asked, k * DT)
+        told = eased(told, jnp.asarray(asked), control)
+        np.testing.assert_allclose(controller.command, told, atol=1e-5)
+    assert told[0] == 0.0
 
 
 def test_a_tick_takes_less_than_a_millisecond(fresh):

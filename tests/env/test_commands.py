@@ -13,10 +13,11 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec, Losses
-from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig, Kernel
+from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, Kernel
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
+AT_ONCE, GENTLY = ControlConfig(), ControlConfig(braking=4.0, stopping_time=0.9)
 KEY = jax.random.PRNGKey(0)
 
 
@@ -43,12 +44,12 @@ def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
     assert speeds == [3.0, 6.5, 10.0]
 
 
-def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICULUM):
+def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICULUM, control=AT_ONCE):
     """`tracking(command)` is the speed the robot runs at."""
 
     def step(carry, key):
         state, level = carry
-        state, level = commands.advance(state, level, tracking(state.current[0]), key, config, curriculum)
+        state, level = commands.advance(state, level, tracking(state.current[0]), key, config, curriculum, control)
         return (state, level), (level, state.current)
 
     return jax.lax.scan(step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps))[1]
@@ -122,6 +123,56 @@ def test_commands_move_no_faster_than_their_rates():
     assert np.all(rates[:, 0] <= CONFIG.acceleration[1] * 1.001)
     assert np.all(rates[:, 1:] <= CONFIG.turn_acceleration * 1.001)
     assert np.ptp(currents[:, 0]) > 1.0  # it did move
+
+
+def told(asked, start, control=GENTLY, seconds=6.0):
+    """The forward command, control step by control step, where always the same is asked for."""
+
+    def step(command, _):
+        after = commands.eased(command, jnp.array([asked, 0.1, 0.2]), control)
+        return after, after
+
+    steps = round(seconds / specs.CONTROL_STEP)
+    seen = np.asarray(jax.lax.scan(step, jnp.array([start, 0.0, 0.0]), length=steps)[1])
+    assert np.all(seen[:, 1:] == np.float32([0.1, 0.2]))
+    return np.append(np.float32(start), seen[:, 0])
+
+
+def test_a_stop_is_a_ramp_and_then_an_exponential():
+    """From 10 m/s at 4 m/s2 to 3.1 m/s, as (3.1 + 0.5) / 0.9 s is 4 m/s2; from there 0.5 + v = 3.6 exp(-t / 0.9)."""
+    forward = told(0.0, 10.0)
+    time = specs.CONTROL_STEP * np.arange(len(forward))
+    ramp, end = 6.9 / 4.0, 0.9 * np.log(3.6 / 0.5)
+    law = np.where(time < ramp, 10.0 - 4.0 * time, 3.6 * np.exp(-(time - ramp) / 0.9) - 0.5)
+    # Euler's steps of 5 ms in a time constant of 0.9 s are 0.3 % of a speed off, at most.
+    np.testing.assert_allclose(forward[time < ramp + end], law[time < ramp + end], atol=0.011)
+    assert np.all(forward[time > ramp + end + 0.02] == 0.0)
+
+
+def test_only_what_takes_speed_from_a_robot_on_its_way_forward_is_eased():
+    assert told(9.0, 2.0)[1] == 9.0  # to launch is the policy's business
+    assert told(-1.0, 0.0)[1] == -1.0
+    assert told(2.0, -1.0)[1] == 2.0
+    assert told(9.99, 10.0)[1] == np.float32(9.99)  # slower than it may be
+    assert told(0.0, 10.0, AT_ONCE)[1] == 0.0
+    back = told(-1.0, 1.0)
+    assert np.all(back[back > 0.0][1:] >= back[back > 0.0][:-1] - 4.0 * specs.CONTROL_STEP)
+    assert back[-1] == -1.0
+
+
+def test_in_training_commands_are_eased_likewise():
+    start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
+    rates = []
+    for control in (AT_ONCE, GENTLY):
+        _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
+        forward = np.asarray(currents)[:, 0]
+        falls = -np.diff(forward)[forward[:-1] > 0.0] / specs.CONTROL_STEP
+        rates.append((falls.max(), (falls - (forward[:-1][forward[:-1] > 0.0] + 0.5) / 0.9).max()))
+    (fastest, too_fast), (eased, within) = rates
+    assert fastest > 6.0
+    assert too_fast > 0.5
+    assert eased <= 4.001
+    assert within <= 1e-3
 
 
 def segment(target: float, hold: float = 0.1) -> commands.CommandState:

@@ -12,9 +12,10 @@ from brax.envs.wrappers.training import wrap
 from mujoco import mjx
 
 import bp2_rl.env
-from bp2_rl.env import observations, randomization, rewards
+from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of, motors_of
+from bp2_rl.env.episode import DRAWS
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import specs
@@ -22,6 +23,7 @@ from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import (
+    CommandConfig,
     ControlConfig,
     CurriculumConfig,
     EnvConfig,
@@ -116,6 +118,50 @@ def test_standing_starts_are_at_rest_with_the_command_at_zero():
     assert np.all(np.asarray(physics(state).qvel) == 0.0)
     assert np.all(np.asarray(state.pipeline_state.command.current) == 0.0)
     assert np.any(np.asarray(state.pipeline_state.command.target[:, 0]) > 1.0)
+
+
+def test_standing_starts_may_have_to_wait_for_their_first_command():
+    """Of a second at most, a third after a third of it: within that time nobody can know when it comes."""
+    config = EnvConfig(
+        reference="none",
+        reset=ResetConfig(standing_fraction=1.0, standing_time=(0.0, 1.0)),
+        commands=CommandConfig(stand_fraction=0.0),
+    )
+    env = BP2Env(config)
+    start = jax.vmap(env.starts.draw, in_axes=(0, None))(
+        jax.vmap(lambda key: jax.random.split(key, DRAWS))(jax.random.split(KEYS[0], 3000)), jnp.zeros(())
+    )[0]
+
+    def step(state, key):
+        state, _ = commands.advance(
+            state, jnp.zeros(()), jnp.zeros(()), key, config.commands, config.curriculum, config.control
+        )
+        return state, state.current[0]
+
+    keys = jax.random.split(KEYS[1], 200)
+    forward = jax.vmap(lambda state: jax.lax.scan(step, state, keys)[1])(start.command)
+    waited = np.argmax(np.asarray(forward) > 0.0, axis=1) * specs.CONTROL_STEP
+    assert np.quantile(waited, [1 / 3, 2 / 3]) == pytest.approx([1 / 3, 2 / 3], abs=0.04)
+    assert 0.9 < waited.max() <= 1.0 + 3 * specs.CONTROL_STEP
+
+
+def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
+    data, random = mujoco.MjData(env.mj_model), np.random.default_rng(0)
+    motion = np.zeros(6)
+    for _ in range(20):
+        data.qpos[:] = env.mj_model.key("stand").qpos
+        data.qpos[3:] += 0.1 * random.normal(size=20)
+        data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+        data.qvel[:] = random.normal(size=22)
+        mujoco.mj_kinematics(env.mj_model, data)
+        mujoco.mj_comPos(env.mj_model, data)
+        mujoco.mj_comVel(env.mj_model, data)
+        soles = observations.soles(jnp.array(data.qpos), jnp.array(data.qvel), env.config.hardware)
+        for leg, geom in enumerate(foot_geom_ids(env.mj_model)):
+            mujoco.mj_objectVelocity(env.mj_model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, motion, 0)
+            # A sole is a point of the leg's axis, as far below the foot's middle as its radius.
+            assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= specs.FOOT_RADIUS
+            assert soles.rate[leg] == pytest.approx(motion[5], abs=specs.FOOT_RADIUS * np.linalg.norm(motion[:3]))
 
 
 def test_standing_starts_put_the_feet_on_the_ground():

@@ -26,6 +26,7 @@ from .motion import Pose, load_motion
 FORMAT = 1
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
+EASE = 0.5  # m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to rest
 
 
 class Measurement(NamedTuple):
@@ -114,6 +115,8 @@ class Controller:
         self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
+        self._braking = control.get("braking") or math.inf
+        self._stopping_time = control.get("stopping_time") or 0.0
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -218,11 +221,16 @@ class Controller:
     def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
         """Take the command, within what the policy was trained for; without one slow down."""
         if command is not None and np.isfinite(asked := np.asarray(command, float)).all():
-            self.command = np.clip(asked, self._least, self._most).astype(np.float32)
-            return
-        speed = float(np.linalg.norm(self.command[:2]))
-        slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
-        self.command = self.command * np.float32(slower)
+            told = np.clip(asked, self._least, self._most).astype(np.float32)
+        else:
+            speed = float(np.linalg.norm(self.command[:2]))
+            slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
+            told = self.command * np.float32(slower)
+        forward = self.command[0]
+        if forward > 0.0:
+            rate = min(self._braking, (forward + EASE) / self._stopping_time if self._stopping_time else math.inf)
+            told[0] = max(told[0], max(forward - self._dt * rate, 0.0))
+        self.command = told
 
     def _act(self, measurement: Measurement) -> Targets:
         """One tick: observation, network, reference, targets."""

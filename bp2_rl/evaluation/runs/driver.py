@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.env.commands import eased
 from bp2_rl.env.controller import Controller
 from bp2_rl.env.observations import add_noise, measure
 from bp2_rl.env.physics.interface import ages, in_force
@@ -101,7 +102,8 @@ def control_step(
             measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
         observation, state = controller.observe(state, command, measured)
         action = policy(observation)
-        next_command = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
+        asked = operator.steer(scheduled, qpos[1], yaw_of(qpos[3:7]))
+        next_command = eased(command, asked, config.control)
         # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
         return *controller.act(state, command, action), next_command
 
