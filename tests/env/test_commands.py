@@ -134,8 +134,8 @@ def told(asked, start, control=GENTLY, seconds=6.0):
 
     steps = round(seconds / specs.CONTROL_STEP)
     seen = np.asarray(jax.lax.scan(step, jnp.array([start, 0.0, 0.0]), length=steps)[1])
-    assert np.all(seen[:, 1:] == np.float32([0.1, 0.2]))
-    return np.append(np.float32(start), seen[:, 0])
+    assert np.all(seen[:, 1:] == np.array([0.1, 0.2], np.float32))
+    return np.append(start, seen[:, 0]).astype(np.float32)
 
 
 def test_a_stop_is_a_ramp_and_then_an_exponential():

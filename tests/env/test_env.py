@@ -161,7 +161,9 @@ def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
             mujoco.mj_objectVelocity(env.mj_model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, motion, 0)
             # A sole is a point of the leg's axis, as far below the foot's middle as its radius.
             assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= specs.FOOT_RADIUS
-            assert soles.rate[leg] == pytest.approx(motion[5], abs=specs.FOOT_RADIUS * np.linalg.norm(motion[:3]))
+            assert soles.rate[leg] == pytest.approx(
+                motion[5], abs=specs.FOOT_RADIUS * float(np.linalg.norm(motion[:3]))
+            )
 
 
 def test_standing_starts_put_the_feet_on_the_ground():
