@@ -28,6 +28,10 @@ class ExportConfig:
     controller of NumPy and onnxruntime, and a rehearsal in C MuJoCo (docs/deploy.md)"""
     report: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], tyro.conf.arg(metavar="REPORT_DIR")] = ()
     """A folder that eval.py wrote of this policy; may be given several times. Not with onnx, which has no card."""
+    braking: float | None = None
+    """m/s2, at which the forward command that the policy is told falls at most: the copy's `control.braking`"""
+    stopping_time: float | None = None
+    """s, in which it falls by itself and 0.5 m/s, at most: the copy's `control.stopping_time`"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -48,6 +52,10 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
+    eased = {name: getattr(config, name) for name in ("braking", "stopping_time") if getattr(config, name) is not None}
+    env = policy.card.env
+    env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))  # refuses what cannot be
+    policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
     if config.format == "onnx":
         from bp2_rl.deploy.bundle import write_bundle
 
@@ -68,3 +76,5 @@ def export(config: ExportConfig) -> None:
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results=results))
     save_policy(config.to, policy)
     print(f"exported {config.run} to {config.to}")
+    if eased:
+        print(f"what its card says of stops is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")

@@ -16,6 +16,7 @@ from bp2_rl.learning.policies import told_verdicts
 from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
 
+LETTERS, SAMPLE = 100, 8  # letters that a line of the legend has room for, and of those a line's sample takes
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 
@@ -114,10 +115,12 @@ def learning_figure(numbers: LearningNumbers) -> Figure:
     for axes in (left, right):
         axes.axhline(OUTDOOR_TOP_SPEED, color=INK, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
         axes.set(xlim=(0.0, None), ylim=(-0.5, None))
-    left.annotate(f"BP2: {OUTDOOR_TOP_SPEED:g}", (0.0, OUTDOOR_TOP_SPEED), xytext=(4, 4), textcoords="offset points")
+    left.annotate(f"BP2: {OUTDOOR_TOP_SPEED:g}", (0.0, OUTDOOR_TOP_SPEED), xytext=(4, -13), textcoords="offset points")
     left.set(xlabel="Control steps [M]", ylabel="Speed held for 5 s [m/s], 0: it fell")
     right.set(xlabel="Minutes until it was known")
-    figure.legend(handles=left.get_lines()[: len(numbers.curves)], loc="outside lower center", ncols=5)
+    longest = max(len(curve.run) for curve in numbers.curves)
+    columns = max(1, min(5, LETTERS // (longest + SAMPLE)))
+    figure.legend(handles=left.get_lines()[: len(numbers.curves)], loc="outside lower center", ncols=columns)
     return figure
 
 

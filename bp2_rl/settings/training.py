@@ -85,6 +85,12 @@ def milder(env: EnvConfig, robot: RobotName) -> EnvConfig:
     return dataclasses.replace(env, randomization=drawn)
 
 
+def careful(env: EnvConfig) -> EnvConfig:
+    """The environment with stops that end gently and stands that last: what comes after running is learned."""
+    control = dataclasses.replace(env.control, braking=4.0, stopping_time=0.9)
+    return dataclasses.replace(env, control=control, reset=dataclasses.replace(env.reset, standing_time=(0.0, 1.0)))
+
+
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
     """How long, from which seed, and what is kept."""
@@ -162,8 +168,9 @@ def make_config(
         )
         ppo = dataclasses.replace(ppo, symmetric=True, averaging=0.9, desired_kl=0.02, entropy_cost=2e-3)
     if preset == "gpu":
-        control = dataclasses.replace(env.control, history=HISTORY, braking=4.0, stopping_time=0.9)
-        env = dataclasses.replace(env, control=control, reset=dataclasses.replace(env.reset, standing_time=(0.0, 1.0)))
+        env = dataclasses.replace(env, control=dataclasses.replace(env.control, history=HISTORY))
+        if relaxed:
+            env = careful(env)
         ppo = dataclasses.replace(ppo, critic_steps=0 if relaxed else 6, entropy_decay=200.0 if relaxed else math.inf)
         run = RunConfig(steps=100_000_000 if relaxed else 30_000_000, judged=60)
         return TrainConfig(stage, env, ppo, run, impl="kernel")

@@ -1,5 +1,6 @@
 """`bp2 export` as a user meets it: what it writes, and how it refuses."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -148,12 +149,25 @@ def test_an_exported_policy_can_be_measured_as_it_was():
 # --- Wrong input -----------------------------------------------------------------------------------------------
 
 
+def test_the_copys_stops_can_be_eased(capsys):
+    assert command.main(["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9"]) == 0
+    assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
+    ours, copy = load_policy(Path("run")), load_policy(Path("copy"))
+    control = dataclasses.replace(ours.card.env.control, braking=4.0, stopping_time=0.9)
+    assert copy.card.env == dataclasses.replace(ours.card.env, control=control)
+    assert copy.card.weights_sha256 == ours.card.weights_sha256
+    assert command.main(["copy", "--to", "again"]) == 0
+    assert load_policy(Path("again")).card.env == copy.card.env
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ([], "RUN_OR_POLICY"),
         (["run"], "--to"),
         (["run", "--to", "kept", "--speed", "3"], "--speed"),
+        (["run", "--to", "kept", "--braking", "0"], "control.braking"),
+        (["run", "--to", "kept", "--stopping-time", "-1"], "control.stopping_time"),
         (["gone", "--to", "kept"], "no policy at gone"),
         (["report", "--to", "kept"], "no policy in report"),
         (["run/policy/card.json", "--to", "kept"], "is a file"),
