@@ -22,7 +22,7 @@ from bp2_rl.robot.model import MOTOR_QVEL, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
-BRAKING = 1.5  # m/s2, at which a slower speed is commanded: policies fall when they brake much harder
+BRAKING = 1.5  # m/s2, at which a slower speed is commanded where the controller does not ease stops itself
 RIPPLE = 0.25  # s: over a stride speeds are averaged
 DOWN = 1.5  # s, for which a fallen robot lies before it stands again
 REMEMBERED = 250  # ms of torques and joint speeds
@@ -176,7 +176,8 @@ class Session:
         limits, dt = self.config.commands, specs.CONTROL_STEP
         speed = float(np.clip(self.wish.speed, -limits.max_backward, limits.max_forward))
         now = self._asked
-        speed = now.speed + float(np.clip(speed - now.speed, -BRAKING * dt, ACCELERATION * dt))
+        braking = min(self.config.control.braking, ACCELERATION if self.config.control.stopping_time else BRAKING)
+        speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, ACCELERATION * dt))
         # As in training: what friction holds.
         most = min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6))
         turn = float(np.clip(self.wish.turn, -most, most))
