@@ -139,6 +139,8 @@ class RunMetrics:
     motors: tuple[MotorMetrics, ...]
     legs: tuple[LegMetrics, ...]
     account: Account | None = None  # where it was asked for
+    half_cycle: float | None = None  # cycles, by which left and right legs are not half a cycle apart; None: no stride
+    uneven: float | None = None  # share of the vertical impulse that one side has more than the other, likewise
 
 
 def measure(run: Trajectory) -> RunMetrics:
@@ -153,6 +155,7 @@ def measure(run: Trajectory) -> RunMetrics:
     travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
     joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
     legs = leg_metrics(run, steady)
+    half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
     return RunMetrics(
@@ -192,6 +195,8 @@ def measure(run: Trajectory) -> RunMetrics:
         outside_envelope=int(np.sum(envelope.outside)),
         motors=motor_metrics(run, envelope),
         legs=legs,
+        half_cycle=half_cycle,
+        uneven=uneven,
     )
 
 
@@ -386,3 +391,20 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
             )
         )
     return tuple(legs)
+
+
+def evenness(steady: Trajectory, legs: tuple[LegMetrics, ...]) -> tuple[float | None, float | None]:
+    """How far front and rear legs are from half a cycle between left and right (cycles, the greater of both), and which
+    share of the vertical impulse one side has more than the other.
+
+    A leg's phase is that of its vertical force's centroid on the circle of a stride.
+    """
+    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
+    if not frequencies:
+        return None, None
+    force = steady.foot_force[:, :, 2]
+    phase = np.angle(np.exp(-2j * np.pi * np.mean(frequencies) * steady.time) @ force) / (2.0 * np.pi)
+    right, left = slice(0, None, 2), slice(1, None, 2)
+    apart = np.abs((phase[right] - phase[left]) % 1.0 - 0.5)
+    sides = np.sum(force[:, right]), np.sum(force[:, left])
+    return float(np.max(apart)), float(abs(sides[0] - sides[1]) / (sides[0] + sides[1]))

@@ -206,6 +206,20 @@ def test_a_hop_longer_than_a_bounce_is_a_stride(make_run):
     assert measure(make_run(foot_force=force)).legs[1].stride_frequency == pytest.approx(8.0, rel=0.02)
 
 
+def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
+    run = make_run()
+    even = measure(run)
+    assert even.half_cycle == pytest.approx(0.0, abs=1e-3)
+    assert even.uneven == pytest.approx(0.0, abs=1e-3)
+    # The front left leg lands 10 ms late, of the quarter of a second that a stride takes, and 4 % harder.
+    force = run.foot_force.copy()
+    force[:, 1] = 1.04 * np.roll(force[:, 1], 10, axis=0)
+    lame = measure(make_run(foot_force=force))
+    assert lame.half_cycle == pytest.approx(0.04, abs=1e-3)
+    assert lame.uneven == pytest.approx(0.02 / 4.04 * 2, abs=1e-3)
+    assert measure(make_run(foot_force=0.0 * force)).half_cycle is None
+
+
 def test_contact_needs_more_force_to_begin_than_to_last(make_run):
     run = make_run(duration=0.4)
     weight = 36.0 * specs.GRAVITY
