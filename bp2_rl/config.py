@@ -62,6 +62,18 @@ def flatten(data: Any, path: str = "") -> dict[str, Any]:
     }
 
 
+def merge(before: Config, changed: Config, after: Config) -> Config:
+    """`after`, with what `changed` sets otherwise than `before`: three dataclasses of one type, field by field."""
+
+    def field(old: Any, mine: Any, new: Any) -> Any:
+        nested = dataclasses.is_dataclass(old) and type(old) is type(mine) is type(new)
+        return merge(old, mine, new) if nested else new if mine == old else mine
+
+    names = (f.name for f in dataclasses.fields(typing.cast(Any, before)))
+    values = {name: field(*(getattr(c, name) for c in (before, changed, after))) for name in names}
+    return dataclasses.replace(typing.cast(Any, after), **values)
+
+
 def config_hash(config: Any) -> str:
     """Twelve hex digits that are equal for equal configs, on every machine and in every process."""
     return _sha256(to_json(config))[:12]

@@ -18,6 +18,7 @@ from bp2_rl.config import (
     config_hash,
     from_json,
     load_config,
+    merge,
     save_config,
     seal,
     to_json,
@@ -187,6 +188,14 @@ def test_the_hash_is_the_same_in_another_process():
     )
     other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert other.stdout.split()[-1] == config_hash(EnvConfig())
+
+
+def test_a_merge_keeps_what_was_changed_and_takes_the_rest():
+    before, after = Outer(1, inner=Inner(rate=1.0)), Outer(2, fast=True, inner=Inner(rate=2.0, mode="adaptive"))
+    changed = Outer(1, name="mine", inner=Inner(rate=1.0, sizes=(8,)))
+    assert merge(before, changed, after) == Outer(2, "mine", True, inner=Inner(2.0, (8,), "adaptive"))
+    assert merge(before, dataclasses.replace(before, steps=3), after).steps == 3
+    assert merge(before, before, after) == after
 
 
 def test_a_file_round_trips_and_leaves_nothing_else_behind(tmp_path: Path):

@@ -18,6 +18,8 @@ from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.study.plan import VARIANTS, Plan, default_steps
 
+VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, variant in VARIANTS.items())
+
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
@@ -27,8 +29,7 @@ class Arguments:
     again. The table grows as trainings end.
     """
 
-    variants: tuple[str, ...] = tuple(VARIANTS)
-    """which: ours, kinematic, none (the reference), standing (no starts on the reference), paper (relaxed weights)"""
+    variants: Annotated[tuple[str, ...], tyro.conf.arg(help=VARIANTS_HELP)] = tuple(VARIANTS)
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""

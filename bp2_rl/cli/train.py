@@ -14,6 +14,7 @@ import tyro
 
 from bp2_rl import NPROC_IS_OURS
 from bp2_rl.cli import app
+from bp2_rl.config import merge
 from bp2_rl.errors import UserError
 from bp2_rl.files import require_name
 from bp2_rl.robot.specs import ROBOTS, RobotName
@@ -65,7 +66,8 @@ class Arguments:
     out: Path | None = None
     """the run's folder; default runs/STAGE-DATE-TIME"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """a run whose networks to start from; for --stage relaxed default the newest finished imitation run"""
+    """a run whose networks to start from, and whose settings where they are not its preset's; for --stage relaxed
+    default the newest finished imitation run"""
     resume: Path | None = None
     """go on with this stopped run exactly where it stands, with its own settings"""
     replay: Path | None = None
@@ -267,18 +269,23 @@ def _parse(argv: list[str]) -> Arguments:
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:
-            defaults = _continue(defaults, parent, named.robot)
+            defaults = _continue(defaults, preset, parent, named.robot)
     arguments = app.parse(Arguments, argv, "train.py", default=_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _continue(defaults: TrainConfig, parent: Path, robot: RobotName | None) -> TrainConfig:
-    """The stage's settings on the parent's robot, or the one named, its commands and networks."""
+def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotName | None) -> TrainConfig:
+    """The stage's settings on the parent's robot, or the one named, its networks, and what was set for it alone."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
-    env = on_robot(old.env, robot) if robot and old.env.hardware != ROBOTS[robot] else old.env
+    names: list[RobotName] = [name for name in ROBOTS if ROBOTS[name] == old.env.hardware]
+    theirs = names[0] if names else "built"
+    before, now = (make_config(stage, preset, robot=theirs).env for stage in (old.stage, defaults.stage))
+    env = merge(before, old.env, now)
+    if robot and env.hardware != ROBOTS[robot]:
+        env = on_robot(env, robot)
     return dataclasses.replace(
         defaults,
         env=dataclasses.replace(env, reward=defaults.env.reward),

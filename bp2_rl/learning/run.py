@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import operator
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,14 @@ from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.settings.env import upgrade
+from bp2_rl.settings.env import ControlConfig, upgrade
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
 """Fields of `PPOConfig` that a run shares with its parent."""
+STOPPING = ("braking", "stopping_time")
+"""Fields of `ControlConfig` that it need not: how gently a command falls, not what the policy sees and does."""
 
 
 def start(
@@ -173,10 +176,10 @@ def _alone(run_dir: Path) -> contextlib.AbstractContextManager[int]:
 def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict[str, Any], Parent]:
     """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
     old = load_run_config(parent)
-    for name, theirs, ours in (
-        *((f"ppo.{name}", getattr(old.ppo, name), getattr(config.ppo, name)) for name in NETWORK),
-        ("env.control", old.env.control, config.env.control),
-    ):
+    names = [f"ppo.{name}" for name in NETWORK]
+    names += [f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in STOPPING]
+    for name in names:
+        theirs, ours = (operator.attrgetter(name)(settings) for settings in (old, config))
         if theirs != ours:
             raise UserError(f"run {parent} was trained with {name} = {theirs}, this one has {ours}: they must agree")
     levels = np.empty(old.ppo.num_envs, np.float32)

@@ -1,5 +1,6 @@
 """Learning curves of a study."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +12,10 @@ from bp2_rl.study.judging import Judgement
 from bp2_rl.study.outcome import GOAL, both_stages, interquartile_mean
 from bp2_rl.study.plan import VARIANTS
 
-COLORS = dict(zip(VARIANTS, ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7"), strict=True))
+COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
+LINES = ("-", (0, (4, 1.5)))
+STYLES = dict(zip(VARIANTS, itertools.product(LINES, COLORS), strict=True))
+"""(line, colour) of each variant, the same in every figure."""
 
 
 @styled
@@ -28,9 +32,9 @@ def learning_curves(folder: Path, variants: Sequence[str], seeds: Sequence[int])
         axes.axvline(first[0][-1] / 1e6, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
         if VARIANTS[variant].imitation:  # the variant they are borrowed from shows them
             steps, speeds = steps[len(first[0]) - 1 :], speeds[:, len(first[0]) - 1 :]
-        color = COLORS[variant]
+        line, color = STYLES[variant]
         middle = interquartile_mean(speeds)
-        axes.plot(steps / 1e6, middle, color=color, marker="o", ms=3, label=VARIANTS[variant].meaning)
+        axes.plot(steps / 1e6, middle, ls=line, color=color, marker="o", ms=3, label=VARIANTS[variant].meaning)
         low, high = speeds.min(axis=0), speeds.max(axis=0)
         axes.fill_between(steps / 1e6, low, high, color=color, alpha=0.15, linewidth=0)
     axes.axhline(GOAL, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))

@@ -20,13 +20,34 @@ class Variant:
     imitation: str = ""  # the variant whose imitation runs it goes on from; empty: its own
 
 
+def _both(meaning: str, *flags: str) -> Variant:
+    """A variant whose flags the relaxed stage does not take from its parent: rewards, and how PPO learns."""
+    return Variant(meaning, flags, flags)
+
+
 VARIANTS: dict[str, Variant] = {
-    "ours": Variant("collocation reference, our weights, episodes start on the reference"),
+    "ours": Variant("the recipe"),
     "kinematic": Variant("the kinematic gait as reference", ("--reference", "kinematic")),
     "none": Variant("no reference: standing still", ("--reference", "none")),
     "standing": Variant("all episodes start at rest", ("--env.reset.standing-fraction", "1")),
     "paper": Variant("relaxed stage with Table S4's weights", relaxed=("--weights", "paper"), imitation="ours"),
-}
+    "published": Variant(
+        "kinematic gait, absolute actions, Table S4's weights",
+        ("--reference", "kinematic", "--env.control.mode", "absolute", "--weights", "paper"), ("--weights", "paper"),
+    ),
+    "ordinary": Variant("ordinary networks", ("--ppo.no-symmetric",)),
+    "momentary": _both("weights of the moment, not their average", "--ppo.averaging", "0"),
+    "hopping": Variant("slow trots that hop", ("--env.library.path", "bp2_trot")),
+    "forgetful": Variant("no history in the observation", ("--env.control.history",)),
+    "flat": _both(
+        "the paper's tracking kernel", "--env.reward.kernel.floor", "1", "--env.reward.kernel.width", "inf",
+        "--env.reward.kernel.tail", "0", "--env.reward.kernel.yaw-width", "1", "--env.reward.kernel.yaw-reach", "1",
+        "--env.reward.kernel.memory", "0",
+    ),
+    "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
+    "crooked": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
+    "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,11 @@
+import dataclasses
 import os
 
 import pytest
 
 from bp2_rl.cli import train as command
+from bp2_rl.config import save_config
+from bp2_rl.settings.training import make_config
 
 
 @pytest.mark.parametrize(
@@ -46,3 +49,18 @@ def test_a_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setattr(command, "NPROC_IS_OURS", False)
     command.use_processors(command.read_named(["--preset", "cpu"]))
     assert os.environ["NPROC"] == "1"
+
+
+@pytest.mark.parametrize("preset", ["gpu", "cpu"])
+def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation_stage(preset, tmp_path):
+    """So what the preset asks of robots that run already is asked of them."""
+    parent = make_config("imitation", preset, robot="ideal")
+    commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
+    mine = dataclasses.replace(parent.env, commands=commands)
+    save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
+    child = command._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]).env
+    preset_env = make_config("relaxed", preset, robot="ideal").env
+    assert child == dataclasses.replace(preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3))
+    assert child != dataclasses.replace(mine, reward=preset_env.reward)
+    moved = command._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path), "--robot", "built"]).env
+    assert moved.hardware == make_config("relaxed", preset).env.hardware

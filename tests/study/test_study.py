@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import operator
 import os
 import subprocess
 import sys
@@ -14,17 +15,18 @@ import pytest
 from scipy import stats
 
 from bp2_rl.cli import study as command
-from bp2_rl.cli.train import _parse
+from bp2_rl.cli.train import Arguments, _parse
 from bp2_rl.config import save_config
 from bp2_rl.errors import UserError
 from bp2_rl.folders import lock_folder
 from bp2_rl.learning.policies import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.settings.env import Kernel
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import RunConfig, make_config
+from bp2_rl.settings.training import PAPER, RunConfig, Stage, TrainConfig, make_config
 from bp2_rl.study import judging, outcome, places, training
 from bp2_rl.study.judging import Judgement
-from bp2_rl.study.plan import VARIANTS, Plan, Training, default_steps
+from bp2_rl.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
 
 PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
 
@@ -39,14 +41,55 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
     assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
 
 
+SETS = {
+    "ours": {},
+    "paper": {},
+    "crooked": {},
+    "kinematic": {"env.reference": "kinematic"},
+    "none": {"env.reference": "none"},
+    "standing": {"env.reset.standing_fraction": 1.0},
+    "published": {"env.reference": "kinematic", "env.control.mode": "absolute"},
+    "ordinary": {"ppo.symmetric": False},
+    "momentary": {"ppo.averaging": 0.0},
+    "hopping": {"env.library.path": "bp2_trot"},
+    "forgetful": {"env.control.history": ()},
+    "flat": {"env.reward.kernel": Kernel()},
+    "unscheduled": {"env.reward.schedule": "off"},
+    "certain": {"env.randomization.enabled": False},
+}
+"""What a variant changes in both stages, besides the weights of rewards."""
+
+
 @pytest.mark.parametrize("name", VARIANTS)
-def test_train_understands_the_flags_of_every_variant(name):
-    """Each sets what its meaning says, on top of the preset."""
+def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
     plan = dataclasses.replace(PLAN, variants=(name,), preset="gpu")
-    imitation = _parse(plan.command(plan.chains[0][0], Path("folder")))
-    assert imitation.run.steps == 2048
-    assert imitation.env.reference == (name if name in ("kinematic", "none") else "collocation")
-    assert imitation.env.reset.standing_fraction == (1.0 if name == "standing" else 0.5)
+    first, second = plan.chains[0]
+    imitation = _parse(plan.command(first, tmp_path))
+    (tmp_path / first.name).mkdir()
+    save_config(tmp_path / first.name / "config.json", _config(imitation, "imitation"))
+    relaxed = _parse(plan.command(second, tmp_path))
+    assert (imitation.run.steps, relaxed.run.steps) == PLAN.steps
+    for stage, parsed in zip(STAGES, (imitation, relaxed), strict=True):
+        config, recipe = _config(parsed, stage), make_config(stage, "gpu")
+        for field, value in SETS[name].items():
+            got, ours = (operator.attrgetter(field)(settings) for settings in (config, recipe))
+            assert got == value != ours
+            config = _with(config, field, ours)
+        assert config.ppo == recipe.ppo
+        assert dataclasses.replace(config.env, reward=recipe.env.reward) == recipe.env
+        reward = PAPER[stage] if name == "published" or (name, stage) == ("paper", "relaxed") else recipe.env.reward
+        assert config.env.reward == (dataclasses.replace(reward, symmetry=config.env.reward.symmetry))
+    assert (relaxed.env.reward.symmetry == 0) == (name == "crooked")
+
+
+def _config(parsed: Arguments, stage: Stage) -> TrainConfig:
+    return TrainConfig(stage, parsed.env, parsed.ppo, parsed.run, parsed.impl)
+
+
+def _with(settings, field, value):
+    """The settings with one field, by its dotted name, of that value."""
+    head, _, rest = field.partition(".")
+    return dataclasses.replace(settings, **{head: _with(getattr(settings, head), rest, value) if rest else value})
 
 
 def test_the_steps_of_a_study_are_the_presets():
