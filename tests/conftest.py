@@ -48,6 +48,7 @@ import flax.struct  # noqa: E402
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import numpy as np  # noqa: E402
+from tyro._parsers import ParserSpecification  # noqa: E402
 
 # Every annotated shape and type of the package is checked as tests call it. Two allowances: the package's
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
@@ -100,6 +101,21 @@ def _checked_at_first(function, *, typechecker):
 
     return call
 
+
+# tyro reads a command's settings anew for each command line, types, docstrings and all: 0.2 s for those of a training,
+# three times a command. What it has read of equal settings is kept.
+_read_settings = ParserSpecification.from_callable_or_type
+_settings_read: dict[tuple, ParserSpecification] = {}
+
+
+def _read_once(f, **options):
+    key = f, repr(options)
+    if key not in _settings_read:
+        _settings_read[key] = _read_settings(f, **options)
+    return _settings_read[key]
+
+
+setattr(ParserSpecification, "from_callable_or_type", staticmethod(_read_once))  # noqa: B010
 
 jaxtyping.jaxtyped = lambda typechecker: functools.partial(_checked_at_first, typechecker=typechecker)
 jaxtyping.install_import_hook("bp2_rl", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")

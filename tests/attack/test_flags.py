@@ -68,8 +68,6 @@ COMMANDS = {
 def nothing_is_computed(monkeypatch, tmp_path):
     for place in WORK:
         monkeypatch.setattr(place, begin)
-    # tyro forgets after each command line what it has read of the settings, docstrings and all.
-    monkeypatch.setattr("tyro._unsafe_cache.clear_cache", lambda: None)
     monkeypatch.setenv("COLUMNS", "100")  # one column of flags
     monkeypatch.chdir(tmp_path)
 
