@@ -36,7 +36,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # IPOPT's matrices are small: thr
 if cache := _compilation_cache():
     os.environ.setdefault("BP2_CACHE", str(cache))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 # Tests compile far longer than they run: XLA optimises little, which takes a third of the time, and each command that a
 # test starts does so, too. What is compared bit for bit is compiled alike.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
