@@ -37,12 +37,14 @@ if cache := _compilation_cache():
     os.environ.setdefault("BP2_CACHE", str(cache))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-# Tests compile far longer than they run: XLA optimises little, which takes a third of the time, and each command that a
-# test starts does so, too. What is compared bit for bit is compiled alike.
+# Tests compile far longer than they run: XLA optimises little, which takes a third of the time, and emits a program in
+# one piece, which takes a third less again. Each command that a test starts does so, too. What is compared bit for bit
+# is compiled alike.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 FUSION = "--xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib").startswith("0.10.") else ""
 """Later ones do not know the flag, and end at it."""
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FUSION}".strip()
+COMPILER = f"--xla_cpu_parallel_codegen_split_count=1 {FUSION}"
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {COMPILER}".strip()
 
 import flax.struct  # noqa: E402
 import jax  # noqa: E402
