@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gc
 import hashlib
 import importlib.metadata
 import inspect
@@ -51,6 +52,9 @@ import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import numpy as np  # noqa: E402
 from tyro._parsers import ParserSpecification  # noqa: E402
+
+# What JAX makes while it traces stays: looking through all of it for garbage takes some per cent of the time.
+gc.set_threshold(100_000, 50, 50)
 
 # Every annotated shape and type of the package is checked as tests call it. Two allowances: the package's
 # pure functions take NumPy arrays where the signature says Array, and an int is a fine float (PEP 484).
