@@ -134,8 +134,8 @@ def test_guesses_are_runs_at_the_speed_asked_for(gait, seed):
 
 # --- No solution ----------------------------------------------------------------------------------------------
 def test_an_impossible_speed_is_said_so():
-    with pytest.raises(NotSolved, match=r"no trajectory at 60 m/s: IPOPT ended with .*; lower the speed"):
-        solve(Problem(speed=60.0, intervals=2))
+    with pytest.raises(NotSolved, match=r"no trajectory at 40 m/s: IPOPT ended with .*; lower the speed"):
+        solve(Problem(speed=40.0, intervals=2))
 
 
 def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
