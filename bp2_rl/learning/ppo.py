@@ -9,7 +9,9 @@ the compiler. Every random number belongs to a robot or to the whole, never to a
 within blocks of robots, so the result does not depend on how many devices hold the robots.
 """
 
-from collections.abc import Sequence
+import concurrent.futures
+import contextlib
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -101,6 +103,15 @@ class PPO:
         """The state before the first train step, spread over the mesh."""
         key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
         return jax.jit(self._init, out_shardings=self.shardings())(key)
+
+    @contextlib.contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
+        shape = self.shape()
+        with concurrent.futures.ThreadPoolExecutor(1) as beside:
+            compiled = beside.submit(lambda: self.train_step.lower(shape).compile())
+            yield
+            compiled.result()
 
     def shape(self) -> TrainState:
         """The state's shapes and dtypes, for restoring a checkpoint."""

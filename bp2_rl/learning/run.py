@@ -80,9 +80,10 @@ def start(
                 _require_empty(run_dir)  # another process may have been faster
                 writers = open_tracker(tracker, run_dir, config)
                 save_config(run_dir / CONFIG, config)
-        state = learner.init(config.run.seed)
-        if inherited is not None:
-            state = _adopt(state, inherited)
+        with learner.compiling():
+            state = learner.init(config.run.seed)
+            if inherited is not None:
+                state = _adopt(state, inherited)
         save_checkpoint(run_dir, 0, state, config=to_json(config))
         return loop.train(learner, state, config, run_dir, judge=judge, writers=writers)
 

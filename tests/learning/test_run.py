@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import slow_trot
 
+from bp2_rl.bench.measure import Compilations
 from bp2_rl.cli import train as command
 from bp2_rl.config import config_hash
 from bp2_rl.env.metrics import SPEED_BINS
@@ -142,9 +143,10 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     training._claim(parent)
     training.save_config(parent / "config.json", tiny())
     save_checkpoint(parent, 4, old)
-    config = tiny("relaxed")
+    config = dataclasses.replace(tiny(), stage="relaxed")
     learner = training.make_learner(config)
-    fresh = learner.init(3)
+    with learner.compiling():
+        fresh = learner.init(3)
     key = np.asarray(fresh.key)
     adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape())[0])
     for name in ("params", "normalizer"):
@@ -153,6 +155,9 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     np.testing.assert_array_equal(adopted.fleet.info["curriculum"], levels)
     np.testing.assert_array_equal(adopted.key, key)
     assert int(adopted.step) == 0
+    with Compilations() as later:
+        learner.train_step(adopted)
+    assert later.count == 0
 
 
 def test_a_child_counts_its_parents_steps(run, tmp_path):
