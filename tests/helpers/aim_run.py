@@ -34,7 +34,9 @@ def main(argv: list[str]) -> int:
 
     def make_learner(config):
         learner = PPO(StandIn(), config.ppo)
-        learner.train_step = partial(slowly, learner.train_step, pause)  # pyright: ignore[reportAttributeAccessIssue]
+        train_step = partial(slowly, learner.train_step, pause)
+        train_step.lower = learner.train_step.lower  # pyright: ignore[reportAttributeAccessIssue]
+        learner.train_step = train_step  # pyright: ignore[reportAttributeAccessIssue]
         return learner
 
     pause = float(argv[0])
