@@ -4,7 +4,7 @@ from typing import Any
 
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.figures import FIGURES
-from bp2_rl.evaluation.runs.metrics import Account, RunMetrics
+from bp2_rl.evaluation.runs.metrics import Account, RunMetrics, mean_stride_frequency
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.plotting import NARROW
 
@@ -26,7 +26,7 @@ ENERGY = {
 def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     m = metrics
-    frequency, duty = _mean_gait(m)
+    frequency = mean_stride_frequency(m.legs)
     return (
         Row("Top speed", show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
         Row("Best 5 s", show(m.held_speed, ".2f", "m/s"), "best 5-s mean of the hold"),
@@ -47,7 +47,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
         *leg_rows(m),
         Row("Stride frequency", show(frequency, ".2f", "Hz"), "mean of legs, steady window"),
-        Row("Duty factor", f"{duty:.2f}", "mean of legs, steady window"),
+        Row("Duty factor", f"{_duty_factor(m):.2f}", "mean of legs, steady window"),
         Row("Off half a cycle", show(m.half_cycle, ".3f"), "cycles, left to right, centroids of force"),
         Row("Left and right", show(m.uneven, ".1%"), "one side has more of the impulse"),
         Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
@@ -156,7 +156,7 @@ def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
 def run_results(metrics: RunMetrics) -> dict[str, Any]:
     """What a policy's card says of the run."""
     m = metrics
-    frequency, duty = _mean_gait(m)
+    frequency = mean_stride_frequency(m.legs)
     return rounded(
         {
             "commanded_speed": m.commanded_speed,
@@ -171,7 +171,7 @@ def run_results(metrics: RunMetrics) -> dict[str, Any]:
             "heading_drift": m.heading_drift,
             "trunk_height": m.mean_height,
             "stride_frequency": frequency,
-            "duty_factor": duty,
+            "duty_factor": _duty_factor(m),
             "off_half_cycle": m.half_cycle,
             "uneven": m.uneven,
             "peak_torque": max(motor.peak_torque for motor in m.motors),
@@ -215,8 +215,6 @@ def _account_results(account: Account) -> dict[str, Any]:
     }
 
 
-def _mean_gait(metrics: RunMetrics) -> tuple[float | None, float]:
-    """Stride frequency (Hz; None where no leg made a stride) and duty factor, means of the legs."""
-    frequencies = [leg.stride_frequency for leg in metrics.legs if leg.stride_frequency is not None]
-    frequency = sum(frequencies) / len(frequencies) if frequencies else None
-    return frequency, sum(leg.duty_factor for leg in metrics.legs) / len(metrics.legs)
+def _duty_factor(metrics: RunMetrics) -> float:
+    """Mean of the legs."""
+    return sum(leg.duty_factor for leg in metrics.legs) / len(metrics.legs)

@@ -6,6 +6,7 @@ The paper leaves most definitions open; the ones used here are stated in the doc
 import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -393,17 +394,23 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
     return tuple(legs)
 
 
-def evenness(steady: Trajectory, legs: tuple[LegMetrics, ...]) -> tuple[float | None, float | None]:
+def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
+    """Hz, mean of the legs that made a stride; None where none did."""
+    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
+    return sum(frequencies) / len(frequencies) if frequencies else None
+
+
+def evenness(steady: Trajectory, legs: Sequence[LegMetrics]) -> tuple[float | None, float | None]:
     """How far front and rear legs are from half a cycle between left and right (cycles, the greater of both), and which
     share of the vertical impulse one side has more than the other.
 
     A leg's phase is that of its vertical force's centroid on the circle of a stride.
     """
-    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
-    if not frequencies:
+    frequency = mean_stride_frequency(legs)
+    if frequency is None:
         return None, None
     force = steady.foot_force[:, :, 2]
-    phase = np.angle(np.exp(-2j * np.pi * np.mean(frequencies) * steady.time) @ force) / (2.0 * np.pi)
+    phase = np.angle(np.exp(-2j * np.pi * frequency * steady.time) @ force) / (2.0 * np.pi)
     right, left = slice(0, None, 2), slice(1, None, 2)
     apart = np.abs((phase[right] - phase[left]) % 1.0 - 0.5)
     sides = np.sum(force[:, right]), np.sum(force[:, left])
