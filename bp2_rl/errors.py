@@ -5,6 +5,11 @@ class UserError(ValueError):
     """Wrong input: one line that says what is wrong and how to mend it; the command exits with status 2."""
 
 
+def not_installed(what: str, package: str, extra: str, otherwise: str = "") -> UserError:
+    """The mistake of asking for what needs a package of one of the project's extras, and how to install that."""
+    return UserError(f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}')
+
+
 class RunStopped(Exception):
     """A run that ends before its last step, with its work kept: one line that says why and how to go on.
 

@@ -15,7 +15,7 @@ from bp2_rl.assets import asset_path
 from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.errors import UserError
+from bp2_rl.errors import UserError, not_installed
 from bp2_rl.files import require_name
 from bp2_rl.robot.specs import RobotName
 
@@ -66,8 +66,7 @@ def play(config: PlayConfig) -> None:
     require_name(path)
     web = config.web or not has_display()
     if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
-        install = 'pip install -c constraints.txt -e ".[play]"'
-        raise UserError(f"bp2 play in a browser needs the package {missing}: {install}")
+        raise not_installed("bp2 play in a browser", missing, "play")
     # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

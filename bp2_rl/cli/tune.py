@@ -13,7 +13,7 @@ from bp2_rl.bounds import Within, check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.train import Arguments as TrainArguments
 from bp2_rl.cli.train import refuse_early
-from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.errors import RunStopped, UserError, not_installed
 from bp2_rl.files import require_name, write_text
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
@@ -69,7 +69,7 @@ def _tune(arguments: Arguments) -> None:
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
             refuse_early(words, "bp2 tune --search", TrainArguments, _with)
     if importlib.util.find_spec("optuna") is None:
-        raise UserError('bp2 tune needs the package optuna: pip install -c constraints.txt -e ".[tune]"')
+        raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bp2_rl.errors import UserError
+from bp2_rl.errors import not_installed
 from bp2_rl.learning.policy import Policy
 
 INPUT, OUTPUT = "observation", "action"
@@ -80,6 +80,5 @@ def _onnx() -> tuple[Any, Any, Any]:
         import onnxruntime  # noqa: F401
         from onnx import checker, helper, numpy_helper
     except ModuleNotFoundError as error:
-        install = 'pip install -c constraints.txt -e ".[deploy]"'
-        raise UserError(f"--format onnx needs the package {error.name}: {install}") from error
+        raise not_installed("--format onnx", str(error.name), "deploy") from error
     return helper, checker, numpy_helper

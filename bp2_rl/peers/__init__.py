@@ -3,7 +3,7 @@
 import sys
 from typing import Any
 
-from bp2_rl.errors import UserError
+from bp2_rl.errors import not_installed
 
 GYMNASIUM = {"bp2": "BP2-v0", "bp2_ideal": "BP2Ideal-v0", "bp2_kinematic": "BP2Kinematic-v0"}
 """What each named environment is called in Gymnasium, after `bp2_rl/`."""
@@ -32,8 +32,7 @@ def register_playground() -> None:
     try:
         from mujoco_playground import locomotion  # pyright: ignore[reportMissingImports]
     except ImportError as missing:
-        install = 'pip install -c constraints.txt -e ".[playground]"'
-        raise UserError(f"MuJoCo Playground is not installed: {install}") from missing
+        raise not_installed("registering with MuJoCo Playground", "playground", "playground") from missing
     from bp2_rl.peers.playground_env import maker_of
 
     for name, theirs in PLAYGROUND.items():

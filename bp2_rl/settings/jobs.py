@@ -5,7 +5,7 @@ import importlib.util
 from typing import Annotated, Literal
 
 from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.errors import UserError
+from bp2_rl.errors import not_installed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,5 +34,4 @@ class JobsConfig:
     def require(self) -> None:
         """Raise `UserError` where submitit is needed and not there."""
         if self.executor != "here" and importlib.util.find_spec("submitit") is None:
-            install = 'pip install -c constraints.txt -e ".[cluster]"'
-            raise UserError(f"--jobs.executor {self.executor} needs the package submitit: {install}")
+            raise not_installed(f"--jobs.executor {self.executor}", "submitit", "cluster")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from bp2_rl.config import load_config
-from bp2_rl.errors import UserError
+from bp2_rl.errors import UserError, not_installed
 
 Tracker = Literal["wandb", "mlflow"]
 TRACKED = "tracker.json"
@@ -38,6 +38,5 @@ def choose_tracker(named: Tracker | None, run_dir: Path | None = None) -> Tracke
         raise UserError(f"--track {named}: {run_dir} is tracked by {had.tracker}, and goes on with that")
     tracker = had.tracker if had is not None else named
     if tracker is not None and importlib.util.find_spec(tracker) is None:
-        install = 'pip install -c constraints.txt -e ".[track]"'
-        raise UserError(f"--track {tracker} needs the package {tracker}: {install}")
+        raise not_installed(f"--track {tracker}", tracker, "track")
     return tracker

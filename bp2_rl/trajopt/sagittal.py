@@ -32,7 +32,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.errors import UserError
+from bp2_rl.errors import not_installed
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
@@ -51,7 +51,7 @@ from bp2_rl.trajopt.problem import (
 try:
     import casadi as ca
 except ImportError as missing:
-    raise UserError('trajectory optimisation needs CasADi: pip install -c constraints.txt -e ".[trajopt]"') from missing
+    raise not_installed("trajectory optimisation", "casadi", "trajopt") from missing
 
 
 PITCH = TRUNK - 1

@@ -190,7 +190,7 @@ def test_without_ipopt_there_is_a_line_that_says_so(monkeypatch):
 def test_without_casadi_there_is_a_line_that_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
     monkeypatch.delitem(sys.modules, "bp2_rl.trajopt.sagittal")
-    with pytest.raises(UserError, match=r'needs CasADi: pip install -c constraints.txt -e "\.\[trajopt\]"'):
+    with pytest.raises(UserError, match=r'needs the package casadi: pip install -c constraints.txt -e "\.\[trajopt\]"'):
         importlib.import_module("bp2_rl.trajopt.sagittal")
 
 

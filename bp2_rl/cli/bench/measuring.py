@@ -22,7 +22,7 @@ from bp2_rl.cli.bench import STEP, Arguments, parse
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.errors import UserError
+from bp2_rl.errors import UserError, not_installed
 from bp2_rl.folders import open_report
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.plotting import save_figure
@@ -129,7 +129,7 @@ def _measure(arguments: Arguments, size: Size, parts: Sequence[PartName], consol
 def measure_gymnasium_rates(arguments: Arguments) -> dict[str, float]:
     """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
-        raise UserError('--peer gymnasium needs Gymnasium: pip install -c constraints.txt -e ".[gym]"')
+        raise not_installed("--peer gymnasium", "gymnasium", "gym")
     from bp2_rl.bench.gymnasium_rate import measure_gymnasium
 
     numbers = dict.fromkeys((1, arguments.main_robots))

@@ -12,7 +12,7 @@ from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.errors import UserError
+from bp2_rl.errors import UserError, not_installed
 from bp2_rl.robot import dynamics, losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.losses import Resistance
@@ -104,8 +104,7 @@ def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robo
     if impl == "jax":
         return mjx.put_model(model, device=device), mjx.make_data(model, device=device)
     if importlib.util.find_spec("warp") is None:
-        install = 'pip install -c constraints.txt -e ".[warp]"'
-        raise UserError(f"--impl warp needs the package warp-lang: {install}, or use --impl jax")
+        raise not_installed("--impl warp", "warp-lang", "warp", ", or use --impl jax")
     if jax.default_backend() != "gpu":
         raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
     feet, limits = len(specs.LEGS), specs.NUM_MOTORS
