@@ -63,7 +63,7 @@ def _study(arguments: Arguments) -> None:
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.plotting import save_figure
-    from bp2_rl.study.figure import learning_curves
+    from bp2_rl.study.figure import learning_curves, top_speeds
     from bp2_rl.study.outcome import Outcome, outcome, table
     from bp2_rl.study.training import run, visible_gpus
 
@@ -90,8 +90,9 @@ def _study(arguments: Arguments) -> None:
     outcomes = tabulate()
     if outcomes:
         save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")
+        save_figure(top_speeds(outcomes), arguments.out / "top_speeds.png")
         print(table(outcomes))
-        print(f"learning curves: {arguments.out / 'learning_curves.png'}")
+        print(f"figures: {arguments.out / 'top_speeds.png'}, {arguments.out / 'learning_curves.png'}")
     elif not arguments.train:
         raise UserError(f"{arguments.out} holds no judged run of {', '.join(plan.variants)}")
     if missing:

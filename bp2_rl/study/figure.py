@@ -1,4 +1,4 @@
-"""Learning curves of a study."""
+"""A study in pictures: how fast each variant gets, and when."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.plotting import INK, QUIET, WIDTH, styled
 from bp2_rl.study.judging import Judgement
-from bp2_rl.study.outcome import GOAL, both_stages, interquartile_mean
+from bp2_rl.study.outcome import GOAL, Outcome, both_stages, interquartile_mean
 from bp2_rl.study.plan import VARIANTS
 
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
@@ -42,6 +42,28 @@ def learning_curves(folder: Path, variants: Sequence[str], seeds: Sequence[int])
     axes.set(xlabel="Control steps [M]; dotted: where the relaxed stage begins", ylabel="Top speed [m/s]")
     axes.set(title="Top speed of the saved policies in C MuJoCo, 0 where they fall", xlim=(0, None), ylim=(0, None))
     axes.margins(x=0.01)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+@styled
+def top_speeds(outcomes: Sequence[Outcome]) -> Figure:
+    """Top speed in C MuJoCo of each seed of each variant, after both stages, and after the imitation stage."""
+    figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
+    axes = figure.subplots()
+    rows = range(len(outcomes))
+    for row, one in zip(rows, outcomes, strict=True):
+        before, after = one.imitation_top_speeds, one.top_speeds
+        first = row == 0
+        axes.plot(before, [row] * len(before), "o", mfc="none", color=QUIET, ms=6, label="imitation" if first else None)
+        axes.plot(after, [row] * len(after), "o", color=COLORS[0], ms=6, label="relaxed" if first else None)
+    axes.axvline(GOAL, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.annotate(
+        f"BP2: {GOAL}", (GOAL, 1.0), xycoords=("data", "axes fraction"), xytext=(4, 4), textcoords="offset points"
+    )
+    axes.set_yticks(rows, [VARIANTS[one.variant].meaning for one in outcomes])
+    axes.set(xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed", xlim=(0, None))
+    axes.invert_yaxis()
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 

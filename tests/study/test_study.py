@@ -198,13 +198,13 @@ def test_two_studies_do_not_work_on_one_folder(trained):
     assert run(folder)[0] == []
 
 
-def test_the_command_leaves_a_table_and_learning_curves(trained, capsys):
+def test_the_command_leaves_a_table_and_figures(trained, capsys):
     folder, *_ = trained
     flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
     assert command.main(flags) == 0
     assert "| paper | 0, 1 | 16.00 |" in capsys.readouterr().out
     assert json.loads((folder / "ours.json").read_text())["steps_to_goal"] == [2048, 2048]
-    assert (folder / "learning_curves.png").stat().st_size > 10_000
+    assert all((folder / f"{name}.png").stat().st_size > 10_000 for name in ("learning_curves", "top_speeds"))
     assert "| ours | 0, 1 | 16.00 |" in (folder / "table.md").read_text()
 
 
