@@ -51,17 +51,15 @@ def top_speeds(outcomes: Sequence[Outcome]) -> Figure:
     """Top speed in C MuJoCo of each seed of each variant, after both stages, and after the imitation stage."""
     figure = Figure(figsize=(WIDTH, 1.2 + 0.32 * len(outcomes)), layout="constrained")
     axes = figure.subplots()
-    rows = range(len(outcomes))
-    for row, one in zip(rows, outcomes, strict=True):
-        before, after = one.imitation_top_speeds, one.top_speeds
-        first = row == 0
-        axes.plot(before, [row] * len(before), "o", mfc="none", color=QUIET, ms=6, label="imitation" if first else None)
-        axes.plot(after, [row] * len(after), "o", color=COLORS[0], ms=6, label="relaxed" if first else None)
+    before = [(speed, row) for row, one in enumerate(outcomes) for speed in one.imitation_top_speeds]
+    after = [(speed, row) for row, one in enumerate(outcomes) for speed in one.top_speeds]
+    axes.plot(*zip(*before, strict=True), "o", mfc="none", color=QUIET, ms=6, label="imitation")
+    axes.plot(*zip(*after, strict=True), "o", color=COLORS[0], ms=6, label="relaxed")
     axes.axvline(GOAL, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
     axes.annotate(
         f"BP2: {GOAL}", (GOAL, 1.0), xycoords=("data", "axes fraction"), xytext=(4, 4), textcoords="offset points"
     )
-    axes.set_yticks(rows, [VARIANTS[one.variant].meaning for one in outcomes])
+    axes.set_yticks(range(len(outcomes)), [VARIANTS[one.variant].meaning for one in outcomes])
     axes.set(xlabel="Top speed in C MuJoCo [m/s], 0 where it falls; a circle a seed", xlim=(0, None))
     axes.invert_yaxis()
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
