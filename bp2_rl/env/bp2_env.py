@@ -101,12 +101,14 @@ class BP2Env(envs.Env):
         physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
         effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
+        velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
 
         after = before.replace(
             physics=physics,
             controller=controller,
             mean_torque=effort.torque,
-            tracking_error=self._tracking_error(before, heading),
+            tracking_error=self._averaged(before.tracking_error, velocity - before.command.current),
+            mean_action=self._averaged(before.mean_action, controller.last_action),
         )
         terms = self._rewards(before, after, effort, heading, reference, fall)
 
@@ -211,10 +213,9 @@ class BP2Env(envs.Env):
             "privileged_state": observations.CRITIC_LAYOUT,
         }
 
-    def _tracking_error(self, before: PipelineState, heading: observations.Heading) -> Float[Array, "3"]:
-        """Velocity and yaw rate less what was commanded, averaged over the kernel's memory."""
-        now = jnp.append(heading.velocity[:2], heading.yaw_rate) - before.command.current
-        return rewards.averaged(before.tracking_error, now, self.config.reward.kernel.memory, specs.CONTROL_STEP)
+    def _averaged(self, mean: Float[Array, " n"], now: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Over the reward kernel's memory."""
+        return rewards.averaged(mean, now, self.config.reward.kernel.memory, specs.CONTROL_STEP)
 
     def _rewards(
         self,
@@ -248,6 +249,7 @@ class BP2Env(envs.Env):
             power=effort.power,
             action=after.controller.last_action,
             last_action=before.controller.last_action,
+            mean_action=after.mean_action,
             terminal=fall.happened.astype(jnp.float32),
             sole_height=soles.height,
             sole_rate=soles.rate,

@@ -58,11 +58,14 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
     zero = jnp.zeros(())
+    hold = jnp.asarray(config.hold_time)
+    if config.stand_time is not None:
+        hold = jnp.where(jnp.any(target != 0.0), hold, jnp.asarray(config.stand_time))
     return CommandState(
         current=target if start is None else start,
         target=target,
         acceleration=jax.random.uniform(key_acceleration, minval=config.acceleration[0], maxval=config.acceleration[1]),
-        time_left=jax.random.uniform(key_time, minval=config.hold_time[0], maxval=config.hold_time[1]),
+        time_left=jax.random.uniform(key_time, minval=hold[0], maxval=hold[1]),
         error=zero,
         time=zero,
     )

@@ -32,6 +32,7 @@ class PipelineState(struct.PyTreeNode):
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
     tracking_error: Float[Array, "... 3"]  # m/s and rad/s: velocity less command, averaged where the reward asks for it
+    mean_action: Float[Array, "... 12"]  # likewise averaged
 
     @property
     def q(self) -> Float[Array, "... 23"]:
@@ -76,6 +77,7 @@ class Starts:
             randomization=robot,
             mean_torque=jnp.zeros(specs.NUM_MOTORS),
             tracking_error=jnp.zeros(3),
+            mean_action=jnp.zeros(specs.NUM_MOTORS),
         )
         return episode, reference.contact
 

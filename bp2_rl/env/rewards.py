@@ -106,6 +106,15 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
     return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
 
 
+def restless(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
+    """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0.
+
+    Without action the joints' own stiffness holds the standing pose. The moment's action would have a policy explore
+    less.
+    """
+    return jnp.where(jnp.any(command != 0.0), 0.0, jnp.sum(jnp.abs(mean_action)))
+
+
 def turn_activation(command: Float[Array, "3"], max_lateral: float, max_yaw_rate: float) -> Scalar:
     """eta: 0 for a straight command, 1 at the largest lateral or yaw command. command = (v_x, v_y, omega_z)."""
     tiny = 1e-6  # a maximum of 0 means that the command is always 0
@@ -157,6 +166,7 @@ class RewardInputs(struct.PyTreeNode):
     power: Float[Array, "... 12"]
     action: Float[Array, "... 12"]
     last_action: Float[Array, "... 12"]
+    mean_action: Float[Array, "... 12"]  # averaged over the kernel's memory
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
@@ -188,8 +198,9 @@ ROWS: Mapping[str, Row] = {
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
     "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
+    "stand": lambda x, c, _: -c.stand * restless(x.mean_action, x.command) if c.stand else jnp.zeros(()),
 }
-"""Table S4 and a row more, by their names, as in the metrics `reward/NAME`."""
+"""Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
 
 
 def table_s4(

@@ -62,6 +62,8 @@ class CommandConfig:
     """m/s2, rate at which the forward command approaches its target"""
     turn_acceleration: Amount = 2.0  # m/s2 and rad/s2, likewise for lateral and yaw
     hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)  # s, from reaching a target to the next draw
+    stand_time: Annotated[Range | None, Within(0.0, 1000.0)] = None
+    """s, likewise where the target is to stand; None: as others"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,6 +155,7 @@ class RewardConfig:
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
+    stand: Coefficient = 0.0  # likewise, of actions where the command is to stand
     schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
     kernel: Kernel = Kernel()
 

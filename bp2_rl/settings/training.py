@@ -86,9 +86,15 @@ def milder(env: EnvConfig, robot: RobotName) -> EnvConfig:
 
 
 def careful(env: EnvConfig) -> EnvConfig:
-    """The environment with stops that end gently and stands that last: what comes after running is learned."""
-    control = dataclasses.replace(env.control, braking=4.0, stopping_time=0.9)
-    return dataclasses.replace(env, control=control, reset=dataclasses.replace(env.reset, standing_time=(0.0, 1.0)))
+    """The environment with what comes before and after running: launches with the command ahead, stops that end gently,
+    stands that last and in which nothing need be done."""
+    return dataclasses.replace(
+        env,
+        control=dataclasses.replace(env.control, braking=4.0, stopping_time=0.9),
+        commands=dataclasses.replace(env.commands, stand_time=(1.0, 6.0)),
+        reset=dataclasses.replace(env.reset, standing_time=(0.0, 1.0), command_error=5.0),
+        reward=dataclasses.replace(env.reward, stand=1.0),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,7 +178,7 @@ def make_config(
         if relaxed:
             env = careful(env)
         ppo = dataclasses.replace(ppo, critic_steps=0 if relaxed else 6, entropy_decay=200.0 if relaxed else math.inf)
-        run = RunConfig(steps=100_000_000 if relaxed else 30_000_000, judged=60)
+        run = RunConfig(steps=100_000_000 if relaxed else 40_000_000, judged=60)
         return TrainConfig(stage, env, ppo, run, impl="kernel")
     if preset == "cpu":  # ten minutes on two cores
         if not relaxed:

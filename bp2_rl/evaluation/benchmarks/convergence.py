@@ -17,8 +17,9 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.machine import JUDGE, Numerics
 from bp2_rl.evaluation.runs.metrics import RIPPLE, measure
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.team import Try
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
@@ -65,11 +66,8 @@ class ConvergenceMetrics:
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed under all numerics and compare."""
     robot = robot_of(policy, setup)
-    given = {"operator": setup.operator, "hardware": robot}
-    runs = {
-        name: rollout_mujoco(policy, ramp, policy.card.env, name=name, numerics=numerics, **given)
-        for name, numerics in VARIANTS.items()
-    }
+    tries = [Try(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
+    runs = dict(zip(VARIANTS, run_team(as_it_is, policy, tries), strict=True))
     metrics = compare(runs)
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
@@ -89,6 +87,11 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         results=convergence_results(metrics),
         tables=(variant_table(metrics),),
     )
+
+
+def as_it_is(_: Try, run: Trajectory) -> Trajectory:
+    """The run itself."""
+    return run
 
 
 def compare(runs: dict[str, Trajectory]) -> ConvergenceMetrics:

@@ -5,7 +5,7 @@ other, which is the waterfall. What is left between the built robot and what BP2
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,29 +25,21 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import in_parallel
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.team import Try
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.files import read_json
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.specs import IDEAL
 from bp2_rl.robot.variants import PARTS, differing, with_parts
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
 """What `bp2 trajopt limits --losses --robot built` found, a robot's parts by the names of `robot.variants`."""
 TILES = "Ideal robot", "Built robot", "Costliest alone", "Over the treadmill", "Over outdoors"
-
-
-class Try(NamedTuple):
-    """One run."""
-
-    ramp: Ramp
-    operator: HeadingHold
-    robot: HardwareSpec
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +82,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         added = with_parts(added, built, [part])
         robots += [with_parts(ideal, built, [part]), with_parts(built, ideal, [part]), added]
     different = list(dict.fromkeys(robots))
-    ran = in_parallel(try_one, policy, [Try(ramp, setup.operator, robot) for robot in different])
+    ran = run_team(speed_held, policy, [Try(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
     found = greatest_speeds() if name_of(built) != OWN else {}
     rows = []
@@ -115,9 +107,8 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def try_one(policy: Policy, one: Try) -> Tried:
-    """Run it."""
-    run = rollout_mujoco(policy, one.ramp, policy.card.env, operator=one.operator, hardware=one.robot)
+def speed_held(_: Try, run: Trajectory) -> Tried:
+    """How it ran."""
     ran = measure(run)
     return Tried(ran.mean_speed, ran.fell_at)
 

@@ -4,7 +4,7 @@ Physics and motors change; the policy, its reference motion and its controller s
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,10 +21,10 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import in_parallel
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.team import Try
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.robot.specs import HardwareSpec
@@ -78,16 +78,6 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
 
 
-class Try(NamedTuple):
-    """One robot, and how it is run."""
-
-    ramp: Ramp
-    sprint: Ramp
-    operator: HeadingHold
-    name: str
-    hardware: HardwareSpec
-
-
 @dataclasses.dataclass(frozen=True)
 class RobotMetrics:
     """One robot: held at its top speed, and raced."""
@@ -123,8 +113,12 @@ class SensitivityMetrics:
 def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
     sprint, robot = race(policy, setup), robot_of(policy, setup)
-    tries = [Try(ramp, sprint, setup.operator, *other) for other in robots_of(robot).items()]
-    metrics = compare(ramp.target[0], in_parallel(try_one, policy, tries))
+    robots = robots_of(robot)
+    held = [Try(ramp, other, setup.operator, name=name) for name, other in robots.items()]
+    raced = [dataclasses.replace(one, schedule=sprint, finish=TRACK) for one in held]
+    ran: list[Any] = run_team(measure_try, policy, [*held, *raced])
+    pairs = zip(robots, ran[: len(robots)], ran[len(robots) :], strict=True)
+    metrics = compare(ramp.target[0], [measure_robot(name, *pair) for name, *pair in pairs])
     said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="sensitivity",
@@ -142,12 +136,12 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def try_one(policy: Policy, one: Try) -> RobotMetrics:
-    """Hold it at top speed, and race it."""
-    given = {"operator": one.operator, "name": one.name, "hardware": one.hardware}
-    held = rollout_mujoco(policy, one.ramp, policy.card.env, **given)
-    raced = rollout_mujoco(policy, one.sprint, policy.card.env, finish=TRACK, **given)
-    return measure_robot(one.name, measure(held), measure_sprint(raced, one.sprint.acceleration))
+def measure_try(one: Try, run: Trajectory) -> RunMetrics | SprintMetrics:
+    """What a robot did at its top speed, or in the race."""
+    if one.finish == TRACK:
+        assert isinstance(one.schedule, Ramp)
+        return measure_sprint(run, one.schedule.acceleration)
+    return measure(run)
 
 
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:

@@ -1,19 +1,20 @@
 """What benchmarks at several speeds share: the runs, the whole strides of each, the optimiser's beside them."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from bp2_rl.evaluation.benchmarks.conditions import robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.metrics import contacts, touchdowns
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import in_parallel
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.team import Try
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.gait.collocation.file import load_library
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.specs import LEGS, HardwareSpec
+from bp2_rl.robot.specs import LEGS
 from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.trajopt.family import family_of
 from bp2_rl.trajopt.solution import Solution
@@ -23,26 +24,24 @@ EASING = 1.5  # s of the hold that are not looked at
 Result = TypeVar("Result")
 
 
-class Try(NamedTuple):
-    """One run."""
-
-    ramp: Ramp
-    operator: HeadingHold
-    robot: HardwareSpec
-
-
 def commands_below(speeds: Sequence[float], top: float) -> tuple[float, ...]:
     """Those of the speeds that are below the top one, m/s, and that."""
     return (*(speed for speed in speeds if speed < top), top)
 
 
 def run_speeds(
-    run: Callable[[Policy, Try], Result], policy: Policy, ramp: Ramp, commands: Sequence[float], setup: Setup
+    measure: Callable[[Ramp, Trajectory], Result], policy: Policy, ramp: Ramp, commands: Sequence[float], setup: Setup
 ) -> list[Result]:
-    """`run` at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
+    """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
     robot = robot_of(policy, setup)
-    tries = [Try(dataclasses.replace(ramp, target=(speed, 0.0, 0.0)), setup.operator, robot) for speed in commands]
-    return in_parallel(run, policy, tries[::-1])[::-1]  # the longest first
+    ramps = [dataclasses.replace(ramp, target=(speed, 0.0, 0.0)) for speed in commands]
+    tries = [Try(each, robot, setup.operator) for each in ramps]
+    return run_team(functools.partial(_measure, measure), policy, tries)
+
+
+def _measure(measure: Callable[[Ramp, Trajectory], Result], one: Try, run: Trajectory) -> Result:
+    assert isinstance(one.schedule, Ramp)
+    return measure(one.schedule, run)
 
 
 def steady_strides(run: Trajectory, ramp: Ramp, most: int | None = None) -> tuple[Trajectory, int] | None:

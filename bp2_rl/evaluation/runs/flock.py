@@ -18,8 +18,9 @@ from jaxtyping import Bool, Float
 
 from bp2_rl.env.controller import Controller, ControllerState, motors_of
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.bodies import Bodies
 from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
-from bp2_rl.evaluation.runs.machine import JUDGE, OUTSIDE, STATE, TRIALS, compiled_laws, mobility
+from bp2_rl.evaluation.runs.machine import JUDGE, compiled_laws
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import foot_forces, standing_start
 from bp2_rl.evaluation.runs.trajectory import Trajectory
@@ -182,7 +183,9 @@ class Flock:
         ):
             mujoco.mj_resetData(self.model, one)
             one.qpos[:], one.qvel[:], one.ctrl[:], one.qacc_warmstart[:] = qpos, qvel, torque, warm
-        body = _Bodies(self, data, moment.torque.copy())
+        laws = compiled_laws(self.motors, self.resistance, DT)  # pyright: ignore[reportArgumentType]
+        throughout = self.hardware.envelope == "throughout"
+        body = Bodies([self.model] * count, data, moment.torque.copy(), laws, throughout=throughout)
         fell, log = np.zeros(count, bool), _log(count, specs.SUBSTEPS * steps if record else 0)
         state = ControllerState(
             phase=jnp.asarray(moment.phase, jnp.float32),
@@ -209,7 +212,7 @@ class Flock:
                     log.qpos[i], log.qvel[i], log.target[i], log.command[i] = body.qpos, body.qvel, wanted, command
                     log.clock[i] = moment.phase + turns + substep * rate
                 up = np.flatnonzero(~fell)
-                body.millisecond(wanted, wanted_rate, up)
+                body.advance(wanted, wanted_rate, up)
                 if record:
                     log.torque[i] = body.torque
                     for robot in up:
@@ -227,7 +230,7 @@ class Flock:
         return self._moment(body, state, command, position, velocity), fell, log if record else None
 
     def _moment(
-        self, body: "_Bodies", state: ControllerState, command: np.ndarray, position: list, velocity: list
+        self, body: Bodies, state: ControllerState, command: np.ndarray, position: list, velocity: list
     ) -> Moment:
         count = len(body.data)
 
@@ -247,51 +250,6 @@ class Flock:
             position=history(position),
             velocity=history(velocity),
         )
-
-
-class _Bodies:
-    """The robots in MuJoCo, with their states as arrays."""
-
-    def __init__(self, flock: Flock, data: list[mujoco.MjData], torque: Float[np.ndarray, "N 12"]):
-        self.data, self.torque, self._model = data, torque, flock.model
-        self.qpos, self.qvel = np.stack([one.qpos for one in data]), np.stack([one.qvel for one in data])
-        self._throughout = flock.hardware.envelope == "throughout"
-        self._start = np.empty((len(data), mujoco.mj_stateSize(flock.model, STATE)))
-        motors: Any = flock.motors
-        resistance: Any = flock.resistance
-        self._laws = compiled_laws(motors, resistance, DT)
-        self._mobility = np.zeros((len(data), specs.NUM_MOTORS))
-
-    def millisecond(
-        self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], up: np.ndarray
-    ) -> None:
-        """Motors and physics of those that are up, as `SwiftMachine.step`."""
-        before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
-        forces = self._laws.ask(before, qpos, qvel, position, velocity)
-        for robot in up if self._throughout else ():
-            mujoco.mj_getState(self._model, self.data[robot], self._start[robot], STATE)
-        tried = up
-        for _ in range(TRIALS if self._throughout else 0):
-            self._advance(tried, forces)
-            for robot in tried:
-                self._mobility[robot] = mobility(self._model, self.data[robot])
-            again = self._laws.correct(forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
-            tried = tried[again[tried, -1] > OUTSIDE]
-            if not len(tried):
-                break
-            forces = forces.copy()
-            forces[tried] = again[tried, :-1]
-            for robot in tried:
-                mujoco.mj_setState(self._model, self.data[robot], self._start[robot], STATE)
-        self._advance(tried, forces)
-        self.torque = forces[:, :12]
-
-    def _advance(self, robots: np.ndarray, forces: Float[np.ndarray, "N 34"]) -> None:
-        for robot in robots:
-            one = self.data[robot]
-            one.ctrl[:], one.qfrc_applied[:] = forces[robot, :12], forces[robot, 12:]
-            mujoco.mj_step(self._model, one)
-            self.qpos[robot], self.qvel[robot] = one.qpos, one.qvel
 
 
 def _log(count: int, samples: int) -> Recorded:

@@ -3,7 +3,7 @@
 import copy
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -62,7 +62,7 @@ class Machine:
         self.data = mujoco.MjData(self.model)
         self.motors = motors_of(config)
         self.resistance = Resistance.from_hardware(hardware)
-        self._throughout = hardware.envelope == "throughout"
+        self.throughout = hardware.envelope == "throughout"
 
     def millisecond(
         self,
@@ -89,7 +89,7 @@ class Machine:
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL].copy()
         before = data.ctrl.copy()
         torque = joint_torque(self.motors, before, q, qd, q_target, qd_target, seconds)
-        if not self._throughout:
+        if not self.throughout:
             self._advance(torque, steps)
             return torque
         voltage, start = bus_voltage(self.motors, before, qd), np.empty(mujoco.mj_stateSize(self.model, STATE))
@@ -159,7 +159,7 @@ class SwiftMachine(Machine):
         forces = laws.ask(before, qpos, qvel, q_target, qd_target)
         start = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, data, start, STATE)
-        for _ in range(TRIALS if self._throughout else 0):
+        for _ in range(TRIALS if self.throughout else 0):
             self._apply(forces, steps)
             tried = laws.correct(forces[:12], before, qpos, qvel, data.qvel, mobility(self.model, self.data))
             if tried[-1] <= OUTSIDE:
@@ -222,46 +222,90 @@ class Laws:
 
 @functools.lru_cache(maxsize=8)
 def compiled_laws(motors: Actuator, resistance: Resistance | None, seconds: float) -> Laws:
-    """The laws of motors and losses for steps of so many seconds."""
-    steepness = _steepness(motors)
+    """The laws of motors and losses for steps of so many seconds, of one robot or of many alike."""
 
-    def with_losses(qpos: Array, qvel: Array, torque: Array) -> tuple[Array, ...]:
-        if resistance is None:
-            return torque, jnp.zeros_like(qvel)
-        return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+    def compiled(law: Law) -> Callable[..., Float[np.ndarray, "... _"]]:
+        packed = _packed(law)
+        one = jax.jit(functools.partial(packed, motors, resistance, seconds))
+        many = jax.jit(jax.vmap(functools.partial(packed, motors, resistance, seconds)))
 
-    def ask(before: Array, qpos: Array, qvel: Array, q_target: Array, qd_target: Array) -> tuple[Array, ...]:
-        q, qd = _of_motors(qpos[7:]), _of_motors(qvel[6:])
-        return with_losses(qpos, qvel, joint_torque(motors, before, q, qd, q_target, qd_target, seconds))
+        def call(*arrays: Float[np.ndarray, "... _"]) -> Float[np.ndarray, "... _"]:
+            values = np.concatenate(arrays, axis=-1)
+            with jax.enable_x64(True):
+                return np.asarray((one if values.ndim == 1 else many)(values))
 
-    def correct(
-        torque: Array, before: Array, qpos: Array, qvel: Array, qvel_after: Array, mobility: Array
-    ) -> tuple[Array, ...]:
-        qd = _of_motors(qvel[6:])
-        voltage = bus_voltage(motors, before, qd)
-        beyond = _beyond(motors, torque, _of_motors(qvel_after[6:]), voltage)
-        limits = torque_limits(motors, qd, voltage)
-        less = _less(motors, torque, beyond, steepness * seconds * mobility, limits, qd)
-        return *with_losses(qpos, qvel, less), jnp.max(jnp.abs(beyond), keepdims=True)
+        return call
 
-    return Laws(_packed(ask, (12, NQ, NV, 12, 12)), _packed(correct, (12, 12, NQ, NV, NV, 12)))
+    return Laws(compiled(_ASK), compiled(_CORRECT))
 
 
-def _packed(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> Callable[..., Float[np.ndarray, "... _"]]:
-    """A law of arrays of these sizes as one program from one array to one: half of the time of a call is its arrays."""
-    at = np.cumsum(sizes)[:-1].tolist()
+def laws_of_each(motors: Sequence[Actuator], resistances: Sequence[Resistance | None], seconds: float) -> Laws:
+    """Likewise of robots that differ in their numbers, but not in which losses they have at all."""
+    with jax.enable_x64(True):
+        numbers = jax.tree.map(lambda *values: jnp.array(values), *zip(motors, resistances, strict=True))
 
-    def packed(values: Array) -> Array:
-        return jnp.concatenate(law(*jnp.split(values, at)))
+    def compiled(law: Law) -> Callable[..., Float[np.ndarray, "... _"]]:
+        def call(*arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+            with jax.enable_x64(True):
+                return np.asarray(_each(law, seconds)(*numbers, np.concatenate(arrays, axis=-1)))
 
-    one, flock = jax.jit(packed), jax.jit(jax.vmap(packed))
+        return call
 
-    def call(*arrays: Float[np.ndarray, "... _"]) -> Float[np.ndarray, "... _"]:
-        values = np.concatenate(arrays, axis=-1)
-        with jax.enable_x64(True):
-            return np.asarray((one if values.ndim == 1 else flock)(values))
+    return Laws(compiled(_ASK), compiled(_CORRECT))
 
-    return call
+
+@functools.lru_cache(maxsize=8)
+def _each(law: "Law", seconds: float) -> Callable[..., Any]:
+    packed = _packed(law)
+    return jax.jit(jax.vmap(lambda motors, resistance, values: packed(motors, resistance, seconds, values)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """A law of the motors, and the sizes of the arrays that it takes."""
+
+    of: Callable[..., tuple[Array, ...]]  # (motors, resistance, seconds, *arrays)
+    sizes: tuple[int, ...]
+
+
+def _packed(law: Law) -> Callable[..., Array]:
+    """The law as one program from one array to one: half of the time of a call is its arrays."""
+    at = np.cumsum(law.sizes)[:-1].tolist()
+
+    def packed(motors: Actuator, resistance: Resistance | None, seconds: float, values: Array) -> Array:
+        return jnp.concatenate(law.of(motors, resistance, seconds, *jnp.split(values, at)))
+
+    return packed
+
+
+def _with_losses(resistance: Resistance | None, qpos: Array, qvel: Array, torque: Array) -> tuple[Array, ...]:
+    if resistance is None:
+        return torque, jnp.zeros_like(qvel)
+    return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+
+
+def _ask(
+    motors: Any, resistance: Any, seconds: float, before: Array, qpos: Array, qvel: Array, q_target: Array,
+    qd_target: Array,
+) -> tuple[Array, ...]:  # fmt: skip
+    q, qd = _of_motors(qpos[7:]), _of_motors(qvel[6:])
+    torque = joint_torque(motors, before, q, qd, q_target, qd_target, seconds)
+    return _with_losses(resistance, qpos, qvel, torque)
+
+
+def _correct(
+    motors: Any, resistance: Any, seconds: float, torque: Array, before: Array, qpos: Array, qvel: Array,
+    qvel_after: Array, mobility: Array,
+) -> tuple[Array, ...]:  # fmt: skip
+    qd = _of_motors(qvel[6:])
+    voltage = bus_voltage(motors, before, qd)
+    beyond = _beyond(motors, torque, _of_motors(qvel_after[6:]), voltage)
+    limits = torque_limits(motors, qd, voltage)
+    less = _less(motors, torque, beyond, _steepness(motors) * seconds * mobility, limits, qd)
+    return *_with_losses(resistance, qpos, qvel, less), jnp.max(jnp.abs(beyond), keepdims=True)
+
+
+_ASK, _CORRECT = Law(_ask, (12, NQ, NV, 12, 12)), Law(_correct, (12, 12, NQ, NV, NV, 12))
 
 
 def _of_motors(coordinates: Float[Array, "16"]) -> Float[Array, "12"]:

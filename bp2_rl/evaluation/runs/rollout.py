@@ -73,7 +73,7 @@ def rollout_mujoco(
     model, data = body.model, body.data
     numerics.apply(model)
     commands = sampled_commands(schedule)
-    recording = _Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
+    recording = Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
     driver = Driver(policy, config, operator, latency=robot.hardware.losses.latency, command=commands[0])
 
     for k, scheduled in enumerate(commands[1:]):
@@ -123,7 +123,7 @@ def rollout_mjx(
     there = np.flatnonzero(qpos[:length, 0] >= finish)
     if len(there):
         length, fell = int(there[0]) + 1, False
-    recording = _Recording(qpos, qvel, torque, target, command, np.zeros((len(qpos), 4, 3)))
+    recording = Recording(qpos, qvel, torque, target, command, np.zeros((len(qpos), 4, 3)))
     for step in range(length):
         start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, start)
@@ -187,7 +187,7 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
     """The ground's force on each foot at the state last passed to `mj_step` or `mj_forward`, world frame, N."""
     forces = np.zeros((4, 3))
     wrench = np.zeros(6)
-    legs = {geom: leg for leg, geom in enumerate(foot_geom_ids(model))}
+    legs = _legs_of(model)
     contact = data.contact
     for i, (ground, geom, frame) in enumerate(zip(contact.geom1, contact.geom2, contact.frame, strict=True)):
         # The ground, all that is fixed to the world, is the first geom of a contact; the force acts on the second.
@@ -195,6 +195,12 @@ def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray,
             mujoco.mj_contactForce(model, data, i, wrench)
             forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
     return forces
+
+
+@functools.lru_cache(maxsize=64)
+def _legs_of(model: mujoco.MjModel) -> dict[int, int]:
+    """Legs by the ids of their feet."""
+    return {int(geom): leg for leg, geom in enumerate(foot_geom_ids(model))}
 
 
 @functools.lru_cache(maxsize=8)
@@ -211,7 +217,7 @@ def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Recording:
+class Recording:
     """The samples of a run as they come in: arrays over physics steps."""
 
     qpos: np.ndarray
@@ -222,7 +228,8 @@ class _Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, steps: int) -> "_Recording":
+    def empty(cls, steps: int) -> "Recording":
+        """Room for so many."""
         sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
         return cls(*(np.zeros((steps, *size)) for size in sizes))
 

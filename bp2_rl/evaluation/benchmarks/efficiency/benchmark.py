@@ -28,7 +28,6 @@ from bp2_rl.evaluation.benchmarks.efficiency.tables import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.speeds import (
-    Try,
     commands_below,
     nearest_solutions,
     run_speeds,
@@ -36,9 +35,8 @@ from bp2_rl.evaluation.benchmarks.speeds import (
 )
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.account import replay
-from bp2_rl.evaluation.runs.machine import SwiftMachine
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 
@@ -51,7 +49,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all speeds and account for their energy."""
     robot, top = robot_of(policy, setup), ramp.target[0]
     commands = commands_below(SHORT if setup.quick else SPEEDS, top)
-    ran = run_speeds(run_and_account, policy, ramp, commands, setup)
+    ran = run_speeds(account, policy, ramp, commands, setup)
     metrics = EfficiencyMetrics(tuple(ran), optimised([at.speed for at in ran if at.energy is not None]))
     said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
@@ -76,14 +74,12 @@ def ramp_to_efficiency(policy: Policy, setup: Setup) -> Ramp:
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=hold))
 
 
-def run_and_account(policy: Policy, one: Try) -> AtSpeed:
-    """Run one speed and account for the whole strides of its hold."""
-    given = {"operator": one.operator, "hardware": one.robot, "machine": SwiftMachine}
-    run = rollout_mujoco(policy, one.ramp, policy.card.env, **given)
-    chosen = steady_strides(run, one.ramp)
+def account(ramp: Ramp, run: Trajectory) -> AtSpeed:
+    """Account for the whole strides of a run's hold."""
+    chosen = steady_strides(run, ramp)
     part, strides = chosen or (run, 0)
     energy = measure_energy(part, replay(part)[0], strides) if chosen else None
-    return AtSpeed(one.ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy)
+    return AtSpeed(ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy)
 
 
 def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:

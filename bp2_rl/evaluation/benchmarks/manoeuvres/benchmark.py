@@ -25,9 +25,10 @@ from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import in_parallel
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.evaluation.runs.world import EVEN, GRID
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
@@ -56,7 +57,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robot = robot_of(policy, setup)
     level = level_speed(policy, ramp, robot, setup.operator)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
-    metrics = summarise(level, in_parallel(try_one, policy, asked))
+    metrics = summarise(level, run_team(judge, policy, asked))
     said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
@@ -91,19 +92,8 @@ def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: Headi
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 
 
-def try_one(policy: Policy, manoeuvre: Manoeuvre) -> Outcome:
-    """Run it, and judge the run; a robot that falls fails."""
-    run = rollout_mujoco(
-        policy,
-        manoeuvre.schedule,
-        policy.card.env,
-        operator=manoeuvre.operator,
-        name=f"{manoeuvre.group}, {manoeuvre.asked}",
-        finish=manoeuvre.finish,
-        hardware=manoeuvre.hardware,
-        world=manoeuvre.world,
-        gyro_bias=manoeuvre.gyro_bias,
-    )
+def judge(manoeuvre: Manoeuvre, run: Trajectory) -> Outcome:
+    """What became of it; a robot that falls fails."""
     judged, fell = manoeuvre.judge(run), run.fell_at is not None
     return Outcome(
         group=manoeuvre.group,

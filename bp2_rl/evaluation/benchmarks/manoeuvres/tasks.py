@@ -11,8 +11,9 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Judged
 from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, TIME_LIMIT, TRACK
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Course, Ramp, Schedule
+from bp2_rl.evaluation.runs.team import Try
 from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.evaluation.runs.world import LEVEL, Push, World
+from bp2_rl.evaluation.runs.world import Push, World
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 
@@ -39,20 +40,14 @@ SLOPES = 2.0, 4.0  # deg
 LATENCIES = 0.005, 0.010, 0.015  # s
 
 
-@dataclasses.dataclass(frozen=True)
-class Manoeuvre:
-    """One try."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Manoeuvre(Try):
+    """One try, and how it is judged."""
 
     group: str  # what is tried ...
     asked: str  # ... and how hard
     rule: str  # what passes, in words
     judge: Callable[[Trajectory], Judged[Any]]  # likewise
-    schedule: Schedule
-    hardware: HardwareSpec
-    operator: HeadingHold
-    world: World = LEVEL
-    gyro_bias: float = 0.0  # rad/s
-    finish: float = math.inf  # m
 
 
 def all_manoeuvres(
@@ -67,7 +62,13 @@ def all_manoeuvres(
         operator: who keeps it straight where nothing else is said.
         seed: of the rough ground.
     """
-    of = functools.partial(Manoeuvre, hardware=hardware, operator=operator)
+
+    def of(
+        group: str, asked: str, rule: str, judge: Callable[[Trajectory], Judged[Any]], schedule: Schedule, **other: Any
+    ) -> Manoeuvre:
+        run = {"hardware": hardware, "operator": operator} | other
+        return Manoeuvre(schedule, group=group, asked=asked, rule=rule, judge=judge, **run)
+
     speed = top.target[0]
     dash = dash_of(top)
     return (

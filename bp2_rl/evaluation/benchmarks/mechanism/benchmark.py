@@ -32,7 +32,6 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.speeds import (
     LEG,
-    Try,
     commands_below,
     nearest_solutions,
     run_speeds,
@@ -40,8 +39,8 @@ from bp2_rl.evaluation.benchmarks.speeds import (
 )
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.forces import HIPS_AND_KNEES, decompose_run
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
 from bp2_rl.trajopt.coupling_account import CouplingAccount, account_coupling
 
@@ -54,7 +53,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all speeds and take their forces apart."""
     robot, top = robot_of(policy, setup), ramp.target[0]
     commands = commands_below(SHORT if setup.quick else SPEEDS, top)
-    ran = run_speeds(run_and_decompose, policy, ramp, commands, setup)
+    ran = run_speeds(decompose, policy, ramp, commands, setup)
     found = tuple(each.at for each in ran)
     metrics = MechanismMetrics(found, optimised([at.speed for at in found if at.forces is not None]))
     said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
@@ -83,11 +82,10 @@ def ramp_to_mechanism(policy: Policy, setup: Setup) -> Ramp:
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
 
 
-def run_and_decompose(policy: Policy, one: Try) -> Ran:
-    """Run one speed and take the last strides of its hold apart."""
-    run = rollout_mujoco(policy, one.ramp, policy.card.env, operator=one.operator, hardware=one.robot)
-    command = one.ramp.target[0]
-    if (chosen := steady_strides(run, one.ramp, STRIDES)) is None:
+def decompose(ramp: Ramp, run: Trajectory) -> Ran:
+    """Take the last strides of a run's hold apart."""
+    command = ramp.target[0]
+    if (chosen := steady_strides(run, ramp, STRIDES)) is None:
         return Ran(AtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
     part, strides = chosen
     forces = decompose_run(part)

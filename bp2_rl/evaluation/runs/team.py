@@ -1,0 +1,250 @@
+"""Different tries of one policy side by side in C MuJoCo: what `rollout_mujoco` does of one, for all of a benchmark.
+
+Each robot has its own schedule, hardware, ground, operator and numerics. The controller and the laws of motors and
+losses are computed for all of them at once, and MuJoCo takes its steps one by one, so that a robot of many costs a
+small part of one alone. Compiled code rounds otherwise than NumPy, so two runs agree as those do that begin a hair's
+breadth apart.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.env.controller import Controller
+from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.bodies import Bodies
+from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
+from bp2_rl.evaluation.runs.machine import DT, JUDGE, Machine, Numerics, laws_of_each
+from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.evaluation.runs.rollout import SETTLING_DAMPING, SETTLING_TIME, Recording, foot_forces, sampled_commands
+from bp2_rl.evaluation.runs.schedule import Schedule
+from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
+from bp2_rl.robot import specs
+from bp2_rl.robot.model import MOTOR_QPOS
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import EnvConfig
+
+MOST = 24
+"""Robots side by side: more are hardly cheaper each, and all that they do is kept until the last is done."""
+STAND = np.array(specs.STAND_JOINTS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Try:
+    """What a robot is to do, and what it is; the arguments of `rollout_mujoco`."""
+
+    schedule: Schedule
+    hardware: HardwareSpec
+    operator: HeadingHold = HEADING_HOLD
+    world: World = LEVEL
+    gyro_bias: float = 0.0  # rad/s
+    finish: float = math.inf  # m
+    numerics: Numerics = JUDGE
+    name: str = "policy"
+
+
+def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
+    """Run all of them, at most `MOST` at a time, and give their runs in order."""
+    robots = [(dataclasses.replace(config, hardware=one.hardware), one.world) for one in tries]
+    stands = _standing(list(dict.fromkeys(robots)))
+    size = math.ceil(len(tries) / math.ceil(len(tries) / MOST)) if tries else 1
+    for first in range(0, len(tries), size):
+        chosen = slice(first, first + size)
+        yield from _Team(policy, config, tries[chosen], [stands[robot].copy() for robot in robots[chosen]], size).run()
+
+
+class _Team:
+    """Some tries, from a stand to the end of the last; filled up to `size` with robots that are not run."""
+
+    def __init__(
+        self,
+        policy: ActionFunction,
+        config: EnvConfig,
+        tries: Sequence[Try],
+        machines: Sequence[Machine],
+        size: int,
+    ):
+        self._tries, self._machines, self._config, self._size = tries, machines, config, size
+        for machine, one in zip(machines, tries, strict=True):
+            one.numerics.apply(machine.model)
+        self._bodies = _Mixed(machines, [one.numerics for one in tries])
+        self._told = [sampled_commands(one.schedule) for one in tries]
+        self._behind = np.array([control_steps_behind(one.hardware.losses.latency) for one in tries])
+        self._finish = np.array([one.finish for one in tries])
+        operators = [dataclasses.astuple(one.operator) for one in tries]
+        self._operators = self._filled(np.array(operators, np.float32))
+        self._control = _compiled(policy, config)
+        start = Controller(config).init()
+        self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], size, axis=0), start)
+
+    def run(self) -> list[Trajectory]:
+        """All runs, in the order of the tries."""
+        count, bodies = len(self._tries), self._bodies
+        ticks = np.array([len(told) - 1 for told in self._told])
+        lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
+        depth, each, k = int(self._behind.max()) + 1, np.arange(count), 0
+        issued = [(np.tile(STAND, (count, 1)), np.zeros((count, specs.NUM_MOTORS)))] * depth
+        command = np.stack([told[0] for told in self._told]).astype(np.float32)
+        samples: list[dict[str, np.ndarray]] = []
+        while not ended.all():
+            position, velocity, next_command = self._tick(k, command)
+            issued = [*issued, (position, velocity)][-depth:]
+            positions, velocities = (np.stack(kept) for kept in zip(*issued, strict=True))
+            for substep in range(specs.SUBSTEPS):
+                late = depth - 1 - self._behind[:, substep]
+                wanted, up = (positions[late, each], velocities[late, each]), np.flatnonzero(~ended)
+                samples.append(self._millisecond(k * specs.SUBSTEPS + substep, *wanted, command, up))
+                down = fall(bodies.qpos, bodies.qvel, self._config.termination).happened
+                over = ~ended & (down | (samples[-1]["qpos"][:, 0] >= self._finish))
+                lasted[over], fell[over & down] = len(samples), True
+                ended = ended | over
+            command, k = next_command, k + 1
+            ended = ended | (ticks <= k)
+        return [self._trajectory(i, samples[: lasted[i]], bool(fell[i])) for i in range(count)]
+
+    def _tick(self, k: int, command: Float[np.ndarray, "N 3"]) -> tuple[np.ndarray, ...]:
+        """A control step: targets of joints (rad, rad/s), and the command after it."""
+        time = k * specs.CONTROL_STEP
+        sensed = [
+            sensed_pose(qpos, one.world, one.gyro_bias, time)
+            for qpos, one in zip(self._bodies.qpos, self._tries, strict=True)
+        ]
+        scheduled = [told[min(k + 1, len(told) - 1)] for told in self._told]
+        given = (command, np.stack(sensed), self._bodies.qvel, np.stack(scheduled))
+        self._state, targets, told = self._control(
+            self._operators, self._state, *(self._filled(np.asarray(x, np.float32)) for x in given)
+        )
+        count = len(self._tries)
+        position, velocity = (np.asarray(x, np.float64)[:count] for x in (targets.position, targets.velocity))
+        return position, velocity, np.asarray(told)[:count]
+
+    def _millisecond(
+        self,
+        step: int,
+        position: Float[np.ndarray, "N 12"],
+        velocity: Float[np.ndarray, "N 12"],
+        command: Float[np.ndarray, "N 3"],
+        up: np.ndarray,
+    ) -> dict[str, np.ndarray]:
+        """Physics of those that are up; what is recorded of them, by the names of `Recording`."""
+        bodies = self._bodies
+        for robot in up:
+            if self._tries[robot].world.pushes:
+                self._tries[robot].world.push(self._machines[robot].data, step)
+                bodies.look(robot)
+        sample = {"qpos": bodies.qpos, "qvel": bodies.qvel, "target": position, "command": np.float64(command)}
+        sample["torque"] = bodies.millisecond(position, velocity, up)
+        sample["foot_force"] = np.zeros((len(self._tries), 4, 3))
+        for robot in up:
+            machine = self._machines[robot]
+            sample["foot_force"][robot] = foot_forces(machine.model, machine.data)
+        return sample
+
+    def _trajectory(self, robot: int, samples: list[dict[str, np.ndarray]], fell: bool) -> Trajectory:
+        one, machine = self._tries[robot], self._machines[robot]
+        names = [field.name for field in dataclasses.fields(Recording)]
+        recording = Recording(**{name: np.stack([sample[name][robot] for sample in samples]) for name in names})
+        config = dataclasses.replace(self._config, hardware=one.hardware)
+        return recording.trajectory(len(samples), fell, one.schedule, machine.model, config, one.name, "C MuJoCo")
+
+    def _filled(self, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x, np.repeat(x[:1], self._size - len(x), axis=0)])
+
+
+class _Mixed:
+    """Robots that differ in which laws they have, in groups of those that do not."""
+
+    def __init__(self, machines: Sequence[Machine], numerics: Sequence[Numerics]):
+        kinds: dict[Any, list[int]] = {}
+        for robot, (machine, how) in enumerate(zip(machines, numerics, strict=True)):
+            laws = jax.tree.structure((machine.motors, machine.resistance))
+            updates = how.steps if how.motors_each_step else 1
+            kinds.setdefault((laws, machine.throughout, how.steps, updates), []).append(robot)
+        self._groups = [
+            (np.array(robots), _bodies([machines[i] for i in robots], throughout, steps, updates), updates)
+            for (_, throughout, steps, updates), robots in kinds.items()
+        ]
+        self._place = {robot: (bodies, i) for robots, bodies, _ in self._groups for i, robot in enumerate(robots)}
+        self._count = len(machines)
+
+    @property
+    def qpos(self) -> Float[np.ndarray, "N 23"]:
+        """All robots' states now."""
+        return self._gather(lambda bodies: bodies.qpos)
+
+    @property
+    def qvel(self) -> Float[np.ndarray, "N 22"]:
+        """Likewise their rates."""
+        return self._gather(lambda bodies: bodies.qvel)
+
+    def look(self, robot: int) -> None:
+        """See a state that somebody has changed."""
+        bodies, i = self._place[robot]
+        bodies.qpos[i], bodies.qvel[i] = bodies.data[i].qpos, bodies.data[i].qvel
+
+    def millisecond(
+        self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], up: np.ndarray
+    ) -> Float[np.ndarray, "N 12"]:
+        """Motors and physics of those that are up; the torque applied at the beginning, Nm."""
+        torque = np.zeros((self._count, specs.NUM_MOTORS))
+        for robots, bodies, updates in self._groups:
+            mine = np.flatnonzero(np.isin(robots, up))
+            for update in range(updates if len(mine) else 0):
+                bodies.advance(position[robots], velocity[robots], mine)
+                if update == 0:
+                    torque[robots] = bodies.torque
+        return torque
+
+    def _gather(self, part: Callable[[Bodies], np.ndarray]) -> np.ndarray:
+        gathered = [part(bodies) for _, bodies, _ in self._groups]
+        values = np.empty((self._count, gathered[0].shape[1]))
+        for (robots, *_), mine in zip(self._groups, gathered, strict=True):
+            values[robots] = mine
+        return values
+
+
+def _bodies(machines: Sequence[Machine], throughout: bool, steps: int, updates: int) -> Bodies:
+    laws = laws_of_each([one.motors for one in machines], [one.resistance for one in machines], DT / updates)
+    models, data = [one.model for one in machines], [one.data for one in machines]
+    torque = np.stack([one.ctrl for one in data])
+    return Bodies(models, data, torque, laws, throughout=throughout, steps=steps // updates)
+
+
+def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> dict[tuple[EnvConfig, World], Machine]:
+    """Robots at rest at the origin, as `standing_start`."""
+    machines = [Machine(*robot) for robot in robots]
+    for machine in machines:
+        mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
+    bodies = _Mixed(machines, [JUDGE] * len(machines))
+    stand = np.stack([machine.data.qpos[MOTOR_QPOS] for machine in machines])
+    everyone = np.arange(len(machines))
+    for _ in range(round(SETTLING_TIME / DT)):
+        bodies.millisecond(stand, np.zeros_like(stand), everyone)
+        for robot, machine in enumerate(machines):
+            machine.data.qvel *= 1.0 - SETTLING_DAMPING * DT
+            bodies.look(robot)
+    for machine in machines:
+        machine.data.qpos[:2], machine.data.qvel[:], machine.data.time = 0.0, 0.0, 0.0
+    return dict(zip(robots, machines, strict=True))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled(policy: ActionFunction, config: EnvConfig) -> Callable[..., Any]:
+    """A control step of all robots, each with an operator of its own."""
+
+    def control(operator, state, command, qpos, qvel, scheduled):
+        state, targets, _, told = control_step(policy, config, HeadingHold(*operator))(
+            state, command, qpos, qvel, scheduled
+        )
+        return state, targets, told
+
+    return jax.jit(jax.vmap(control))
