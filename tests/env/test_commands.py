@@ -39,6 +39,25 @@ def test_targets_cover_their_ranges_and_respect_them():
     assert (forward >= 0.9 * 8.0).mean() == pytest.approx(fast, abs=0.015)
 
 
+def test_a_stand_lasts_as_long_as_is_said_for_stands():
+    keys = jax.random.split(KEY, 2000)
+
+    def times(config):
+        drawn = jax.vmap(lambda key: commands.draw(key, None, jnp.array(8.0), config))(keys)
+        return np.all(np.asarray(drawn.target) == 0.0, axis=1), np.asarray(drawn.time_left)
+
+    often = dataclasses.replace(CONFIG, stand_fraction=0.5, hold_time=(1.0, 3.0))
+    stands, time = times(dataclasses.replace(often, stand_time=(4.0, 6.0)))
+    assert time[stands].min() == pytest.approx(4.0, abs=0.02)
+    assert time[stands].max() == pytest.approx(6.0, abs=0.02)
+    as_others, others = times(often)
+    np.testing.assert_array_equal(as_others, stands)
+    np.testing.assert_array_equal(others[~stands], time[~stands])
+    assert others.max() <= 3.0
+    with pytest.raises(UserError, match=r"commands\.stand_time must be a range"):
+        EnvConfig(commands=CommandConfig(stand_time=(2.0, 1.0)))
+
+
 def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
     speeds = [float(commands.fastest(jnp.array(level), CONFIG, CURRICULUM)) for level in (0.0, 0.5, 1.0)]
     assert speeds == [3.0, 6.5, 10.0]

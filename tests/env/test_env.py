@@ -367,7 +367,8 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(kernel=kernel))
     env = BP2Env(config, impl="c")
     before = jax.jit(env.reset)(jax.random.PRNGKey(3))
-    after = jax.jit(env.step)(before, jnp.zeros(12))
+    after = jax.jit(env.step)(before, jnp.full(12, 0.1))
+    np.testing.assert_allclose(after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4)
     command = before.pipeline_state.command.current
     moved = observations.heading(physics(after).qpos, physics(after).qvel)
     error = jnp.append(moved.velocity[:2], moved.yaw_rate) - command

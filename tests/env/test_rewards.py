@@ -156,7 +156,7 @@ def inputs(**changes) -> rewards.RewardInputs:
     perfect = {
         "command": jnp.array([10.0, 0.0, 0.0]), "z": jnp.array(0.5), "z_ref": jnp.array(0.5), "e_z": up, "e_z_ref": up,
         "q": ZERO, "q_ref": ZERO, "qd": ZERO, "qd_ref": ZERO, "v": jnp.array([10.0, 0.0]), "yaw_rate": jnp.array(0.0),
-        "tau_n": ZERO, "tau_n_last": ZERO, "power": ZERO, "action": ZERO, "last_action": ZERO,
+        "tau_n": ZERO, "tau_n_last": ZERO, "power": ZERO, "action": ZERO, "last_action": ZERO, "mean_action": ZERO,
         "terminal": jnp.array(0.0), "sole_height": jnp.full(4, 0.2), "sole_rate": jnp.full(4, -9.0),
     }  # fmt: skip
     return rewards.RewardInputs(**(perfect | changes))
@@ -172,7 +172,7 @@ def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_co
     assert terms == {
         "height": close(0.05), "attitude": close(0.05), "joint_position": close(0.02), "joint_velocity": close(0.07),
         "tracking": close(0.6), "torque": close(0.1), "power": 0.0, "smoothness": close(0.1), "symmetry": 0.0,
-        "terminal": 0.0, "landing": 0.0,
+        "terminal": 0.0, "landing": 0.0, "stand": 0.0,
     }  # fmt: skip
 
 
@@ -181,7 +181,7 @@ def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_colu
     assert terms == {
         "height": 0.0, "attitude": 0.0, "joint_position": close(0.02), "joint_velocity": close(0.07),
         "tracking": close(0.4), "torque": close(0.2), "power": close(0.1), "smoothness": close(0.2),
-        "symmetry": close(0.1), "terminal": 0.0, "landing": 0.0,
+        "symmetry": close(0.1), "terminal": 0.0, "landing": 0.0, "stand": 0.0,
     }  # fmt: skip
 
 
@@ -196,6 +196,16 @@ def test_only_soles_that_come_down_near_the_ground_land_hard():
     assert total(config, sole_height=height, sole_rate=rate)["landing"] == close(-2.0 * 1.5)
     deep = total(config, sole_height=height - 0.01, sole_rate=jnp.array([-10.0, 0.0, 0.0, 0.0]))
     assert deep["landing"] == close(-2.0 * 4.0)
+
+
+def test_who_is_to_stand_need_do_nothing():
+    config, busy = RewardConfig(stand=0.5), jnp.full(12, -0.1)
+    assert total(config, mean_action=busy)["stand"] == 0.0
+    still = {"command": jnp.zeros(3), "v": jnp.zeros(2)}
+    assert total(config, **still)["stand"] == 0.0
+    assert total(config, mean_action=busy, **still)["stand"] == close(-0.5 * 1.2)
+    assert total(config, mean_action=busy, command=jnp.array([0.0, 0.0, 0.1]))["stand"] == 0.0
+    assert total(RewardConfig(), mean_action=busy, **still)["stand"] == 0.0
 
 
 def test_symmetry_reads_the_abduction_joints():

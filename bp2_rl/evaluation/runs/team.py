@@ -26,7 +26,7 @@ from bp2_rl.evaluation.runs.machine import DT, JUDGE, Machine, Numerics, laws_of
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import SETTLING_DAMPING, SETTLING_TIME, Recording, foot_forces, sampled_commands
 from bp2_rl.evaluation.runs.schedule import Schedule
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS
@@ -36,6 +36,7 @@ from bp2_rl.settings.env import EnvConfig
 MOST = 24
 """Robots side by side: more are hardly cheaper each, and all that they do is kept until the last is done."""
 STAND = np.array(specs.STAND_JOINTS)
+NOBODY = HeadingHold(limit=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,9 +55,11 @@ class Try:
 
 def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
     """Run all of them, at most `MOST` at a time, and give their runs in order."""
+    if not tries:
+        return
     robots = [(dataclasses.replace(config, hardware=one.hardware), one.world) for one in tries]
     stands = _standing(list(dict.fromkeys(robots)))
-    size = math.ceil(len(tries) / math.ceil(len(tries) / MOST)) if tries else 1
+    size = math.ceil(len(tries) / math.ceil(len(tries) / MOST))
     for first in range(0, len(tries), size):
         chosen = slice(first, first + size)
         yield from _Team(policy, config, tries[chosen], [stands[robot].copy() for robot in robots[chosen]], size).run()
@@ -80,8 +83,6 @@ class _Team:
         self._told = [sampled_commands(one.schedule) for one in tries]
         self._behind = np.array([control_steps_behind(one.hardware.losses.latency) for one in tries])
         self._finish = np.array([one.finish for one in tries])
-        operators = [dataclasses.astuple(one.operator) for one in tries]
-        self._operators = self._filled(np.array(operators, np.float32))
         self._control = _compiled(policy, config)
         start = Controller(config).init()
         self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], size, axis=0), start)
@@ -118,11 +119,13 @@ class _Team:
             sensed_pose(qpos, one.world, one.gyro_bias, time)
             for qpos, one in zip(self._bodies.qpos, self._tries, strict=True)
         ]
-        scheduled = [told[min(k + 1, len(told) - 1)] for told in self._told]
-        given = (command, np.stack(sensed), self._bodies.qvel, np.stack(scheduled))
-        self._state, targets, told = self._control(
-            self._operators, self._state, *(self._filled(np.asarray(x, np.float32)) for x in given)
-        )
+        asked = [
+            one.operator.steer(told[min(k + 1, len(told) - 1)], qpos[1], yaw_of(qpos[3:7]))
+            for one, told, qpos in zip(self._tries, self._told, sensed, strict=True)
+        ]
+        given = (command, np.stack(sensed), self._bodies.qvel, np.stack(asked))
+        filled = (self._filled(np.asarray(x, np.float32)) for x in given)
+        self._state, targets, told = self._control(self._state, *filled)
         count = len(self._tries)
         position, velocity = (np.asarray(x, np.float64)[:count] for x in (targets.position, targets.velocity))
         return position, velocity, np.asarray(told)[:count]
@@ -239,12 +242,11 @@ def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> dict[tuple[EnvConfig
 
 @functools.lru_cache(maxsize=8)
 def _compiled(policy: ActionFunction, config: EnvConfig) -> Callable[..., Any]:
-    """A control step of all robots, each with an operator of its own."""
+    """A control step of all robots, which are steered already."""
+    control = control_step(policy, config, NOBODY)
 
-    def control(operator, state, command, qpos, qvel, scheduled):
-        state, targets, _, told = control_step(policy, config, HeadingHold(*operator))(
-            state, command, qpos, qvel, scheduled
-        )
+    def without_reference(*arguments):
+        state, targets, _, told = control(*arguments)
         return state, targets, told
 
-    return jax.jit(jax.vmap(control))
+    return jax.jit(jax.vmap(without_reference))

@@ -49,11 +49,11 @@ def test_runs_too_short_for_a_best_second_are_compared_without(make_run):
 def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, assert_fits):
     asked = []
 
-    def rollout(policy, schedule, config, *, operator, name, numerics, hardware):
-        asked.append((schedule, numerics))
-        return runs[name]
+    def run(one):
+        asked.append((one.schedule, one.numerics))
+        return runs[one.name]
 
-    monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(), Setup(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
@@ -76,7 +76,7 @@ def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, 
 
 def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, monkeypatch):
     slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
-    monkeypatch.setattr(module, "rollout_mujoco", lambda *_, name, **__: slower[name])
+    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries])
     setup = Setup(speed=6.0)
     assert not convergence(make_policy(), ramp_to_topspeed(make_policy(), setup), setup).good
 

@@ -11,7 +11,6 @@ from bp2_rl.evaluation.benchmarks.losses import (
     losses,
     price,
     ramp_to_losses,
-    try_one,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec, Losses
@@ -47,13 +46,12 @@ def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monk
     """A robot that loses a tenth of a m/s for every part in which it is not ideal."""
     asked = []
 
-    def rollout(policy, schedule, config, *, operator, hardware):
-        asked.append(hardware)
-        slower = len(differing(IDEAL, hardware)) / 10
+    def run(one):
+        asked.append(one.hardware)
+        slower = len(differing(IDEAL, one.hardware)) / 10
         return make_run(duration=12.0, speed=10.0 - slower, acceleration=5.0)
 
-    monkeypatch.setattr(module, "rollout_mujoco", rollout)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(), Setup(speed=10.0)
     evaluation = losses(policy, ramp_to_losses(policy, setup), setup)
     metrics, parts = evaluation.metrics, differing(IDEAL, BUILT)
@@ -71,4 +69,3 @@ def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monk
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert from_json(LossesMetrics, to_json(metrics)) == metrics
     assert_fits(evaluation)
-    assert try_one(policy, module.Try(ramp_to_losses(policy, setup), setup.operator, IDEAL)) == metrics.ideal

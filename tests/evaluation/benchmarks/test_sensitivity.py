@@ -1,6 +1,7 @@
 import dataclasses
 import io
 import json
+import math
 
 import pytest
 from PIL import Image
@@ -80,22 +81,20 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
 ):
     asked = []
 
-    def rollout(policy, schedule, config, *, operator, name, hardware, finish=None):
-        asked.append((name, hardware, finish, schedule))
-        assert config is policy.card.env
+    def run(one):
+        asked.append((one.name, one.hardware, one.finish, one.schedule))
         fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
-        return fast if finish else fast.between(0.0, 7.0)
+        return fast if one.finish == 100.0 else fast.between(0.0, 7.0)
 
-    monkeypatch.setattr(module, "rollout_mujoco", rollout)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0, robot="ideal")
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)
-    for finish, acceleration in ((None, 2.4), (100.0, 3.5)):
+    for finish, acceleration in ((math.inf, 2.4), (100.0, 3.5)):
         runs = [run for run in asked if run[2] == finish]
         assert {name: hardware for name, hardware, *_ in runs} == robots
         assert all(run[3].acceleration == acceleration for run in runs)
-    assert [run[3].hold for run in asked if run[2] is None] == [5.0] * len(robots)
+    assert [run[3].hold for run in asked if run[2] == math.inf] == [5.0] * len(robots)
     assert evaluation.good
     assert evaluation.results["lanes_kept"] == len(robots)
     assert folder.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")

@@ -11,11 +11,10 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.benchmarks import speeds
 from bp2_rl.evaluation.benchmarks.efficiency import benchmark as module
 from bp2_rl.evaluation.benchmarks.efficiency.benchmark import (
-    Try,
+    account,
     efficiency,
     optimised,
     ramp_to_efficiency,
-    run_and_account,
 )
 from bp2_rl.evaluation.benchmarks.efficiency.measured import (
     KINDS,
@@ -29,8 +28,8 @@ from bp2_rl.evaluation.benchmarks.efficiency.measured import (
 from bp2_rl.evaluation.benchmarks.efficiency.tables import verdict
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.account import CAUSES, Ledger
-from bp2_rl.evaluation.runs.operator import HEADING_HOLD
 from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.evaluation.runs.team import Try, rollout_team
 from bp2_rl.gait.collocation.file import load_library
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.model import load_model
@@ -122,7 +121,7 @@ def test_work_is_what_is_lost_and_stored():
     """A shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = run_and_account(policy, Try(ramp, HEADING_HOLD, BUILT))
+    at = account(ramp, next(rollout_team(policy, policy.card.env, [Try(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None
@@ -190,16 +189,15 @@ def ran(monkeypatch, make_run):
     run = make_run(speed=5.0, acceleration=1e6, duration=8.0).between(1.0, 1.0 + 1e-3 * N)
 
     def account(policy, one):
-        speed = one.ramp.target[0]
-        asked.append((speed, one.ramp.hold, one.robot))
+        speed = one.schedule.target[0]
+        asked.append((speed, one.schedule.hold, one.hardware))
         if policy.card.seed == 13 and speed == 8.0:
             return AtSpeed(speed, 2.0, 1.5, None)
         energy = measure_energy(run, known(100.0 * speed), strides=16)
         return AtSpeed(speed, speed, None, energy)
 
     one = Optimiser(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
-    monkeypatch.setattr(module, "run_and_account", account)
-    monkeypatch.setattr(speeds, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(speeds, "run_team", lambda _, policy, tries: [account(policy, one) for one in tries])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 
@@ -211,7 +209,7 @@ def evaluate(policy, setup):
 def test_costs_are_told_over_speed_beside_the_optimisers(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(), Setup(speed=15.0))
     commands = [2.0, 4.0, 6.0, 8.0, 10.74, 12.0, 14.0, 15.0]
-    assert [speed for speed, *_ in ran] == commands[::-1]  # the longest first
+    assert [speed for speed, *_ in ran] == commands
     assert {hold for _, hold, _ in ran} == {10.0}
     assert [at.commanded_speed for at in evaluation.metrics.speeds] == commands
     assert evaluation.good
@@ -228,7 +226,7 @@ def test_costs_are_told_over_speed_beside_the_optimisers(make_policy, ran, asser
 
 def test_the_quick_version_runs_two_speeds_for_a_short_time(make_policy, ran, assert_fits):
     evaluation = evaluate(make_policy(), Setup(speed=15.0, quick=True, robot="ideal"))
-    assert [(speed, hold) for speed, hold, _ in ran] == [(15.0, 3.0), (10.74, 3.0)]
+    assert [(speed, hold) for speed, hold, _ in ran] == [(10.74, 3.0), (15.0, 3.0)]
     assert not ran[0][2].solid_legs
     assert_fits(evaluation)
 

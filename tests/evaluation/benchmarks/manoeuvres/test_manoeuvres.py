@@ -15,12 +15,12 @@ from bp2_rl.evaluation.benchmarks.manoeuvres import benchmark as module
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     ManoeuvreMetrics,
     hardest,
-    in_parallel,
+    judge,
     level_speed,
     manoeuvres,
     ramp_to_manoeuvres,
+    run_team,
     summarise,
-    try_one,
     verdict,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
@@ -119,28 +119,11 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
 # --- How they are run ------------------------------------------------------------------------------------------
 
 
-def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_policy, make_run, monkeypatch):
+def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_run):
     manoeuvre = dataclasses.replace(asked[0], judge=lambda run: Judged(True, "well", Pushed(0.0)))
     for fell_at, passed, did in ((None, True, "well"), (3.5, False, "fell")):
-        monkeypatch.setattr(module, "rollout_mujoco", lambda *_, fell_at=fell_at, **__: make_run(fell_at=fell_at))
-        came = try_one(make_policy(), manoeuvre)
+        came = judge(manoeuvre, make_run(fell_at=fell_at))
         assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
-
-
-def test_each_is_run_on_its_robot_and_ground(asked, make_policy, make_run, monkeypatch):
-    told = {}
-
-    def rollout(policy, schedule, config, **rest):
-        told.update(rest, schedule=schedule, config=config)
-        return make_run()
-
-    monkeypatch.setattr(module, "rollout_mujoco", rollout)
-    policy = make_policy()
-    for manoeuvre in asked[::9]:
-        try_one(policy, manoeuvre)
-        assert told["config"] is policy.card.env
-        for name in ("schedule", "operator", "finish", "hardware", "world", "gyro_bias"):
-            assert told[name] is getattr(manoeuvre, name)
 
 
 def test_workers_give_the_outcomes_in_order(make_policy):
@@ -150,7 +133,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
-    done = in_parallel(try_one, policy, short)
+    done = run_team(judge, policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
 
 
@@ -158,11 +141,8 @@ def test_workers_give_the_outcomes_in_order(make_policy):
 
 
 def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits, tmp_path):
-    def run_here(run, policy, asked):
-        return [run(policy, manoeuvre) for manoeuvre in asked]
-
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
-    monkeypatch.setattr(module, "in_parallel", run_here)
+    monkeypatch.setattr(module, "run_team", lambda measure, _, asked: [measure(one, fast) for one in asked])
     monkeypatch.setattr(module, "rollout_mujoco", lambda *_, **__: fast)
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
     evaluation = manoeuvres(policy, ramp_to_manoeuvres(policy, setup), setup)
