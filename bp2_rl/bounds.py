@@ -94,7 +94,7 @@ def check_bounds(config: Any, path: str = "") -> None:
             if number not in bounds:
                 endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
                 raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
-        if value is not None and _is_range(annotation) and not value[0] <= value[1]:
+        if _is_range(annotation) and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
 
 

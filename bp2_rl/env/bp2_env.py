@@ -101,14 +101,16 @@ class BP2Env(envs.Env):
         physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
         effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
         heading = observations.heading(physics.qpos, physics.qvel)
-        velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
+        velocity, dt = jnp.append(heading.velocity[:2], heading.yaw_rate), specs.CONTROL_STEP
 
         after = before.replace(
             physics=physics,
             controller=controller,
             mean_torque=effort.torque,
-            tracking_error=self._averaged(before.tracking_error, velocity - before.command.current),
-            mean_action=self._averaged(before.mean_action, controller.last_action),
+            tracking_error=rewards.averaged(
+                before.tracking_error, velocity - before.command.current, config.reward.kernel.memory, dt
+            ),
+            mean_action=rewards.averaged(before.mean_action, controller.last_action, rewards.REST, dt),
         )
         terms = self._rewards(before, after, effort, heading, reference, fall)
 
@@ -212,10 +214,6 @@ class BP2Env(envs.Env):
             "state": observations.layout_of(self.config.control),
             "privileged_state": observations.CRITIC_LAYOUT,
         }
-
-    def _averaged(self, mean: Float[Array, " n"], now: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Over the reward kernel's memory."""
-        return rewards.averaged(mean, now, self.config.reward.kernel.memory, specs.CONTROL_STEP)
 
     def _rewards(
         self,

@@ -32,7 +32,7 @@ class PipelineState(struct.PyTreeNode):
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
     tracking_error: Float[Array, "... 3"]  # m/s and rad/s: velocity less command, averaged where the reward asks for it
-    mean_action: Float[Array, "... 12"]  # likewise averaged
+    mean_action: Float[Array, "... 12"]  # averaged over `rewards.REST`
 
     @property
     def q(self) -> Float[Array, "... 23"]:

@@ -16,6 +16,7 @@ from bp2_rl.settings.env import Kernel, RewardConfig
 
 Scalar = Float[Array, ""]
 PAPERS_KERNEL = Kernel()
+REST = 0.2  # s, over which actions are averaged for `restless`
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -107,7 +108,7 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
 
 
 def restless(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
-    """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0.
+    """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0; the mean over `REST`.
 
     Without action the joints' own stiffness holds the standing pose. The moment's action would have a policy explore
     less.
@@ -166,7 +167,7 @@ class RewardInputs(struct.PyTreeNode):
     power: Float[Array, "... 12"]
     action: Float[Array, "... 12"]
     last_action: Float[Array, "... 12"]
-    mean_action: Float[Array, "... 12"]  # averaged over the kernel's memory
+    mean_action: Float[Array, "... 12"]  # averaged over `REST`
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards

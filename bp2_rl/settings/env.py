@@ -155,7 +155,7 @@ class RewardConfig:
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
-    stand: Coefficient = 0.0  # likewise, of actions where the command is to stand
+    stand: Coefficient = 0.0  # likewise, of a unit of action where the command is to stand, averaged over 0.2 s
     schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
     kernel: Kernel = Kernel()
 

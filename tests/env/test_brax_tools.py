@@ -38,7 +38,7 @@ def test_braxs_page_shows_the_robot_where_mujoco_has_it(env):
     mujoco.mj_kinematics(model, data)
     still = env.starts.at_rest().replace(qpos=data.qpos.astype(np.float32))
     nothing: Any = None
-    state = env.brax_state(PipelineState(still, *[nothing] * 5))
+    state = env.brax_state(PipelineState(still, *[nothing] * 6))
     assert np.asarray(state.x.pos) == pytest.approx(data.xpos[1:], abs=1e-5)  # float32, a metre or two away
     shown = json.loads(brax_json.dumps(env.sys, [state, state]))
     assert np.asarray(shown["states"]["x"][1]["pos"]).shape == (model.nbody - 1, 3)

@@ -93,7 +93,7 @@ def _with(settings, field, value):
 
 
 def test_the_steps_of_a_study_are_the_presets():
-    assert default_steps("gpu") == (30_000_000, 100_000_000)
+    assert default_steps("gpu") == (40_000_000, 100_000_000)
 
 
 @pytest.fixture

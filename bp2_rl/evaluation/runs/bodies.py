@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from bp2_rl.evaluation.runs.machine import OUTSIDE, STATE, TRIALS, Laws, mobility
+from bp2_rl.evaluation.runs.machine import OUTSIDE, STATE, TRIALS, Laws, LawsOfEach, mobility
 from bp2_rl.robot import specs
 
 
@@ -28,14 +28,14 @@ class Bodies:
         models: Sequence[mujoco.MjModel],
         data: Sequence[mujoco.MjData],
         torque: Float[np.ndarray, "N 12"],
-        laws: Laws,
+        laws: Laws | LawsOfEach,
         *,
         throughout: bool,
         steps: int = 1,
     ):
         self.models, self.data, self.torque = models, data, torque
         self.qpos, self.qvel = np.stack([one.qpos for one in data]), np.stack([one.qvel for one in data])
-        self._laws, self._trials, self._steps = laws, TRIALS if throughout else 0, steps
+        self.laws, self._trials, self._steps = laws, TRIALS if throughout else 0, steps
         self._start = np.empty((len(data), mujoco.mj_stateSize(models[0], STATE)))
         self._mobility = np.zeros((len(data), specs.NUM_MOTORS))
 
@@ -47,7 +47,7 @@ class Bodies:
     ) -> None:
         """Motors and physics of these robots, as `SwiftMachine.step`; the others stay as they are."""
         before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
-        forces = self._laws.ask(before, qpos, qvel, position, velocity)
+        forces = self.laws.ask(before, qpos, qvel, position, velocity)
         for robot in robots if self._trials else ():
             mujoco.mj_getState(self.models[robot], self.data[robot], self._start[robot], STATE)
         tried = robots
@@ -55,7 +55,7 @@ class Bodies:
             self._step(tried, forces)
             for robot in tried:
                 self._mobility[robot] = mobility(self.models[robot], self.data[robot])
-            again = self._laws.correct(forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
+            again = self.laws.correct(forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
             tried = tried[again[tried, -1] > OUTSIDE]
             if not len(tried):
                 break

@@ -7,16 +7,18 @@ running heats the motors as 4 seconds do. A pace of 1 is the run as it would be.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.env.controller import motors_of
+from bp2_rl.evaluation.runs import team
 from bp2_rl.evaluation.runs.machine import Machine
 from bp2_rl.evaluation.runs.metrics import envelope_use
 from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
+from bp2_rl.evaluation.runs.parallel import run_team
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
@@ -24,6 +26,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.robot.thermal import Network, Temperatures, advance, heated
+from bp2_rl.settings.env import EnvConfig
 
 Cause = Literal["winding", "torque margin", "fall", "none"]
 EASING = 2.0  # s under the last command till the gait is steady
@@ -161,13 +164,25 @@ class HotRun:
     torque: Float[np.ndarray, "M 12"]  # Nm, then
 
 
-def run_hot(policy: Policy, one: Try) -> HotRun:
-    """Run the robot until a winding is too hot, it has no torque margin left, it falls, or it was long enough."""
-    config, ramp = policy.card.env, one.ramp
+def run_hot(policy: Policy, tries: Sequence[Try]) -> list[HotRun]:
+    """Run robots until a winding is too hot, they have no torque margin left, they fall, or it was long enough."""
+    return run_team(_measure, policy, [_watched(policy.card.env, one) for one in tries])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Watched(team.Try):
+    cold_lap: float  # s
+
+
+def _watched(config: EnvConfig, one: Try) -> _Watched:
     cold = motors_of(dataclasses.replace(config, hardware=one.robot))
     heating = Heating(one.network, cold, start=one.start, pace=one.pace, limit=one.limit)
-    run = rollout_mujoco(policy, ramp, config, operator=one.operator, hardware=one.robot, watch=heating)
-    return hot_run(run, heating, one.cold_lap)
+    return _Watched(one.ramp, one.robot, one.operator, watch=heating, cold_lap=one.cold_lap)
+
+
+def _measure(one: _Watched, run: Trajectory) -> HotRun:
+    assert isinstance(one.watch, Heating)
+    return hot_run(run, one.watch, one.cold_lap)
 
 
 def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:

@@ -239,19 +239,37 @@ def compiled_laws(motors: Actuator, resistance: Resistance | None, seconds: floa
     return Laws(compiled(_ASK), compiled(_CORRECT))
 
 
-def laws_of_each(motors: Sequence[Actuator], resistances: Sequence[Resistance | None], seconds: float) -> Laws:
-    """Likewise of robots that differ in their numbers, but not in which losses they have at all."""
-    with jax.enable_x64(True):
-        numbers = jax.tree.map(lambda *values: jnp.array(values), *zip(motors, resistances, strict=True))
+class LawsOfEach:
+    """Likewise of robots that differ in their numbers, but not in which losses they have at all; as `Laws`."""
 
-    def compiled(law: Law) -> Callable[..., Float[np.ndarray, "... _"]]:
-        def call(*arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
-            with jax.enable_x64(True):
-                return np.asarray(_each(law, seconds)(*numbers, np.concatenate(arrays, axis=-1)))
+    def __init__(self, motors: Sequence[Actuator], resistances: Sequence[Resistance | None], seconds: float):
+        self._motors, self._resistances, self._seconds = list(motors), list(resistances), seconds
+        self._numbers: Any = None
 
-        return call
+    def renew(self, robot: int, motors: Actuator) -> None:
+        """From now on a robot has these motors."""
+        self._motors[robot], self._numbers = motors, None
 
-    return Laws(compiled(_ASK), compiled(_CORRECT))
+    def ask(self, *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+        """What is asked for."""
+        return self._call(_ASK, arrays)
+
+    def correct(self, *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+        """What to try next, and how far the torque was outside."""
+        return self._call(_CORRECT, arrays)
+
+    def _call(self, law: "Law", arrays: Sequence[np.ndarray]) -> np.ndarray:
+        with jax.enable_x64(True):
+            if self._numbers is None:
+                each = zip(map(_by_joint, self._motors), self._resistances, strict=True)
+                self._numbers = jax.tree.map(lambda *values: jnp.array(np.stack(values)), *each)
+            return np.asarray(_each(law, self._seconds)(*self._numbers, np.concatenate(arrays, axis=-1)))
+
+
+def _by_joint(motors: Actuator) -> Actuator:
+    """The same with a number for each joint, as warm ones have."""
+    joints = jax.tree.map(lambda x: np.broadcast_to(np.float64(x), specs.NUM_MOTORS), motors.replace(bus=None))
+    return joints.replace(bus=motors.bus)
 
 
 @functools.lru_cache(maxsize=8)

@@ -16,19 +16,27 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from bp2_rl.env.controller import Controller
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.bodies import Bodies
 from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
-from bp2_rl.evaluation.runs.machine import DT, JUDGE, Machine, Numerics, laws_of_each
+from bp2_rl.evaluation.runs.machine import DT, JUDGE, LawsOfEach, Machine, Numerics
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.rollout import SETTLING_DAMPING, SETTLING_TIME, Recording, foot_forces, sampled_commands
+from bp2_rl.evaluation.runs.rollout import (
+    SETTLING_DAMPING,
+    SETTLING_TIME,
+    Recording,
+    Watch,
+    foot_forces,
+    sampled_commands,
+)
 from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.model import MOTOR_QPOS
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
@@ -48,21 +56,28 @@ class Try:
     operator: HeadingHold = HEADING_HOLD
     world: World = LEVEL
     gyro_bias: float = 0.0  # rad/s
-    finish: float = math.inf  # m
+    finish: float = math.inf  # m ahead, where the run ends
     numerics: Numerics = JUDGE
+    watch: Watch | None = None
     name: str = "policy"
 
 
 def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
-    """Run all of them, at most `MOST` at a time, and give their runs in order."""
+    """Run all of them, at most `MOST` at a time, and give their runs in order; on the CPU, as `rollout_mujoco`."""
     if not tries:
         return
-    robots = [(dataclasses.replace(config, hardware=one.hardware), one.world) for one in tries]
-    stands = _standing(list(dict.fromkeys(robots)))
+    robots = [
+        (dataclasses.replace(config, hardware=one.hardware), dataclasses.replace(one.world, pushes=())) for one in tries
+    ]
+    with jax.default_device(jax.devices("cpu")[0]):
+        stands = _standing(list(dict.fromkeys(robots)))
     size = math.ceil(len(tries) / math.ceil(len(tries) / MOST))
     for first in range(0, len(tries), size):
         chosen = slice(first, first + size)
-        yield from _Team(policy, config, tries[chosen], [stands[robot].copy() for robot in robots[chosen]], size).run()
+        machines = [stands[robot].copy() for robot in robots[chosen]]
+        with jax.default_device(jax.devices("cpu")[0]):
+            runs = _Team(policy, config, tries[chosen], machines, size).run()
+        yield from runs
 
 
 class _Team:
@@ -81,7 +96,8 @@ class _Team:
             one.numerics.apply(machine.model)
         self._bodies = _Mixed(machines, [one.numerics for one in tries])
         self._told = [sampled_commands(one.schedule) for one in tries]
-        self._behind = np.array([control_steps_behind(one.hardware.losses.latency) for one in tries])
+        self._recordings = [Recording.empty((len(told) - 1) * specs.SUBSTEPS) for told in self._told]
+        self._behind = np.array([control_steps_behind(one.hardware.losses.latency) for one in tries])  # by try and ms
         self._finish = np.array([one.finish for one in tries])
         self._control = _compiled(policy, config)
         start = Controller(config).init()
@@ -95,7 +111,6 @@ class _Team:
         depth, each, k = int(self._behind.max()) + 1, np.arange(count), 0
         issued = [(np.tile(STAND, (count, 1)), np.zeros((count, specs.NUM_MOTORS)))] * depth
         command = np.stack([told[0] for told in self._told]).astype(np.float32)
-        samples: list[dict[str, np.ndarray]] = []
         while not ended.all():
             position, velocity, next_command = self._tick(k, command)
             issued = [*issued, (position, velocity)][-depth:]
@@ -103,14 +118,15 @@ class _Team:
             for substep in range(specs.SUBSTEPS):
                 late = depth - 1 - self._behind[:, substep]
                 wanted, up = (positions[late, each], velocities[late, each]), np.flatnonzero(~ended)
-                samples.append(self._millisecond(k * specs.SUBSTEPS + substep, *wanted, command, up))
+                step, there = k * specs.SUBSTEPS + substep, bodies.qpos[:, 0] >= self._finish
+                torque = self._millisecond(step, *wanted, command, up)
                 down = fall(bodies.qpos, bodies.qvel, self._config.termination).happened
-                over = ~ended & (down | (samples[-1]["qpos"][:, 0] >= self._finish))
-                lasted[over], fell[over & down] = len(samples), True
+                over = ~ended & (down | there | self._seen_enough(up, torque))
+                lasted[over], fell[over & down] = step + 1, True
                 ended = ended | over
             command, k = next_command, k + 1
             ended = ended | (ticks <= k)
-        return [self._trajectory(i, samples[: lasted[i]], bool(fell[i])) for i in range(count)]
+        return [self._trajectory(i, int(lasted[i]), bool(fell[i])) for i in range(count)]
 
     def _tick(self, k: int, command: Float[np.ndarray, "N 3"]) -> tuple[np.ndarray, ...]:
         """A control step: targets of joints (rad, rad/s), and the command after it."""
@@ -125,7 +141,7 @@ class _Team:
         ]
         given = (command, np.stack(sensed), self._bodies.qvel, np.stack(asked))
         filled = (self._filled(np.asarray(x, np.float32)) for x in given)
-        self._state, targets, told = self._control(self._state, *filled)
+        self._state, targets, _, told = self._control(self._state, *filled)
         count = len(self._tries)
         position, velocity = (np.asarray(x, np.float64)[:count] for x in (targets.position, targets.velocity))
         return position, velocity, np.asarray(told)[:count]
@@ -136,28 +152,40 @@ class _Team:
         position: Float[np.ndarray, "N 12"],
         velocity: Float[np.ndarray, "N 12"],
         command: Float[np.ndarray, "N 3"],
-        up: np.ndarray,
-    ) -> dict[str, np.ndarray]:
-        """Physics of those that are up; what is recorded of them, by the names of `Recording`."""
+        up: Int[np.ndarray, " M"],
+    ) -> Float[np.ndarray, "N 12"]:
+        """Record and move those that are up, with these targets (rad, rad/s); the torque applied, Nm."""
         bodies = self._bodies
-        for robot in up:
+        for robot in up.tolist():
             if self._tries[robot].world.pushes:
                 self._tries[robot].world.push(self._machines[robot].data, step)
                 bodies.look(robot)
-        sample = {"qpos": bodies.qpos, "qvel": bodies.qvel, "target": position, "command": np.float64(command)}
-        sample["torque"] = bodies.millisecond(position, velocity, up)
-        sample["foot_force"] = np.zeros((len(self._tries), 4, 3))
-        for robot in up:
-            machine = self._machines[robot]
-            sample["foot_force"][robot] = foot_forces(machine.model, machine.data)
-        return sample
+        qpos, qvel = bodies.qpos, bodies.qvel
+        torque = bodies.millisecond(position, velocity, up)
+        for robot in up.tolist():
+            recording, machine = self._recordings[robot], self._machines[robot]
+            recording.qpos[step], recording.qvel[step] = qpos[robot], qvel[robot]
+            recording.target[step], recording.command[step] = position[robot], command[robot]
+            recording.torque[step] = torque[robot]
+            recording.foot_force[step] = foot_forces(machine.model, machine.data)
+        return torque
 
-    def _trajectory(self, robot: int, samples: list[dict[str, np.ndarray]], fell: bool) -> Trajectory:
-        one, machine = self._tries[robot], self._machines[robot]
-        names = [field.name for field in dataclasses.fields(Recording)]
-        recording = Recording(**{name: np.stack([sample[name][robot] for sample in samples]) for name in names})
+    def _seen_enough(self, up: Int[np.ndarray, " M"], torque: Float[np.ndarray, "N 12"]) -> Bool[np.ndarray, " N"]:
+        """What those who watch say, who may change a robot's motors."""
+        enough = np.zeros(len(self._tries), bool)
+        for robot in up.tolist():
+            if (watch := self._tries[robot].watch) is not None:
+                machine = self._machines[robot]
+                before = machine.motors
+                enough[robot] = watch(machine, torque[robot])
+                if machine.motors is not before:
+                    self._bodies.renew(robot, machine.motors)
+        return enough
+
+    def _trajectory(self, robot: int, length: int, fell: bool) -> Trajectory:
+        one, model = self._tries[robot], self._machines[robot].model
         config = dataclasses.replace(self._config, hardware=one.hardware)
-        return recording.trajectory(len(samples), fell, one.schedule, machine.model, config, one.name, "C MuJoCo")
+        return self._recordings[robot].trajectory(length, fell, one.schedule, model, config, one.name, "C MuJoCo")
 
     def _filled(self, x: np.ndarray) -> np.ndarray:
         return np.concatenate([x, np.repeat(x[:1], self._size - len(x), axis=0)])
@@ -194,6 +222,12 @@ class _Mixed:
         bodies, i = self._place[robot]
         bodies.qpos[i], bodies.qvel[i] = bodies.data[i].qpos, bodies.data[i].qvel
 
+    def renew(self, robot: int, motors: Actuator) -> None:
+        """From now on a robot has these motors."""
+        bodies, i = self._place[robot]
+        assert isinstance(bodies.laws, LawsOfEach)
+        bodies.laws.renew(i, motors)
+
     def millisecond(
         self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], up: np.ndarray
     ) -> Float[np.ndarray, "N 12"]:
@@ -216,7 +250,7 @@ class _Mixed:
 
 
 def _bodies(machines: Sequence[Machine], throughout: bool, steps: int, updates: int) -> Bodies:
-    laws = laws_of_each([one.motors for one in machines], [one.resistance for one in machines], DT / updates)
+    laws = LawsOfEach([one.motors for one in machines], [one.resistance for one in machines], DT / updates)
     models, data = [one.model for one in machines], [one.data for one in machines]
     torque = np.stack([one.ctrl for one in data])
     return Bodies(models, data, torque, laws, throughout=throughout, steps=steps // updates)
@@ -243,10 +277,5 @@ def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> dict[tuple[EnvConfig
 @functools.lru_cache(maxsize=8)
 def _compiled(policy: ActionFunction, config: EnvConfig) -> Callable[..., Any]:
     """A control step of all robots, which are steered already."""
-    control = control_step(policy, config, NOBODY)
-
-    def without_reference(*arguments):
-        state, targets, _, told = control(*arguments)
-        return state, targets, told
-
-    return jax.jit(jax.vmap(without_reference))
+    # With the reference, though nobody asks for it: without it XLA rounds the targets otherwise.
+    return jax.jit(jax.vmap(control_step(policy, config, NOBODY)))

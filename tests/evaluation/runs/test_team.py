@@ -1,7 +1,6 @@
 """Robots side by side do what the judge's do one by one, whatever each of them is."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -19,6 +18,15 @@ CONFIG = EnvConfig(reference="kinematic")
 RAMP = Ramp((1.5, 0.0, 0.0), acceleration=10.0, hold=0.1)
 SLIPPERY = dataclasses.replace(BUILT, friction=0.3)
 LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012))
+
+
+def tire(machine, torque):
+    """Half of the peak torque after 50 ms, each joint's own, and enough after 200."""
+    if machine.data.time > 0.0495:
+        machine.motors = machine.motors.replace(peak_torque=np.linspace(40.0, 50.0, 12))
+    return machine.data.time > 0.1995
+
+
 TRIES = (
     Try(RAMP, BUILT, name="built"),
     Try(Ramp((2.0, 0.0, 0.0), acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
@@ -29,6 +37,7 @@ TRIES = (
     Try(RAMP, BUILT, world=World(pushes=(Push(0.01, 2.0, 0.0),)), finish=0.05, name="there"),
     Try(RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"),
     Try(RAMP, IDEAL, numerics=Numerics(steps=2), name="ideal, finer"),
+    Try(RAMP, BUILT, watch=tire, name="tired"),
     Try(Course().hold(0.3), BUILT, world=World(pushes=(Push(0.01, 6.0, 0.0),)), name="down"),
 )
 
@@ -63,17 +72,16 @@ def test_they_do_end_in_different_ways(together):
     assert ran["down"].fell_at is not None
     assert ran["there"].fell_at is None
     assert len(ran["there"]) < len(ran["built"]) < len(ran["ideal"])
-    for name in ("slippery, steered astray", "late", "uphill", "rough, pushed", "fine"):
+    assert len(ran["tired"]) == 200
+    for name in ("slippery, steered astray", "late", "uphill", "rough, pushed", "fine", "tired"):
         k = min(len(ran[name]), len(ran["built"]))
         assert np.abs(ran[name].qpos[:k] - ran["built"].qpos[:k]).max() > 1e-3, name
 
 
 def test_more_than_fit_beside_each_other_run_in_turn():
-    short = Course().hold(0.01)
-    tries = [Try(short, IDEAL, name=f"{i}") for i in range(MOST + 3)]
+    tries = [Try(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
     runs = list(rollout_team(answering, CONFIG, tries))
     assert [run.name for run in runs] == [one.name for one in tries]
-    assert {len(run) for run in runs} == {10}
-    np.testing.assert_array_equal(runs[0].qpos, runs[-1].qpos)
+    assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]
+    np.testing.assert_allclose(runs[-1].qpos, runs[1].qpos, atol=1e-9)
     assert list(rollout_team(answering, CONFIG, [])) == []
-    assert math.isinf(tries[0].finish)

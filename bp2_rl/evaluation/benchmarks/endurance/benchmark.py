@@ -26,8 +26,7 @@ from bp2_rl.evaluation.benchmarks.endurance.tables import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.heating import Endured, HotRun, Try, run_hot
-from bp2_rl.evaluation.runs.parallel import in_parallel
+from bp2_rl.evaluation.runs.heating import Endured, Try, run_hot
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
@@ -57,14 +56,14 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         *(dataclasses.replace(gait, speed=speed) for speed in scan),
         *(dataclasses.replace(gait, robot=other) for other in others),
     ]
-    ran = [run.endured for run in _all(policy, laps)]
+    ran = [run.endured for run in run_hot(policy, laps)]
     cold, of_others = ran[: 1 + len(scan)], ran[1 + len(scan) :]
     cold_heat = max(cold[0].first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
     full = dataclasses.replace(gait, network=_network(heat), limit=heat.limit, longest=ramp.hold)
     fast = dataclasses.replace(full, pace=PACE)
     kinds = [fast] if setup.quick else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
-    hot = _all(policy, [dataclasses.replace(kind, speed=speed) for kind in kinds for speed in commands])
+    hot = run_hot(policy, [dataclasses.replace(kind, speed=speed) for kind in kinds for speed in commands])
     by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
     runs, cheap = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
     limitless = [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]
@@ -143,10 +142,6 @@ def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpe
 def ramp_to_endurance(policy: Policy, setup: Setup) -> Ramp:
     """The schedule to the top speed; it is held for so long at most."""
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LONGEST))
-
-
-def _all(policy: Policy, tries: list[Try]) -> list[HotRun]:
-    return in_parallel(run_hot, policy, tries) if len(tries) > 1 else [run_hot(policy, tries[0])]
 
 
 def _network(heat: MotorHeat) -> Network:

@@ -26,8 +26,8 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.parallel import run_team
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
+from bp2_rl.evaluation.runs.team import Try, rollout_team
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.evaluation.runs.world import EVEN, GRID
 from bp2_rl.learning.policy import Policy
@@ -85,9 +85,7 @@ def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
     """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
-    run = rollout_mujoco(
-        policy, dash_of(ramp), policy.card.env, operator=operator, name="level", finish=TRACK, hardware=robot
-    )
+    run = next(rollout_team(policy, policy.card.env, [Try(dash_of(ramp), robot, operator, finish=TRACK)]))
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 

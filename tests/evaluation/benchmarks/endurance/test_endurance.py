@@ -59,8 +59,7 @@ def ran(monkeypatch):
         cloud = np.linspace(-1.0, 1.0, 40)[:, None]
         return HotRun(endured, course, np.linspace(0.0, time, 40), 20.0 * cloud + 0 * heat, cloud * torque)
 
-    monkeypatch.setattr(module, "run_hot", run)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     return asked
 
 
@@ -145,8 +144,7 @@ def test_a_robot_that_falls_on_its_way_up_has_endured_nothing(make_policy, monke
         endured = Endured(one.speed, one.pace, 0.0, "fall", lap, lap, (25.0,) * 12, (25.0,) * 12, 0)
         return HotRun(endured, Course((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
 
-    monkeypatch.setattr(module, "run_hot", run)
-    monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
+    monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     evaluation = evaluate(make_policy(), Setup(speed=15.0))
     assert not evaluation.good
     assert evaluation.verdict == "10.74 m/s: 0 s, fell; 15 m/s: 0 s, fell"

@@ -92,7 +92,7 @@ def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(asked,
     assert {m.judge.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
     for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
         run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
-        monkeypatch.setattr(module, "rollout_mujoco", lambda *_, run=run, **__: run)
+        monkeypatch.setattr(module, "rollout_team", lambda *_, run=run: iter([run]))
         assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(speed)
 
 
@@ -126,6 +126,10 @@ def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_run):
         assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
 
 
+def told_and_lasted(one, run):
+    return one.asked, len(run)
+
+
 def test_workers_give_the_outcomes_in_order(make_policy):
     """Two short stands of a robot whose policy is all zeros: it holds its pose."""
     zeros = functools.partial(np.zeros, dtype=np.float32)
@@ -135,6 +139,8 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
     done = run_team(judge, policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
+    unlike = [dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}") for n in (3, 5, 2, 4)]
+    assert run_team(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
 
 
 # --- What is shown ---------------------------------------------------------------------------------------------
@@ -143,7 +149,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
 def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits, tmp_path):
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
     monkeypatch.setattr(module, "run_team", lambda measure, _, asked: [measure(one, fast) for one in asked])
-    monkeypatch.setattr(module, "rollout_mujoco", lambda *_, **__: fast)
+    monkeypatch.setattr(module, "rollout_team", lambda *_: iter([fast]))
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
     evaluation = manoeuvres(policy, ramp_to_manoeuvres(policy, setup), setup)
     assert not evaluation.good
