@@ -1,5 +1,6 @@
 """`python eval.py`: run a policy on a benchmark, print a table, leave a report."""
 
+import contextlib
 import dataclasses
 import datetime
 import os
@@ -120,7 +121,7 @@ def evaluate(config: EvalConfig, again: str | None = None) -> None:
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
     from bp2_rl.evaluation.report import folder, page, terminal
-    from bp2_rl.evaluation.runs.parallel import compute_here
+    from bp2_rl.evaluation.runs.parallel import compute_here, keep_workers
     from bp2_rl.learning.policy import load_policy
 
     if config.backend == "mujoco":
@@ -138,21 +139,22 @@ def evaluate(config: EvalConfig, again: str | None = None) -> None:
     folder.open_folder(out, config.benchmark)
 
     console, evaluations = Console(), []
-    for name, setup in chosen.items():
-        folder.open_folder(folders[name], name)
-        console.print(f"{name} of {path} in {setup.backend}", style="dim", markup=False)
-        evaluation = BENCHMARKS[name].run(policy, schedules[name], setup)
-        terminal.print_table(evaluation, console)
-        if config.video and evaluation.trajectory is not None:
-            console.print("filming the best seconds; without a GPU that takes a minute or two", style="dim")
-        no_video = folder.write_report(
-            evaluation, folders[name], video=config.video, gl_library=gl_library, command=again
-        )
-        if no_video is not None:
-            console.print(no_video, soft_wrap=True, markup=False)
-        evaluations.append(evaluation)
-        if config.benchmark == ALL:
-            folder.write_overview(evaluations, out)
+    with keep_workers() if config.benchmark == ALL else contextlib.nullcontext():
+        for name, setup in chosen.items():
+            folder.open_folder(folders[name], name)
+            console.print(f"{name} of {path} in {setup.backend}", style="dim", markup=False)
+            evaluation = BENCHMARKS[name].run(policy, schedules[name], setup)
+            terminal.print_table(evaluation, console)
+            if config.video and evaluation.trajectory is not None:
+                console.print("filming the best seconds; without a GPU that takes a minute or two", style="dim")
+            no_video = folder.write_report(
+                evaluation, folders[name], video=config.video, gl_library=gl_library, command=again
+            )
+            if no_video is not None:
+                console.print(no_video, soft_wrap=True, markup=False)
+            evaluations.append(evaluation)
+            if config.benchmark == ALL:
+                folder.write_overview(evaluations, out)
     if config.benchmark == ALL:
         terminal.print_overview(evaluations, console)
     console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)

@@ -17,8 +17,8 @@ import jax
 import numpy as np
 
 from bp2_rl.env.observations import layout_of
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.driver import ActionFunction
-from bp2_rl.evaluation.runs.machine import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import HELD, best_window
 from bp2_rl.evaluation.runs.parallel import compute_here
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco

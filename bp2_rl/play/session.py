@@ -10,15 +10,16 @@ from jaxtyping import Float
 
 from bp2_rl.bounds import Within
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.driver import ActionFunction, Driver
-from bp2_rl.evaluation.runs.machine import DT, STATE, SwiftMachine
+from bp2_rl.evaluation.runs.machine import DT, STATE
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.rollout import foot_forces, standing_start
+from bp2_rl.evaluation.runs.rollout import standing_start
 from bp2_rl.evaluation.runs.schedule import ACCELERATION
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.evaluation.runs.world import LEVEL, shove
 from bp2_rl.robot import specs
-from bp2_rl.robot.model import MOTOR_QVEL, foot_geom_ids
+from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
@@ -153,7 +154,7 @@ class Session:
 
     def foot_forces(self) -> Float[np.ndarray, "4 3"]:
         """The ground's force on each foot, N, world frame."""
-        return foot_forces(self.machine.model, self.machine.data)
+        return foot_forces(self.machine.data)
 
     def reference(self) -> Float[np.ndarray, "23"]:
         """The reference motion at this moment where the robot is: `qpos` of its ghost."""

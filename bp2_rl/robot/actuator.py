@@ -103,7 +103,7 @@ def torque_limits(actuator: Actuator, qd: Joints, voltage: Parameter = 1.0) -> t
     `voltage` of the bus is a share of the nominal one, and broadcasts against the joints.
     """
     lower, upper = -_upper_limit(actuator, -qd, voltage), _upper_limit(actuator, qd, voltage)
-    if actuator.braking_speed == float("inf"):
+    if isinstance(actuator.braking_speed, float) and actuator.braking_speed == float("inf"):
         return lower, upper
     xp = qd.__array_namespace__()
     braking_down, braking_up = _braking_limit(actuator, qd), _braking_limit(actuator, -qd)
@@ -128,7 +128,7 @@ def joint_torque(
     qd: Joints,
     q_target: Joints,
     qd_target: Joints,
-    dt: float,
+    dt: Parameter,
 ) -> Joints:
     """Torque of the motors for the next `dt` seconds, Nm, "... 12".
 
@@ -202,6 +202,6 @@ def _braking_limit(actuator: Actuator, qd: Joints) -> Joints:
     return xp.clip(stall * (1.0 - qd / actuator.braking_speed), 0.0, peak)
 
 
-def _lag_share(lag: Parameter, dt: float) -> Parameter:
+def _lag_share(lag: Parameter, dt: Parameter) -> Parameter:
     """Share of the way to the desired torque covered in `dt`: a first-order lag by implicit Euler, all of it for 0."""
     return dt / (lag + dt)

@@ -5,12 +5,14 @@ hip and knee and the compression of the spring; `qvel` is the trunk's linear vel
 velocity (body frame), then the same 16 coordinates. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
 """
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from bp2_rl.assets import asset_path
 from bp2_rl.errors import UserError
@@ -44,6 +46,7 @@ def load_model(
     visual: bool = True,
     feet_only: bool = False,
     lean: bool = False,
+    weighed: bool = False,
     scene: Callable[[mujoco.MjSpec], None] | None = None,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
@@ -53,7 +56,8 @@ def load_model(
     of trunk and floor and, if the legs are solid, of legs with each other and the trunk; both make MJX faster. What is
     left changes no leg's physics. `lean` makes such a model faster in C MuJoCo: it has no motors, whose torques are to
     be applied to the coordinates; its contacts are `FOOT_GEOMS` on the floor, pair by pair, and its sensors report the
-    position of each foot (m, world), in the order of the legs. `scene` changes the ground, last of all.
+    position of each foot (m, world), in the order of the legs. Those of a `weighed` one report the forces on its feet,
+    for `foot_forces`. `scene` changes the ground, last of all.
 
     Raises:
         ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
@@ -69,6 +73,8 @@ def load_model(
             _find(spec, "geom", name).conaffinity = 0
     if lean:
         _make_lean(spec)
+    if weighed:
+        _weigh(spec)
     if scene is not None:
         scene(spec)
     try:
@@ -112,13 +118,7 @@ def let_converge(
 
 def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> mujoco.MjSpec:
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
-    path = _scene(xml)
-    if not path.is_file():
-        raise ModelError(f"no robot model at {path}: reinstall the package, or pass the path of an MJCF file")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
+    spec = _packaged().copy() if xml is None else _parsed(xml)
     _apply_masses(spec, hardware)
     _apply_leg_length(spec, hardware)
     _apply_tracks(spec, hardware)
@@ -131,6 +131,14 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
 def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
     """Ids of the four foot spheres, in the order of the legs."""
     return np.array([model.geom(name).id for name in FOOT_GEOMS])
+
+
+def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
+    """The ground's force on each foot of a `weighed` model at the state last passed to `mj_step` or `mj_forward`, N.
+
+    In the world frame; the ground is all that is fixed to the world.
+    """
+    return data.sensordata.reshape(len(LEGS), 3)
 
 
 def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -218,6 +226,14 @@ def _make_lean(spec: mujoco.MjSpec) -> None:
         position.type, position.objtype = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_GEOM
 
 
+def _weigh(spec: mujoco.MjSpec) -> None:
+    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3  # net: of all its contacts, in the world frame
+    for name in FOOT_GEOMS:
+        sensor = spec.add_sensor(name=f"{name}_force", type=mujoco.mjtSensor.mjSENS_CONTACT, intprm=[force, net, 1])
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "world"
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, name
+
+
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
     seen_only = [geom for geom in spec.geoms if geom.contype == geom.conaffinity == 0]
     for geom in spec.geoms:
@@ -239,6 +255,22 @@ def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     if element is None:
         raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
     return element
+
+
+@functools.cache
+def _packaged() -> mujoco.MjSpec:
+    """The robot as it comes: to read it takes a hundred times as long as to copy it."""
+    return _parsed(None)
+
+
+def _parsed(xml: Path | None) -> mujoco.MjSpec:
+    path = _scene(xml)
+    if not path.is_file():
+        raise ModelError(f"no robot model at {path}: reinstall the package, or pass the path of an MJCF file")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
 
 
 def _scene(xml: Path | None) -> Path:

@@ -15,7 +15,8 @@ from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import LAUNCHES, Launch, Launched
-from bp2_rl.evaluation.runs.machine import Machine, SwiftMachine
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
+from bp2_rl.evaluation.runs.machine import Machine
 from bp2_rl.evaluation.runs.metrics import RunMetrics
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policies import Verdict

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.evaluation.runs.machine import SwiftMachine
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
 from bp2_rl.play.pace import FRAMES, Pace, play_on

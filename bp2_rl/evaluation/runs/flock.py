@@ -20,13 +20,14 @@ from bp2_rl.env.controller import Controller, ControllerState, motors_of
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.bodies import Bodies
 from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
-from bp2_rl.evaluation.runs.machine import JUDGE, compiled_laws
+from bp2_rl.evaluation.runs.laws import row_of
+from bp2_rl.evaluation.runs.machine import JUDGE
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.rollout import foot_forces, standing_start
+from bp2_rl.evaluation.runs.rollout import standing_start
 from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import NV, load_model
+from bp2_rl.robot.model import NV, foot_forces, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 
@@ -123,10 +124,10 @@ class Flock:
     ):
         self.config = dataclasses.replace(config, hardware=hardware or config.hardware)
         self.hardware = self.config.hardware
-        self.model = load_model(self.hardware, visual=False)
+        self.model = load_model(self.hardware, visual=False, weighed=True)
         JUDGE.apply(self.model)
         self.mass = float(np.sum(self.model.body_mass))
-        self.motors, self.resistance = motors_of(self.config), Resistance.from_hardware(self.hardware)
+        self._motors = row_of(motors_of(self.config), Resistance.from_hardware(self.hardware), DT)
         self._behind = control_steps_behind(self.hardware.losses.latency)
         self._noise = noise
         self._init = Controller(config).init()
@@ -183,9 +184,13 @@ class Flock:
         ):
             mujoco.mj_resetData(self.model, one)
             one.qpos[:], one.qvel[:], one.ctrl[:], one.qacc_warmstart[:] = qpos, qvel, torque, warm
-        laws = compiled_laws(self.motors, self.resistance, DT)  # pyright: ignore[reportArgumentType]
-        throughout = self.hardware.envelope == "throughout"
-        body = Bodies([self.model] * count, data, moment.torque.copy(), laws, throughout=throughout)
+        body = Bodies(
+            [self.model] * count,
+            data,
+            [self._motors] * count,
+            throughout=[self.hardware.envelope == "throughout"] * count,
+            numerics=[JUDGE] * count,
+        )
         fell, log = np.zeros(count, bool), _log(count, specs.SUBSTEPS * steps if record else 0)
         state = ControllerState(
             phase=jnp.asarray(moment.phase, jnp.float32),
@@ -212,11 +217,11 @@ class Flock:
                     log.qpos[i], log.qvel[i], log.target[i], log.command[i] = body.qpos, body.qvel, wanted, command
                     log.clock[i] = moment.phase + turns + substep * rate
                 up = np.flatnonzero(~fell)
-                body.advance(wanted, wanted_rate, up)
+                body.millisecond(wanted, wanted_rate, up)
                 if record:
                     log.torque[i] = body.torque
                     for robot in up:
-                        log.foot_force[i, robot] = foot_forces(self.model, data[robot])
+                        log.foot_force[i, robot] = foot_forces(data[robot])
                 down = fall(body.qpos, body.qvel, self.config.termination).happened & ~fell
                 log.lasted[down] = k * specs.SUBSTEPS + substep + 1
                 fell = fell | down

@@ -28,11 +28,11 @@ class HeadingHold:
         check_bounds(self, "--operator.")
 
     def steer(self, command: Array, y: Array, yaw: Array) -> Array:
-        """The command (3) with the operator's yaw rate; numpy and jax alike."""
+        """The command ("... 3") with the operator's yaw rate at a place and heading ("..."); numpy and jax alike."""
         xp = command.__array_namespace__()
         rate = xp.clip(-self.heading_gain * yaw - self.lane_gain * y, -self.limit, self.limit)
-        straight = (command[1] == 0.0) & (command[2] == 0.0)
-        return command + xp.where(straight, rate, 0.0) * xp.asarray([0.0, 0.0, 1.0], dtype=command.dtype)
+        straight = (command[..., 1] == 0.0) & (command[..., 2] == 0.0)
+        return command + xp.where(straight, rate, 0.0)[..., None] * xp.asarray([0.0, 0.0, 1.0], dtype=command.dtype)
 
 
 HEADING_HOLD = HeadingHold()

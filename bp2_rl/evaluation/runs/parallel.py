@@ -1,10 +1,14 @@
 """Many runs of one policy on all processors."""
 
+import concurrent.futures
+import contextlib
 import functools
-from collections.abc import Callable, Sequence
+import pickle
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import jax
+import numpy as np
 
 from bp2_rl.evaluation.runs.team import Try, rollout_team
 from bp2_rl.evaluation.runs.trajectory import Trajectory
@@ -15,17 +19,28 @@ Task = TypeVar("Task")
 One = TypeVar("One", bound=Try)
 Result = TypeVar("Result")
 
+_kept: list[concurrent.futures.ProcessPoolExecutor] = []
+
+
+@contextlib.contextmanager
+def keep_workers() -> Iterator[None]:
+    """Within it the workers stay, with all that they have compiled, for one benchmark after the other."""
+    with _workers(processors()) as pool:
+        _kept.append(pool)
+        try:
+            yield
+        finally:
+            _kept.remove(pool)
+
 
 def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
     """`run(policy, task)` for every task, dealt out in turn: each worker compiles its controller once.
 
     `run` and all else must be picklable.
     """
-    workers = min(processors(), len(tasks))
-    with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
-        hands = [pool.submit(_run_all, run, policy, tasks[worker::workers]) for worker in range(workers)]
-        done = [hand.result() for hand in hands]
-    return [done[i % workers][i // workers] for i in range(len(tasks))]
+    count = min(processors(), len(tasks))
+    shares = [list(range(worker, len(tasks), count)) for worker in range(count)]
+    return _share_out(functools.partial(_run_all, run), policy, tasks, shares)
 
 
 def run_team(measure: Callable[[One, Trajectory], Result], policy: Policy, tries: Sequence[One]) -> list[Result]:
@@ -33,23 +48,57 @@ def run_team(measure: Callable[[One, Trajectory], Result], policy: Policy, tries
 
     `measure` and all else must be picklable.
     """
-    workers = min(processors(), len(tries))
-    longest = sorted(range(len(tries)), key=lambda i: -tries[i].schedule.duration)
-    shares = [longest[worker::workers] for worker in range(workers)]
+    return _share_out(functools.partial(_measure_all, measure), policy, tries, dealt(tries, processors()))
+
+
+def dealt(tries: Sequence[Try], workers: int) -> list[list[int]]:
+    """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
+
+    The longest first, as those side by side last as long as the longest of them.
+    """
+    kinds: dict[object, int] = {}
+    alike = sorted(range(len(tries)), key=lambda i: kinds.setdefault(tries[i].hardware, len(kinds)))
+    work = np.array([_work(tries[i]) for i in alike])
+    worker = (workers * (np.cumsum(work) - work / 2) / np.sum(work)).astype(int)
+    shares = [[i for i, whose in zip(alike, worker, strict=True) if whose == each] for each in range(workers)]
+    return [sorted(share, key=lambda i: -tries[i].schedule.duration) for share in shares if share]
+
+
+def _work(one: Try) -> float:
+    return one.schedule.duration * (one.numerics.steps + one.numerics.updates)
+
+
+def _share_out(
+    run_all: Callable[[bytes, list[Task]], list[Result]],
+    policy: Policy,
+    tasks: Sequence[Task],
+    shares: Sequence[Sequence[int]],
+) -> list[Result]:
+    """What comes of every task, in order."""
     done: dict[int, Result] = {}
-    with spawned(workers, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"])) as pool:
-        hands = [pool.submit(_measure_all, measure, policy, [tries[i] for i in share]) for share in shares]
+    pickled = pickle.dumps(policy)
+    with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
+        hands = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]
         for share, hand in zip(shares, hands, strict=True):
             done.update(zip(share, hand.result(), strict=True))
-    return [done[i] for i in range(len(tries))]
+    return [done[i] for i in range(len(tasks))]
 
 
-def _measure_all(measure: Callable[[One, Trajectory], Result], policy: Policy, tries: Sequence[One]) -> list[Result]:
+def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
+    return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]))
+
+
+# What is compiled for a policy is kept by the policy itself, so a worker must not get it anew with every task.
+_unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
+
+
+def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, tries: Sequence[One]) -> list[Result]:
+    policy = _unpickled(pickled)
     return [measure(one, run) for one, run in zip(tries, rollout_team(policy, policy.card.env, tries), strict=True)]
 
 
-def _run_all(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
-    return [run(policy, task) for task in tasks]
+def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:
+    return [run(_unpickled(pickled), task) for task in tasks]
 
 
 def compute_here() -> None:

@@ -28,7 +28,7 @@ from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import NQ, NU, NV, foot_geom_ids, load_model
+from bp2_rl.robot.model import NQ, NU, NV, foot_forces, load_model
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
@@ -84,7 +84,7 @@ def rollout_mujoco(
             recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
             recording.target[step], recording.command[step] = position, driver.command
             recording.torque[step] = body.millisecond(position, velocity, numerics)
-            recording.foot_force[step] = foot_forces(model, data)
+            recording.foot_force[step] = foot_forces(data)
             fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
             enough = watch is not None and watch(body, recording.torque[step])
             if fell or enough or recording.qpos[step, 0] >= finish:
@@ -127,7 +127,7 @@ def rollout_mjx(
     for step in range(length):
         start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, start)
-        recording.foot_force[step] = foot_forces(model, start)
+        recording.foot_force[step] = foot_forces(start)
     return recording.trajectory(length, fell, schedule, model, robot, name, "MJX")
 
 
@@ -183,26 +183,6 @@ def _settled(config: EnvConfig, world: World, machine: type[Machine], seconds: f
     return settled
 
 
-def foot_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
-    """The ground's force on each foot at the state last passed to `mj_step` or `mj_forward`, world frame, N."""
-    forces = np.zeros((4, 3))
-    wrench = np.zeros(6)
-    legs = _legs_of(model)
-    contact = data.contact
-    for i, (ground, geom, frame) in enumerate(zip(contact.geom1, contact.geom2, contact.frame, strict=True)):
-        # The ground, all that is fixed to the world, is the first geom of a contact; the force acts on the second.
-        if geom in legs and model.geom_bodyid[ground] == 0:
-            mujoco.mj_contactForce(model, data, i, wrench)
-            forces[legs[geom]] += wrench[:3] @ frame.reshape(3, 3)
-    return forces
-
-
-@functools.lru_cache(maxsize=64)
-def _legs_of(model: mujoco.MjModel) -> dict[int, int]:
-    """Legs by the ids of their feet."""
-    return {int(geom): leg for leg, geom in enumerate(foot_geom_ids(model))}
-
-
 @functools.lru_cache(maxsize=8)
 def _compiled_mjx_run(
     policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
@@ -228,10 +208,14 @@ class Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, steps: int) -> "Recording":
-        """Room for so many."""
+    def empty(cls, *steps: int) -> "Recording":
+        """Room for so many; with a second axis, of so many robots."""
         sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
-        return cls(*(np.zeros((steps, *size)) for size in sizes))
+        return cls(*(np.zeros((*steps, *size)) for size in sizes))
+
+    def of(self, robot: int, length: int) -> "Recording":
+        """The first `length` samples of one robot of several."""
+        return Recording(*(np.ascontiguousarray(array[:length, robot]) for array in vars(self).values()))
 
     def trajectory(
         self,

@@ -22,26 +22,25 @@ from bp2_rl.env.controller import Controller
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.bodies import Bodies
 from bp2_rl.evaluation.runs.driver import ActionFunction, control_step, control_steps_behind
-from bp2_rl.evaluation.runs.machine import DT, JUDGE, LawsOfEach, Machine, Numerics
+from bp2_rl.evaluation.runs.laws import row_of
+from bp2_rl.evaluation.runs.machine import DT, JUDGE, Machine, Numerics
 from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.evaluation.runs.rollout import (
     SETTLING_DAMPING,
     SETTLING_TIME,
     Recording,
     Watch,
-    foot_forces,
     sampled_commands,
 )
 from bp2_rl.evaluation.runs.schedule import Schedule
 from bp2_rl.evaluation.runs.trajectory import Trajectory, yaw_of
 from bp2_rl.evaluation.runs.world import LEVEL, World, sensed_pose
 from bp2_rl.robot import specs
-from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.model import MOTOR_QPOS
+from bp2_rl.robot.model import MOTOR_QPOS, foot_forces
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
-MOST = 24
+FEW, MOST = 4, 24
 """Robots side by side: more are hardly cheaper each, and all that they do is kept until the last is done."""
 STAND = np.array(specs.STAND_JOINTS)
 NOBODY = HeadingHold(limit=0.0)
@@ -64,206 +63,126 @@ class Try:
 
 def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
     """Run all of them, at most `MOST` at a time, and give their runs in order; on the CPU, as `rollout_mujoco`."""
-    if not tries:
-        return
     robots = [
         (dataclasses.replace(config, hardware=one.hardware), dataclasses.replace(one.world, pushes=())) for one in tries
     ]
     with jax.default_device(jax.devices("cpu")[0]):
-        stands = _standing(list(dict.fromkeys(robots)))
-    size = math.ceil(len(tries) / math.ceil(len(tries) / MOST))
-    for first in range(0, len(tries), size):
-        chosen = slice(first, first + size)
-        machines = [stands[robot].copy() for robot in robots[chosen]]
+        stands = {robot: machine for some in _parts(list(dict.fromkeys(robots))) for robot, machine in _standing(some)}
+    for part in _parts(range(len(tries))):
+        machines = [stands[robots[i]].copy() for i in part]
         with jax.default_device(jax.devices("cpu")[0]):
-            runs = _Team(policy, config, tries[chosen], machines, size).run()
+            runs = _Team(policy, config, [tries[i] for i in part], machines).run()
         yield from runs
 
 
 class _Team:
-    """Some tries, from a stand to the end of the last; filled up to `size` with robots that are not run."""
+    """Some tries, from a stand to the end of the last."""
 
-    def __init__(
-        self,
-        policy: ActionFunction,
-        config: EnvConfig,
-        tries: Sequence[Try],
-        machines: Sequence[Machine],
-        size: int,
-    ):
-        self._tries, self._machines, self._config, self._size = tries, machines, config, size
+    def __init__(self, policy: ActionFunction, config: EnvConfig, tries: Sequence[Try], machines: Sequence[Machine]):
         for machine, one in zip(machines, tries, strict=True):
             one.numerics.apply(machine.model)
-        self._bodies = _Mixed(machines, [one.numerics for one in tries])
-        self._told = [sampled_commands(one.schedule) for one in tries]
-        self._recordings = [Recording.empty((len(told) - 1) * specs.SUBSTEPS) for told in self._told]
-        self._behind = np.array([control_steps_behind(one.hardware.losses.latency) for one in tries])  # by try and ms
-        self._finish = np.array([one.finish for one in tries])
+        self._tries, self._machines, self._config, self._count = tries, machines, config, len(tries)
+        self._fill = _filled(len(tries))
+        self._bodies = Bodies.of([machines[i] for i in self._fill], [tries[i].numerics for i in self._fill])
+        self._feet = [foot_forces(machine.data) for machine in machines]
+        self._operators = {
+            operator: [robot for robot, one in enumerate(tries) if one.operator == operator]
+            for operator in {one.operator for one in tries}
+        }
+        self._behind = np.array([control_steps_behind(tries[i].hardware.losses.latency) for i in self._fill])
+        schedules = [sampled_commands(one.schedule) for one in tries]
+        self._ticks = np.array([len(commands) - 1 for commands in schedules])
+        longest = int(np.max(self._ticks))
+        self._told = np.stack(
+            [commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules]
+        )
+        self._log = Recording.empty(longest * specs.SUBSTEPS, len(tries))
         self._control = _compiled(policy, config)
         start = Controller(config).init()
-        self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], size, axis=0), start)
+        self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._fill), axis=0), start)
 
     def run(self) -> list[Trajectory]:
         """All runs, in the order of the tries."""
-        count, bodies = len(self._tries), self._bodies
-        ticks = np.array([len(told) - 1 for told in self._told])
-        lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
-        depth, each, k = int(self._behind.max()) + 1, np.arange(count), 0
-        issued = [(np.tile(STAND, (count, 1)), np.zeros((count, specs.NUM_MOTORS)))] * depth
-        command = np.stack([told[0] for told in self._told]).astype(np.float32)
+        count, bodies, finish = self._count, self._bodies, np.array([one.finish for one in self._tries])
+        lasted, fell, ended = self._ticks * specs.SUBSTEPS, np.zeros(count, bool), self._ticks == 0
+        depth, each, k = int(self._behind.max()) + 1, np.arange(len(self._fill)), 0
+        issued = [(np.tile(STAND, (len(each), 1)), np.zeros((len(each), specs.NUM_MOTORS)))] * depth
+        command = self._told[:, 0].astype(np.float32)
         while not ended.all():
             position, velocity, next_command = self._tick(k, command)
             issued = [*issued, (position, velocity)][-depth:]
             positions, velocities = (np.stack(kept) for kept in zip(*issued, strict=True))
             for substep in range(specs.SUBSTEPS):
                 late = depth - 1 - self._behind[:, substep]
-                wanted, up = (positions[late, each], velocities[late, each]), np.flatnonzero(~ended)
-                step, there = k * specs.SUBSTEPS + substep, bodies.qpos[:, 0] >= self._finish
-                torque = self._millisecond(step, *wanted, command, up)
-                down = fall(bodies.qpos, bodies.qvel, self._config.termination).happened
-                over = ~ended & (down | there | self._seen_enough(up, torque))
+                step, there = k * specs.SUBSTEPS + substep, bodies.qpos[:count, 0] >= finish
+                self._millisecond(step, positions[late, each], velocities[late, each], command, np.flatnonzero(~ended))
+                down = fall(bodies.qpos[:count], bodies.qvel[:count], self._config.termination).happened
+                over = ~ended & (down | there | self._seen_enough(step, ended))
                 lasted[over], fell[over & down] = step + 1, True
                 ended = ended | over
             command, k = next_command, k + 1
-            ended = ended | (ticks <= k)
+            ended = ended | (self._ticks <= k)
         return [self._trajectory(i, int(lasted[i]), bool(fell[i])) for i in range(count)]
 
-    def _tick(self, k: int, command: Float[np.ndarray, "N 3"]) -> tuple[np.ndarray, ...]:
-        """A control step: targets of joints (rad, rad/s), and the command after it."""
-        time = k * specs.CONTROL_STEP
-        sensed = [
-            sensed_pose(qpos, one.world, one.gyro_bias, time)
-            for qpos, one in zip(self._bodies.qpos, self._tries, strict=True)
-        ]
-        asked = [
-            one.operator.steer(told[min(k + 1, len(told) - 1)], qpos[1], yaw_of(qpos[3:7]))
-            for one, told, qpos in zip(self._tries, self._told, sensed, strict=True)
-        ]
-        given = (command, np.stack(sensed), self._bodies.qvel, np.stack(asked))
-        filled = (self._filled(np.asarray(x, np.float32)) for x in given)
+    def _tick(self, k: int, command: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, ...]:
+        """A control step: targets of joints (rad, rad/s) of all, and the command after it."""
+        time, sensed = k * specs.CONTROL_STEP, self._bodies.qpos[: self._count].copy()
+        for robot, one in enumerate(self._tries):
+            sensed[robot] = sensed_pose(sensed[robot], one.world, one.gyro_bias, time)
+        asked = self._told[:, k + 1].copy()
+        for operator, mine in self._operators.items():
+            asked[mine] = operator.steer(asked[mine], sensed[mine, 1], yaw_of(sensed[mine, 3:7]))
+        given = (command, sensed, self._bodies.qvel[: self._count], asked)
+        filled = (np.asarray(x, np.float32)[self._fill] for x in given)
         self._state, targets, _, told = self._control(self._state, *filled)
-        count = len(self._tries)
-        position, velocity = (np.asarray(x, np.float64)[:count] for x in (targets.position, targets.velocity))
-        return position, velocity, np.asarray(told)[:count]
+        position, velocity = (np.asarray(x, np.float64) for x in (targets.position, targets.velocity))
+        return position, velocity, np.asarray(told)[: self._count]
 
     def _millisecond(
         self,
         step: int,
         position: Float[np.ndarray, "N 12"],
         velocity: Float[np.ndarray, "N 12"],
-        command: Float[np.ndarray, "N 3"],
+        command: Float[np.ndarray, "n 3"],
         up: Int[np.ndarray, " M"],
-    ) -> Float[np.ndarray, "N 12"]:
-        """Record and move those that are up, with these targets (rad, rad/s); the torque applied, Nm."""
-        bodies = self._bodies
+    ) -> None:
+        """Record all and move those that are up, with these targets (rad, rad/s)."""
+        bodies, log, count = self._bodies, self._log, self._count
         for robot in up.tolist():
             if self._tries[robot].world.pushes:
                 self._tries[robot].world.push(self._machines[robot].data, step)
                 bodies.look(robot)
-        qpos, qvel = bodies.qpos, bodies.qvel
-        torque = bodies.millisecond(position, velocity, up)
+        log.qpos[step], log.qvel[step] = bodies.qpos[:count], bodies.qvel[:count]
+        log.target[step], log.command[step] = position[:count], command
+        log.torque[step] = bodies.millisecond(position, velocity, up)[:count]
         for robot in up.tolist():
-            recording, machine = self._recordings[robot], self._machines[robot]
-            recording.qpos[step], recording.qvel[step] = qpos[robot], qvel[robot]
-            recording.target[step], recording.command[step] = position[robot], command[robot]
-            recording.torque[step] = torque[robot]
-            recording.foot_force[step] = foot_forces(machine.model, machine.data)
-        return torque
+            log.foot_force[step, robot] = self._feet[robot]
 
-    def _seen_enough(self, up: Int[np.ndarray, " M"], torque: Float[np.ndarray, "N 12"]) -> Bool[np.ndarray, " N"]:
+    def _seen_enough(self, step: int, ended: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """What those who watch say, who may change a robot's motors."""
-        enough = np.zeros(len(self._tries), bool)
-        for robot in up.tolist():
-            if (watch := self._tries[robot].watch) is not None:
-                machine = self._machines[robot]
+        enough = np.zeros(self._count, bool)
+        for robot, (one, machine) in enumerate(zip(self._tries, self._machines, strict=True)):
+            if one.watch is not None and not ended[robot]:
                 before = machine.motors
-                enough[robot] = watch(machine, torque[robot])
+                enough[robot] = one.watch(machine, self._log.torque[step, robot])
                 if machine.motors is not before:
-                    self._bodies.renew(robot, machine.motors)
+                    self._bodies.renew(robot, row_of(machine.motors, machine.resistance, one.numerics.period))
         return enough
 
     def _trajectory(self, robot: int, length: int, fell: bool) -> Trajectory:
         one, model = self._tries[robot], self._machines[robot].model
         config = dataclasses.replace(self._config, hardware=one.hardware)
-        return self._recordings[robot].trajectory(length, fell, one.schedule, model, config, one.name, "C MuJoCo")
-
-    def _filled(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([x, np.repeat(x[:1], self._size - len(x), axis=0)])
+        ran = self._log.of(robot, length)
+        return ran.trajectory(length, fell, one.schedule, model, config, one.name, "C MuJoCo")
 
 
-class _Mixed:
-    """Robots that differ in which laws they have, in groups of those that do not."""
-
-    def __init__(self, machines: Sequence[Machine], numerics: Sequence[Numerics]):
-        kinds: dict[Any, list[int]] = {}
-        for robot, (machine, how) in enumerate(zip(machines, numerics, strict=True)):
-            laws = jax.tree.structure((machine.motors, machine.resistance))
-            updates = how.steps if how.motors_each_step else 1
-            kinds.setdefault((laws, machine.throughout, how.steps, updates), []).append(robot)
-        self._groups = [
-            (np.array(robots), _bodies([machines[i] for i in robots], throughout, steps, updates), updates)
-            for (_, throughout, steps, updates), robots in kinds.items()
-        ]
-        self._place = {robot: (bodies, i) for robots, bodies, _ in self._groups for i, robot in enumerate(robots)}
-        self._count = len(machines)
-
-    @property
-    def qpos(self) -> Float[np.ndarray, "N 23"]:
-        """All robots' states now."""
-        return self._gather(lambda bodies: bodies.qpos)
-
-    @property
-    def qvel(self) -> Float[np.ndarray, "N 22"]:
-        """Likewise their rates."""
-        return self._gather(lambda bodies: bodies.qvel)
-
-    def look(self, robot: int) -> None:
-        """See a state that somebody has changed."""
-        bodies, i = self._place[robot]
-        bodies.qpos[i], bodies.qvel[i] = bodies.data[i].qpos, bodies.data[i].qvel
-
-    def renew(self, robot: int, motors: Actuator) -> None:
-        """From now on a robot has these motors."""
-        bodies, i = self._place[robot]
-        assert isinstance(bodies.laws, LawsOfEach)
-        bodies.laws.renew(i, motors)
-
-    def millisecond(
-        self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], up: np.ndarray
-    ) -> Float[np.ndarray, "N 12"]:
-        """Motors and physics of those that are up; the torque applied at the beginning, Nm."""
-        torque = np.zeros((self._count, specs.NUM_MOTORS))
-        for robots, bodies, updates in self._groups:
-            mine = np.flatnonzero(np.isin(robots, up))
-            for update in range(updates if len(mine) else 0):
-                bodies.advance(position[robots], velocity[robots], mine)
-                if update == 0:
-                    torque[robots] = bodies.torque
-        return torque
-
-    def _gather(self, part: Callable[[Bodies], np.ndarray]) -> np.ndarray:
-        gathered = [part(bodies) for _, bodies, _ in self._groups]
-        values = np.empty((self._count, gathered[0].shape[1]))
-        for (robots, *_), mine in zip(self._groups, gathered, strict=True):
-            values[robots] = mine
-        return values
-
-
-def _bodies(machines: Sequence[Machine], throughout: bool, steps: int, updates: int) -> Bodies:
-    laws = LawsOfEach([one.motors for one in machines], [one.resistance for one in machines], DT / updates)
-    models, data = [one.model for one in machines], [one.data for one in machines]
-    torque = np.stack([one.ctrl for one in data])
-    return Bodies(models, data, torque, laws, throughout=throughout, steps=steps // updates)
-
-
-def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> dict[tuple[EnvConfig, World], Machine]:
-    """Robots at rest at the origin, as `standing_start`."""
+def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> Iterator[tuple[tuple[EnvConfig, World], Machine]]:
+    """Each with itself at rest at the origin, as `standing_start`."""
     machines = [Machine(*robot) for robot in robots]
     for machine in machines:
         mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
-    bodies = _Mixed(machines, [JUDGE] * len(machines))
-    stand = np.stack([machine.data.qpos[MOTOR_QPOS] for machine in machines])
-    everyone = np.arange(len(machines))
+    bodies = Bodies.of([machines[i] for i in _filled(len(machines))])
+    stand, everyone = bodies.qpos[:, MOTOR_QPOS], np.arange(len(machines))
     for _ in range(round(SETTLING_TIME / DT)):
         bodies.millisecond(stand, np.zeros_like(stand), everyone)
         for robot, machine in enumerate(machines):
@@ -271,7 +190,18 @@ def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> dict[tuple[EnvConfig
             bodies.look(robot)
     for machine in machines:
         machine.data.qpos[:2], machine.data.qvel[:], machine.data.time = 0.0, 0.0, 0.0
-    return dict(zip(robots, machines, strict=True))
+    return zip(robots, machines, strict=True)
+
+
+def _parts(things: Sequence[Any]) -> Iterator[Sequence[Any]]:
+    """As many as fit side by side at a time, about equally many."""
+    size = math.ceil(len(things) / max(math.ceil(len(things) / MOST), 1)) or 1
+    return (things[first : first + size] for first in range(0, len(things), size))
+
+
+def _filled(robots: int) -> Int[np.ndarray, " N"]:
+    """Filled up with robots that are not run, as programs are compiled for a few sizes: of which one each is a copy."""
+    return np.minimum(np.arange(FEW if robots <= FEW else MOST), robots - 1)
 
 
 @functools.lru_cache(maxsize=8)

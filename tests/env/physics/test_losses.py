@@ -64,7 +64,7 @@ def fly(
     for _ in range(control_steps):
         q = data.qpos[MOTOR_QPOS].copy()
         for _ in range(5):
-            machine.step(q, np.zeros(12))
+            machine.millisecond(q, np.zeros(12))
         found.append(data.qvel.copy())
     return np.array(found)
 

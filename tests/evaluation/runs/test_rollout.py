@@ -11,7 +11,6 @@ from bp2_rl.evaluation.runs.machine import Machine, Numerics
 from bp2_rl.evaluation.runs.metrics import envelope_use
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import (
-    foot_forces,
     rollout_mjx,
     rollout_mujoco,
     standing_start,
@@ -19,7 +18,7 @@ from bp2_rl.evaluation.runs.rollout import (
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
 from bp2_rl.robot.actuator import joint_torque
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids, load_model
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 
@@ -74,7 +73,7 @@ def test_foot_forces_are_those_that_mujoco_puts_on_the_feet():
     model, data = machine.model, machine.data
     data.qvel[:3] = (1.0, -0.5, -0.8)
     mujoco.mj_forward(model, data)
-    force = foot_forces(model, data)
+    force = foot_forces(data)
     assert np.min(np.abs(force[:, 0])) > 1.0  # all four slide
     np.testing.assert_allclose(np.sum(force, axis=0), data.qfrc_constraint[:3], rtol=1e-9)
 
@@ -89,7 +88,7 @@ def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_th
         data.qacc_warmstart[:] = 0.0
         mujoco.mj_step(model, data)
         np.testing.assert_allclose(data.qpos, run.qpos[k + 1], atol=1e-9)  # the solver's tolerance
-        np.testing.assert_allclose(foot_forces(model, data), run.foot_force[k], atol=1e-3)
+        np.testing.assert_allclose(foot_forces(data), run.foot_force[k], atol=1e-3)
 
 
 def test_torque_is_the_motors_answer_to_the_recorded_target():
@@ -264,14 +263,14 @@ def test_a_run_ends_with_the_first_sample_beyond_the_finish(trot_in_both):
 
 def test_forces_of_legs_on_legs_are_not_the_grounds():
     """In the air, feet of the fore legs in each other."""
-    model = load_model(HardwareSpec(solid_legs=True), visual=False)
+    model = load_model(HardwareSpec(solid_legs=True), visual=False, weighed=True)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     data.qpos[2], data.qpos[[7, 11]] = 2.0, (0.36, -0.36)
     mujoco.mj_forward(model, data)
     feet = set(foot_geom_ids(model))
     assert any(pair <= feet for pair in ({*pair} for pair in zip(*data.contact.geom.T, strict=True)))
-    np.testing.assert_array_equal(foot_forces(model, data), 0.0)
+    np.testing.assert_array_equal(foot_forces(data), 0.0)
 
 
 def test_targets_act_late_in_both_simulators():
