@@ -54,7 +54,7 @@ class Resistance(struct.PyTreeNode):
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
             joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
-            spring_hold=hardware.mass_scale * LEAST_TOE / specs.PHYSICS_STEP,
+            spring_hold=hardware.mass_scale * hardware.toe_mass / specs.TOE_MASS * LEAST_TOE / specs.PHYSICS_STEP,
         )
         r = resistance
         parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping

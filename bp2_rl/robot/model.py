@@ -142,6 +142,16 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
 
 
 def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    trunk = _find(spec, "body", "trunk")
+    trunk.mass += len(LEGS) * (hardware.trunk_quarter_mass - specs.TRUNK_QUARTER_MASS)
+    trunk.inertia = np.asarray(trunk.inertia) * hardware.trunk_inertia_share
+    for leg in LEGS:
+        for link, share in (
+            ("thigh", hardware.thigh_mass / specs.THIGH_MASS),
+            ("toe", hardware.toe_mass / specs.TOE_MASS),
+        ):
+            body = _find(spec, "body", f"{leg}_{link}")
+            body.mass, body.inertia = share * body.mass, share * np.asarray(body.inertia)
     for body in spec.bodies[1:]:
         body.mass *= hardware.mass_scale
         body.inertia = np.asarray(body.inertia) * hardware.mass_scale

@@ -200,6 +200,12 @@ class HardwareSpec:
     envelope: Literal["start", "throughout"] = "start"
     """when in a millisecond torque keeps to the envelope: at its start only, or, in the judge, all the time"""
     mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
+    thigh_mass: Annotated[float, Within(0.1, 10.0)] = THIGH_MASS
+    """kg, before that scale: what legs gain the trunk loses, and inertias go with the masses"""
+    toe_mass: Annotated[float, Within(0.05, 10.0)] = TOE_MASS  # kg, likewise
+    trunk_inertia: Annotated[float, Within(0.1, 1e4)] = (
+        1.0  # over what the trunk's mass makes of it; large: it is guided
+    )
     friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION
     contact_time: Annotated[float, Within(0.002, 1.0)] = CONTACT_TIME
     """s, in which the ground takes up a foot's depth: MuJoCo's time constant"""
@@ -214,11 +220,32 @@ class HardwareSpec:
                 raise UserError(
                     f"hardware.corner_speed ({self.corner_speed}) must be below {name} ({getattr(self, name)})"
                 )
+        if self.trunk_quarter_mass < 2.0 * ABAD_MASS:
+            raise UserError(
+                f"hardware.thigh_mass ({self.thigh_mass:g}) and toe_mass ({self.toe_mass:g}) must leave the trunk "
+                f"{8.0 * ABAD_MASS:g} kg: together at most {QUARTER_MASS - SHANK_MASS - 2.0 * ABAD_MASS:g} kg"
+            )
         shortest = SHANK_LENGTH + TOE_LENGTH + self.spring_travel
         if self.leg_length <= shortest:
             raise UserError(
                 f"hardware.leg_length ({self.leg_length}) must exceed shank + toe + spring travel = {shortest:.3f} m"
             )
+
+    @property
+    def trunk_quarter_mass(self) -> float:
+        """What the legs leave the trunk's quarter, its abduction link included, kg."""
+        return TRUNK_QUARTER_MASS + (THIGH_MASS - self.thigh_mass) + (TOE_MASS - self.toe_mass)
+
+    @property
+    def trunk_inertia_share(self) -> float:
+        """Inertia of the trunk without its abduction links, over BP2's."""
+        return self.trunk_inertia * (self.trunk_quarter_mass - ABAD_MASS) / (TRUNK_QUARTER_MASS - ABAD_MASS)
+
+    @property
+    def trunk_pitch_inertia(self) -> float:
+        """Of the trunk with its abduction links about its centre, kg m2."""
+        links = 4.0 * (ABAD_INERTIA + ABAD_MASS * (HIP_FORE_AFT + ABAD_COM_FORE_AFT) ** 2)
+        return TRUNK_PITCH_INERTIA + (self.trunk_inertia_share - 1.0) * (TRUNK_PITCH_INERTIA - links)
 
     @property
     def hip_laterals(self) -> tuple[float, float, float, float]:

@@ -84,8 +84,8 @@ def center_of_mass(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> Num[np.ndarray, "... 2"]:
     """The robot's centre of mass, m: the mean of its bodies (Table S3) by their masses."""
-    moment = specs.TRUNK_QUARTER_MASS * q[..., :2]
-    for mass, _, centre, _ in planar_bodies(np, *_links(q, legs, hardware)):
+    moment = hardware.trunk_quarter_mass * q[..., :2]
+    for mass, _, centre, _ in planar_bodies(np, *_links(q, legs, hardware), hardware):
         moment = moment + mass * np.mean(np.stack(centre, axis=-1), axis=-2)
     return moment / specs.QUARTER_MASS
 

@@ -137,22 +137,27 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
     spec.option.gravity = np.array([0.0, 0.0, -specs.GRAVITY])
     # A rotor is an armature of its joint, or, if it turns with the link that holds it, of a tendon along its own angle.
     armature = 0.0 if rotor_coupling else hardware.reflected_inertia
-    quarters, offset = len(legs), specs.HIP_FORE_AFT + specs.TRUNK_QUARTER_COM
-    inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
-    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, quarters * specs.TRUNK_QUARTER_MASS, quarters * inertia, 0.0)
+    quarters = len(legs)
+    mass, inertia = quarters * hardware.trunk_quarter_mass, quarters * hardware.trunk_pitch_inertia / len(specs.LEGS)
+    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, mass, inertia, 0.0)
+    thigh_mass, toe_mass = hardware.thigh_mass, hardware.toe_mass
+    thigh_inertia, toe_inertia = (
+        thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
+        toe_mass / specs.TOE_MASS * specs.TOE_INERTIA,
+    )
     _add_slide(trunk, "x", (1.0, 0.0, 0.0))
     _add_slide(trunk, "z", (0.0, 0.0, 1.0))
     _add_hinge(trunk, "pitch", 0.0)
     for leg in legs:
         fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
-        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, specs.THIGH_MASS, specs.THIGH_INERTIA, -specs.THIGH_COM)
+        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, thigh_mass, thigh_inertia, -specs.THIGH_COM)
         shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
         shank = _add_body(
             thigh, f"{leg}_shank", 0.0, -hardware.leg_length, specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
         )
         spring_end = specs.TOE_LENGTH - hardware.leg_length
         toe_com = -specs.TOE_LENGTH - specs.TOE_COM
-        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, specs.TOE_MASS, specs.TOE_INERTIA, toe_com)
+        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, toe_mass, toe_inertia, toe_com)
         _add_hinge(thigh, f"{leg}_hip", armature)
         _add_hinge(shank, f"{leg}_knee", armature)
         _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))

@@ -111,7 +111,7 @@ def build_model(
     tau, force = ca.SX.sym("tau", 2 * len(legs)), ca.SX.sym("F", 2 * len(legs))
 
     M, Jdot_v, weight = ca.SX.zeros(n, n), ca.SX.zeros(n), ca.SX.zeros(n)
-    for mass, inertia, position, angle in _bodies(legs, q, leg_length):
+    for mass, inertia, position, angle in _bodies(legs, q, leg_length, hardware):
         J, J_angle = ca.jacobian(position, q), ca.jacobian(angle, q)
         M += hardware.mass_scale * (mass * J.T @ J + inertia * J_angle.T @ J_angle)  # angles are linear in q
         Jdot_v += hardware.mass_scale * mass * J.T @ ca.jtimes(J @ v, q, v)
@@ -181,15 +181,15 @@ def _held_rotors(legs: int) -> list[tuple[int, int]]:
     return [pair for hip in hips for pair in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip))]
 
 
-def _bodies(legs: Sequence[str], q: ca.SX, leg_length: ca.SX) -> list[tuple[float, float, ca.SX, ca.SX]]:
+def _bodies(
+    legs: Sequence[str], q: ca.SX, leg_length: ca.SX, hardware: HardwareSpec
+) -> list[tuple[float, float, ca.SX, ca.SX]]:
     """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
     quarters = len(legs)
-    offset = specs.HIP_FORE_AFT + specs.TRUNK_QUARTER_COM
-    pitch_inertia = specs.TRUNK_QUARTER_INERTIA + specs.TRUNK_QUARTER_MASS * offset**2
-    bodies = [(quarters * specs.TRUNK_QUARTER_MASS, quarters * pitch_inertia, q[0:2], q[2])]
+    bodies = [(quarters * hardware.trunk_quarter_mass, quarters / 4.0 * hardware.trunk_pitch_inertia, q[0:2], q[2])]
     for leg in range(len(legs)):
         links, compression = _leg(legs, leg, q, leg_length)
-        for mass, inertia, centre, angle in planar_bodies(ca, links, leg_length - compression):
+        for mass, inertia, centre, angle in planar_bodies(ca, links, leg_length - compression, hardware):
             bodies.append((mass, inertia, ca.vertcat(*centre), angle))
     return bodies
 

@@ -325,6 +325,20 @@ def test_changed_hardware_changes_the_robot():
     np.testing.assert_allclose(model.geom_friction[foot_geom_ids(model), 0], 0.6)
 
 
+def test_mass_moves_between_trunk_and_legs():
+    """And inertias with it; the whole weighs what it did."""
+    model, published = load_model(HardwareSpec(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)), load_model()
+    assert np.sum(model.body_mass) == pytest.approx(np.sum(published.body_mass), rel=1e-12)
+    for body in range(1, model.nbody):
+        name = model.body(body).name
+        share = (
+            2.0 if "thigh" in name else 0.5 if "toe" in name else (21.0 - 4 * 1.95) / 21.0 if name == "trunk" else 1.0
+        )
+        assert model.body_mass[body] == pytest.approx(share * published.body_mass[body], rel=1e-12), name
+        spread = 2.0 * share if name == "trunk" else share
+        np.testing.assert_allclose(model.body_inertia[body], spread * published.body_inertia[body], rtol=1e-12)
+
+
 def test_soles_are_where_the_kinematics_say():
     hardware = HardwareSpec(leg_length=0.37, fore_track=0.40, hind_track=0.26)
     model = load_model(hardware)

@@ -163,6 +163,7 @@ def test_every_number_has_a_unit_and_a_source():
             for name in ("leg_length", "mass_scale", "friction")
         ),
         ({"rotor_inertia": 1e308}, "rotor_inertia must be from 0 to 0.1"),
+        ({"thigh_mass": 7.0}, r"thigh_mass \(7\) and toe_mass \(0.5\) must leave the trunk 7.2 kg: .* at most 7.05 kg"),
     ],
 )
 def test_impossible_hardware_is_refused_in_one_line(change, says):

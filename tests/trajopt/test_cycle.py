@@ -77,9 +77,9 @@ def test_soles_are_the_models_point_feet():
         np.testing.assert_allclose(leg_points(q, specs.LEGS, hardware)[:, 2], phi, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("mass_scale", [1.0, 1.7])
-def test_mass_times_the_centres_velocity_is_the_models_momentum(mass_scale):
-    problem = Problem().on(mass_scale=mass_scale)
+@pytest.mark.parametrize("change", [{}, {"mass_scale": 1.7}, {"thigh_mass": 4.0, "toe_mass": 1.0}])
+def test_mass_times_the_centres_velocity_is_the_models_momentum(change):
+    problem = Problem().on(**change)
     model = sagittal.build_model(specs.LEGS, problem.hardware)
     for q, v in zip(*coordinates(), strict=True):
         momentum = (np.array(model.mass(q, sagittal.design_vector(problem.hardware))) @ v)[:2]

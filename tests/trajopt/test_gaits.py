@@ -5,7 +5,8 @@ import pytest
 
 from bp2_rl.errors import UserError
 from bp2_rl.trajopt import collocation, gaits
-from bp2_rl.trajopt.gaits import compare_gaits
+from bp2_rl.trajopt.comparison import compare
+from bp2_rl.trajopt.gaits import gait_variants
 from bp2_rl.trajopt.problem import STRIDES, Problem
 from bp2_rl.trajopt.solution import load_solution, speed_name
 from bp2_rl.trajopt.verify import verify
@@ -23,7 +24,12 @@ def test_a_pronk_lands_and_lifts_on_all_legs_at_once():
 def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(gaits, "GAITS", {"pronk": "pronk"})
     problem = Problem(intervals=4, pitch_limit=0.6)
-    rows = list(compare_gaits(problem, (6.0,), tmp_path))
+
+    def compared(problem):
+        found = compare(problem, gait_variants(problem), (6.0,), tmp_path, what="gaits")
+        return [row for rows in found for row in rows]
+
+    rows = compared(problem)
     assert [row.greatest for row in rows] == [False, True]
     six, top = rows
     assert six.described is not None
@@ -37,6 +43,6 @@ def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     limits = {"dynamics_residual": 1e-3, "impact_residual": 1e-5, "position_jump": 1e-6}
     assert all(judged[name] <= limit for name, limit in limits.items()), judged
     monkeypatch.setattr(collocation, "solve", None)
-    assert list(compare_gaits(problem, (6.0,), tmp_path)) == rows
+    assert compared(problem) == rows
     with pytest.raises(UserError, match="gaits"):
-        next(compare_gaits(Problem(intervals=5), (6.0,), tmp_path))
+        compared(Problem(intervals=5))

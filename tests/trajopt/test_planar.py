@@ -13,7 +13,10 @@ from bp2_rl.trajopt import machine, sagittal
 from bp2_rl.trajopt.planar import STOP_ROUNDING, PlanarModel
 from bp2_rl.trajopt.problem import Problem
 
-CHANGED = HardwareSpec(gear_ratio=7.0, leg_length=0.33, spring_stiffness=4500.0, spring_travel=0.1, mass_scale=1.1)
+CHANGED = HardwareSpec(
+    gear_ratio=7.0, leg_length=0.33, spring_stiffness=4500.0, spring_travel=0.1, mass_scale=1.1, thigh_mass=3.1,
+    toe_mass=0.3, trunk_inertia=1.7,
+)  # fmt: skip
 WINDY = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, headwind=3.0))
 
 

@@ -13,6 +13,7 @@ COMMANDS = {
     "sweep": "solve at many speeds from many cold starts: how reliably, how fast, how many optima",
     "limits": "find the greatest speed that has a trajectory at all, and what it hangs on",
     "gaits": "set trot, bound and pronk beside each other",
+    "limbs": "move mass between trunk and legs: what each costs, and how fast each gets",
     "verify": "judge solutions by a model that shares no code with the one they were found with",
     "schemes": "compare discretisation schemes over meshes",
     "library": "build the library of reference motions",

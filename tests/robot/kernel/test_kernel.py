@@ -23,8 +23,9 @@ from bp2_rl.settings.env import RandomizationConfig
 
 ROBOTS = 200
 OTHER = dataclasses.replace(
-    IDEAL, leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2
-)
+    IDEAL, leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
+    thigh_mass=2.9, toe_mass=0.8, trunk_inertia=0.6,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
