@@ -78,20 +78,20 @@ class Orbit:
 
     def step(self, states: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "N D"]:
         """A stride on; NaN for those that fell."""
-        after = []
-        for first in range(0, len(states), CHUNK):
-            chunk = states[first : first + CHUNK]
-            # Laws are compiled for a number of robots.
-            padded = np.concatenate([chunk, np.repeat(chunk[-1:], CHUNK - len(chunk), axis=0)])
-            moment, fell, _ = self.flock.run(self.coordinates.write(padded, self.base), self.commands(len(padded)))
-            then = self.coordinates.read(moment)
-            then[fell] = np.nan
-            after.append(then[: len(chunk)])
-        return np.concatenate(after)
+        return self.follow(states, 1)[1]
 
     def follow(self, states: Float[np.ndarray, "N D"], strides: int) -> Float[np.ndarray, "S N D"]:
-        """Stride after stride, from the states themselves on."""
-        all_states = [states]
+        """Stride after stride, from the states themselves on; NaN from a fall on."""
+        chunks = (states[first : first + CHUNK] for first in range(0, len(states), CHUNK))
+        return np.concatenate([self._follow(chunk, strides) for chunk in chunks], axis=1)
+
+    def _follow(self, states: Float[np.ndarray, "N D"], strides: int) -> Float[np.ndarray, "S N D"]:
+        # Laws are compiled for a number of robots.
+        padded = np.concatenate([states, np.repeat(states[-1:], CHUNK - len(states), axis=0)])
+        moment, fallen = self.coordinates.write(padded, self.base), np.zeros(CHUNK, bool)
+        passed = [padded]
         for _ in range(strides):
-            all_states.append(self.step(all_states[-1]))
-        return np.stack(all_states)
+            moment, fell, _ = self.flock.run(moment, self.commands(CHUNK))
+            fallen |= fell
+            passed.append(np.where(fallen[:, None], np.nan, self.coordinates.read(moment)))
+        return np.stack(passed)[:, : len(states)]

@@ -156,14 +156,16 @@ def orbit_of(policy: Policy, one: Try, at: Moment, operator: HeadingHold) -> Orb
 
 
 def measure_returns(policy: Policy, one: Try, quiet: Moment, strokes: list[Moment]) -> MapMetrics | None:
-    """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one,
-    and for a policy with a history, which the coordinates do not hold.
+    """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one.
 
-    Coordinates count over their scatter under noise, from stroke to stroke.
+    Coordinates count over their scatter under noise, from stroke to stroke. They do not hold what a policy with a
+    history remembers of the last control steps. Where it has one, deviations are given a stride to become part of it,
+    and there are no differences, which would leave it as it was.
     """
-    if policy.card.env.control.history:
-        return None
     extent, rng = one.extent, np.random.default_rng(one.seed)
+    remembers = bool(policy.card.env.control.history)
+    if remembers:
+        extent = dataclasses.replace(extent, widths=())
     orbit = orbit_of(policy, one, quiet, one.operator)
     states = np.stack([orbit.coordinates.read(stroke) for stroke in strokes])
     scales = np.maximum(np.std(states, axis=(0, 1)), SMALLEST)
@@ -175,8 +177,9 @@ def measure_returns(policy: Policy, one: Try, quiet: Moment, strokes: list[Momen
     unsteered = None
     if extent.sizes and one.operator.limit > 0.0:
         alone = orbit_of(policy, one, quiet, NOBODY)
-        unsteered = _of_deviations(alone, scales[: alone.coordinates.size], extent.sizes[-1], rng, one, ", unsteered")
-    deviations = [_of_deviations(orbit, scales, size, rng, one, "") for size in extent.sizes]
+        own = scales[: alone.coordinates.size]
+        unsteered = _of_deviations(alone, own, extent.sizes[-1], rng, one, ", unsteered", later=remembers)
+    deviations = [_of_deviations(orbit, scales, size, rng, one, "", later=remembers) for size in extent.sizes]
     return MapMetrics(
         coordinates=orbit.coordinates.size,
         under_noise=under_noise,
@@ -192,13 +195,21 @@ def measure_returns(policy: Policy, one: Try, quiet: Moment, strokes: list[Momen
 
 
 def _of_deviations(
-    orbit: Orbit, scales: Float[np.ndarray, " D"], size: float, rng: np.random.Generator, one: Try, how: str
+    orbit: Orbit,
+    scales: Float[np.ndarray, " D"],
+    size: float,
+    rng: np.random.Generator,
+    one: Try,
+    how: str,
+    *,
+    later: bool,
 ) -> RadiusMetrics | None:
-    """The map fitted to random deviations of one size."""
+    """The map fitted to random deviations of one size, or to what is left of them a stride later."""
     off = size * scales * rng.standard_normal((one.extent.deviations, len(scales)))
-    after = orbit.step(orbit.at + off)
+    *_, before, after = (orbit.follow(orbit.at + off, 1 + later) - orbit.at) / scales
     back = np.all(np.isfinite(after), axis=1)
-    return _radius(off[back] / scales, (after[back] - orbit.at) / scales, f"deviations of {size:g}{how}", one.seed)
+    what = f"deviations of {size:g}{', a stride later' if later else ''}{how}"
+    return _radius(before[back], after[back], what, one.seed)
 
 
 def _radius(before: np.ndarray, after: np.ndarray, what: str, seed: int) -> RadiusMetrics | None:
