@@ -1,9 +1,10 @@
-"""Is it the trot that limits BP2? Trot, bound and pronk in the plane.
+"""Is it the trot that limits BP2? Trot, bound, pronk, half-bound and gallop in the plane.
 
 A bound is the model of half a robot on a fore and a hind leg half a cycle apart ("two-leg"), a pronk that on both at
 once; with left and right alike the other half does the same. In the plane right and left legs of one end cannot be
-told apart, so a pace is a trot with other pairs and has the same trajectories. What a plane cannot know is roll, and
-how a pace or a gallop holds it: greatest speeds are upper bounds.
+told apart, so a pace is a trot with other pairs, a rotary gallop a transverse one. In a half-bound the fore legs land
+one after the other, in a gallop the hind legs, too. What a plane cannot know is roll, and how a pace or a gallop holds
+it: greatest speeds are upper bounds.
 """
 
 import dataclasses
@@ -11,7 +12,13 @@ import dataclasses
 from bp2_rl.trajopt.comparison import Variant
 from bp2_rl.trajopt.problem import Gait, Problem
 
-GAITS: dict[str, Gait] = {"trot (and pace)": "trot", "bound": "two-leg", "pronk": "pronk"}
+GAITS: dict[str, Gait] = {
+    "trot (and pace)": "trot",
+    "bound": "two-leg",
+    "pronk": "pronk",
+    "half-bound": "half-bound",
+    "gallop": "gallop",
+}
 
 
 def gait_variants(problem: Problem) -> list[Variant]:

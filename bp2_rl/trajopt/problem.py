@@ -23,7 +23,7 @@ SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
 GEAR_ROUNDING = 2.0  # Nm, ASSUMED
 
 Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
-Gait = Literal["trot", "two-leg", "pronk"]
+Gait = Literal["trot", "two-leg", "pronk", "half-bound", "gallop"]
 Speed = Annotated[float, Within(0.01, 100.0)]
 """m/s; files name speeds in this range in their order."""
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
@@ -100,6 +100,9 @@ STRIDES: dict[Gait, Stride] = {
     "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
     # All legs at once: half a robot, too.
     "pronk": Stride(("F", "H"), (("F", "H"), ()), ("F", "H")),
+    # The whole robot, which is no mirror image of itself half a cycle later. A foot takes over as another leaves.
+    "half-bound": Stride(specs.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), specs.LEGS),
+    "gallop": Stride(specs.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), specs.LEGS),
 }
 
 

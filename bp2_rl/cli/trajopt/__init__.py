@@ -12,7 +12,7 @@ COMMANDS = {
     "solve": "find the best trajectory at one speed, verify it, and keep it with its picture",
     "sweep": "solve at many speeds from many cold starts: how reliably, how fast, how many optima",
     "limits": "find the greatest speed that has a trajectory at all, and what it hangs on",
-    "gaits": "set trot, bound and pronk beside each other",
+    "gaits": "set trot, bound, pronk, half-bound and gallop beside each other",
     "limbs": "move mass between trunk and legs: what each costs, and how fast each gets",
     "verify": "judge solutions by a model that shares no code with the one they were found with",
     "schemes": "compare discretisation schemes over meshes",

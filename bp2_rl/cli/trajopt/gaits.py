@@ -1,4 +1,4 @@
-"""`bp2 trajopt gaits`: trot, bound and pronk beside each other."""
+"""`bp2 trajopt gaits`: trot, bound, pronk, half-bound and gallop beside each other."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from bp2_rl.trajopt.problem import Problem, Speed
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Arguments(Comparison):
-    """Set trot, bound and pronk beside each other in the plane: what each costs over speed, and how fast each gets.
+    """Set five gaits beside each other in the plane: what each costs over speed, and how fast each gets.
 
     Interrupted, it goes on where it stopped when run again. The problem's own speed and gait do not count.
     """
