@@ -76,6 +76,8 @@ def _share_out(
 ) -> list[Result]:
     """What comes of every task, in order."""
     done: dict[int, Result] = {}
+    if not shares:
+        return []
     pickled = pickle.dumps(policy)
     with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
         hands = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]

@@ -17,6 +17,7 @@ from bp2_rl.evaluation.runs.rollout import (
 )
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.evaluation.runs.trajectory import yaw_of
+from bp2_rl.evaluation.runs.world import LEVEL, World
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
@@ -67,9 +68,10 @@ def test_feet_of_a_standing_robot_carry_its_weight():
     assert np.all(force[[0, 2], 1] * force[[1, 3], 1] < 0.0)
 
 
-def test_foot_forces_are_those_that_mujoco_puts_on_the_feet():
+@pytest.mark.parametrize("world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"])
+def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
     """Against the constraint forces: the ground is all that acts on the free trunk's six coordinates from outside."""
-    machine = standing_start(STANDING)
+    machine = standing_start(STANDING, world)
     model, data = machine.model, machine.data
     data.qvel[:3] = (1.0, -0.5, -0.8)
     mujoco.mj_forward(model, data)

@@ -141,6 +141,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
     unlike = [dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}") for n in (3, 5, 2, 4)]
     assert run_team(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
+    assert run_team(told_and_lasted, policy, []) == []
 
 
 # --- What is shown ---------------------------------------------------------------------------------------------
