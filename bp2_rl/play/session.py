@@ -154,7 +154,7 @@ class Session:
 
     def foot_forces(self) -> Float[np.ndarray, "4 3"]:
         """The ground's force on each foot, N, world frame."""
-        return foot_forces(self.machine.data)
+        return foot_forces(self.machine.data).copy()
 
     def reference(self) -> Float[np.ndarray, "23"]:
         """The reference motion at this moment where the robot is: `qpos` of its ghost."""

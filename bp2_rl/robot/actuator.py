@@ -52,7 +52,8 @@ class Actuator(struct.PyTreeNode):
     peak_torque: Parameter  # Nm
     corner_speed: Parameter  # rad/s
     no_load_speed: Parameter  # rad/s
-    braking_speed: float = struct.field(pytree_node=False, default=float("inf"))  # rad/s; see above
+    # rad/s; see above. No leaf, so that an endless one needs no formula; `evaluation.runs.laws` puts an array here.
+    braking_speed: Parameter = struct.field(pytree_node=False, default=float("inf"))
     strength: Parameter = 1.0  # scale on the peak torque
     current_lag: Parameter = 0.0  # s, time constant of the first-order current loop; 0: none
     torque_rate: Parameter = float("inf")  # Nm/s, largest rate of change

@@ -153,15 +153,14 @@ def planar_bodies(
     xp: Any, leg: PlanarLeg, lower: Array, hardware: HardwareSpec
 ) -> tuple[PlanarBody, PlanarBody, PlanarBody]:
     """Thigh, shank and toe of a leg whose sole is `lower` metres from its knee, without the scale of all masses."""
-    thigh, toe = hardware.thigh_mass, hardware.toe_mass
 
     def body(mass: float, inertia: float, start: Point, angle: Array, distance: Array) -> PlanarBody:
         return PlanarBody(mass, inertia, planar_along(xp, start, angle, distance), angle)
 
     return (
-        body(thigh, thigh / specs.THIGH_MASS * specs.THIGH_INERTIA, leg.hip, leg.thigh, specs.THIGH_COM),
+        body(hardware.thigh_mass, hardware.thigh_inertia, leg.hip, leg.thigh, specs.THIGH_COM),
         body(specs.SHANK_MASS, specs.SHANK_INERTIA, leg.knee, leg.lower, specs.SHANK_LENGTH + specs.SHANK_COM),
-        body(toe, toe / specs.TOE_MASS * specs.TOE_INERTIA, leg.knee, leg.lower, lower + specs.TOE_COM),
+        body(hardware.toe_mass, hardware.toe_inertia, leg.knee, leg.lower, lower + specs.TOE_COM),
     )
 
 

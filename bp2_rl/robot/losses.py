@@ -25,7 +25,8 @@ Parameter = Any  # a number, or an array that broadcasts against the robots
 
 
 LEAST_TOE = 0.2
-"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges."""
+"""kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges. A
+lighter toe's is less, at least in proportion; of a heavier one the knee's end gives way the more."""
 
 
 class Resistance(struct.PyTreeNode):
@@ -45,6 +46,7 @@ class Resistance(struct.PyTreeNode):
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
         """That of this robot; None where nothing resists."""
         losses = hardware.losses
+        least_toe = LEAST_TOE * min(hardware.toe_mass / specs.TOE_MASS, 1.0)
         resistance = cls(
             drag=0.5 * specs.AIR_DENSITY * losses.drag_area,
             headwind=losses.headwind,
@@ -54,7 +56,7 @@ class Resistance(struct.PyTreeNode):
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
             joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
-            spring_hold=hardware.mass_scale * hardware.toe_mass / specs.TOE_MASS * LEAST_TOE / specs.PHYSICS_STEP,
+            spring_hold=hardware.mass_scale * least_toe / specs.PHYSICS_STEP,
         )
         r = resistance
         parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping

@@ -74,6 +74,7 @@ def load_model(
     if lean:
         _make_lean(spec)
     if weighed:
+        assert not lean, "the sensors of a lean model report where its feet are"
         _weigh(spec)
     if scene is not None:
         scene(spec)
@@ -136,7 +137,7 @@ def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
 def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     """The ground's force on each foot of a `weighed` model at the state last passed to `mj_step` or `mj_forward`, N.
 
-    In the world frame; the ground is all that is fixed to the world.
+    In the world frame; the ground is all that is fixed to the world. It is a view, which the next step overwrites.
     """
     return data.sensordata.reshape(len(LEGS), 3)
 
@@ -237,6 +238,8 @@ def _make_lean(spec: mujoco.MjSpec) -> None:
 
 
 def _weigh(spec: mujoco.MjSpec) -> None:
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3  # net: of all its contacts, in the world frame
     for name in FOOT_GEOMS:
         sensor = spec.add_sensor(name=f"{name}_force", type=mujoco.mjtSensor.mjSENS_CONTACT, intprm=[force, net, 1])

@@ -132,6 +132,7 @@ CASE_CAPACITY = _number("C_c", 350.0, "J/K", "ASSUMED: 0.75 kg of stator iron, m
 CASE_TO_AIR = _number("R_ca", 1.0, "K/W", "ASSUMED: 0.03 m2 in a wind of 10 m/s, 35 W/m2/K")
 COPPER_GROWTH = _number("a", 3.9e-3, "1/K", "standard, rounded: annealed copper at 20 C, IEC 60028")
 MAGNET_LOSS = _number("b", 1.1e-3, "1/K", "ASSUMED: NdFeB, remanence's reversible loss")
+LEAST_TRUNK = _number("-", 7.2, "kg", "ASSUMED: twice its abduction links; what the heaviest legs leave it")
 ABAD_RANGE = (-0.7, 0.7)  # rad, ASSUMED: clears the opposite leg
 HIP_RANGE = (-1.4, 2.4)  # rad, ASSUMED: positive swings the foot back
 KNEE_RANGE = (-2.6, -0.1)  # rad, ASSUMED: never straight, never folded flat
@@ -203,9 +204,8 @@ class HardwareSpec:
     thigh_mass: Annotated[float, Within(0.1, 10.0)] = THIGH_MASS
     """kg, before that scale: what legs gain the trunk loses, and inertias go with the masses"""
     toe_mass: Annotated[float, Within(0.05, 10.0)] = TOE_MASS  # kg, likewise
-    trunk_inertia: Annotated[float, Within(0.1, 1e4)] = (
-        1.0  # over what the trunk's mass makes of it; large: it is guided
-    )
+    trunk_inertia: Annotated[float, Within(0.1, 1e4)] = 1.0
+    """of the trunk's inertia, times what its mass makes of it; a large one guides the trunk, which then cannot pitch"""
     friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION
     contact_time: Annotated[float, Within(0.002, 1.0)] = CONTACT_TIME
     """s, in which the ground takes up a foot's depth: MuJoCo's time constant"""
@@ -220,16 +220,27 @@ class HardwareSpec:
                 raise UserError(
                     f"hardware.corner_speed ({self.corner_speed}) must be below {name} ({getattr(self, name)})"
                 )
-        if self.trunk_quarter_mass < 2.0 * ABAD_MASS:
+        most = QUARTER_MASS - SHANK_MASS - LEAST_TRUNK / 4.0
+        if self.thigh_mass + self.toe_mass > most:
             raise UserError(
                 f"hardware.thigh_mass ({self.thigh_mass:g}) and toe_mass ({self.toe_mass:g}) must leave the trunk "
-                f"{8.0 * ABAD_MASS:g} kg: together at most {QUARTER_MASS - SHANK_MASS - 2.0 * ABAD_MASS:g} kg"
+                f"{LEAST_TRUNK:g} kg: together at most {most:g} kg"
             )
         shortest = SHANK_LENGTH + TOE_LENGTH + self.spring_travel
         if self.leg_length <= shortest:
             raise UserError(
                 f"hardware.leg_length ({self.leg_length}) must exceed shank + toe + spring travel = {shortest:.3f} m"
             )
+
+    @property
+    def thigh_inertia(self) -> float:
+        """Of a thigh about its centre of mass, across its length, kg m2, before the scale of all masses."""
+        return self.thigh_mass / THIGH_MASS * THIGH_INERTIA
+
+    @property
+    def toe_inertia(self) -> float:
+        """Likewise of a toe."""
+        return self.toe_mass / TOE_MASS * TOE_INERTIA
 
     @property
     def trunk_quarter_mass(self) -> float:

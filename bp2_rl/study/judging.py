@@ -8,6 +8,7 @@ import jax
 
 from bp2_rl.config import load_config, save_config
 from bp2_rl.env.observations import layout_of
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
@@ -75,7 +76,7 @@ def _judge(policy: Policy, wall_time: float | None) -> Judgement:
 
     def held(speed: float) -> RunMetrics:
         ramp = Ramp((min(speed, top), 0.0, 0.0), hold=JUDGED_HOLD)
-        return measure(rollout_mujoco(policy, ramp, policy.card.env))
+        return measure(rollout_mujoco(policy, ramp, policy.card.env, machine=SwiftMachine))
 
     best, falls = 0.0, 0
     for share in LADDER:

@@ -1,32 +1,29 @@
 """Should limbs be light? BP2 with mass moved between trunk and legs, all of it the same, and with other trunks.
 
 The paper wants the inertia of limbs used rather than least, and tries no other legs. Inertias go with the masses, so
-a thigh of twice the mass has twice the inertia about its end; what legs gain the trunk loses. A guided trunk cannot
-pitch, as if limbs had nothing to shake.
+a thigh of twice the mass has twice the inertia about its end; what legs gain the trunk loses. A trunk of a thousand
+times its inertia is guided: it cannot pitch, as if limbs had nothing to shake.
 """
-
-from typing import Any
 
 from bp2_rl.trajopt.comparison import Variant
 from bp2_rl.trajopt.problem import Problem
 
-LIMBS: dict[str, dict[str, Any]] = {
-    "BP2": {},
-    "thigh 1.1 kg": {"thigh_mass": 1.1},
-    "thigh 3.3 kg": {"thigh_mass": 3.3},
-    "thigh 4.4 kg": {"thigh_mass": 4.4},
-    "toe 0.25 kg": {"toe_mass": 0.25},
-    "toe 0.75 kg": {"toe_mass": 0.75},
-    "toe 1 kg": {"toe_mass": 1.0},
-    "trunk's inertia x 0.5": {"trunk_inertia": 0.5},
-    "trunk's inertia x 2": {"trunk_inertia": 2.0},
-    "trunk guided": {"trunk_inertia": 1e3},
+LIMBS: dict[str, tuple[str, float]] = {
+    f"{what} x {factor:g}": (field, factor)
+    for what, field, factors in (
+        ("thigh", "thigh_mass", (0.5, 1.5, 2.0)),
+        ("toe", "toe_mass", (0.5, 1.5, 2.0)),
+        ("trunk", "trunk_inertia", (0.5, 2.0, 1e3)),
+    )
+    for factor in factors
 }
-"""BP2 weighs 2.2 kg a thigh and 0.5 kg a toe."""
+"""A field of the hardware, and by what it is multiplied."""
 
 
 def limb_variants(problem: Problem) -> list[Variant]:
-    """The problem with each of them."""
-    return [
-        Variant(name, name.replace("'", "").replace(" ", "-"), problem.on(**change)) for name, change in LIMBS.items()
-    ]
+    """The problem, and with each of them."""
+    changed = {
+        name: problem.on(**{field: factor * getattr(problem.hardware, field)})
+        for name, (field, factor) in LIMBS.items()
+    }
+    return [Variant(name, name.replace(" ", "-"), one) for name, one in {"as it is": problem, **changed}.items()]

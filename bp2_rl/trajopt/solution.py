@@ -91,11 +91,10 @@ class Solution:
 
     @property
     def duty(self) -> float:
-        """Share of the cycle that a foot spends on the ground: that of the first leg that stands."""
+        """Share of the cycle that a foot spends on the ground, mean over the feet."""
         stride = self.problem.stride
-        leg = stride.standing[0][0]
-        standing = [leg in feet for feet in stride.standing]
-        return float(np.sum(self.motion.durations[standing])) / self.period
+        feet = [len(standing) for standing in stride.standing]  # of half a cycle, the other half has as many
+        return float(np.sum(feet * self.motion.durations)) / stride.cycles / len(stride.legs) / self.period
 
     @property
     def facts(self) -> Facts:

@@ -51,7 +51,18 @@ COMMANDS = {
     "export": ("bp2_rl.cli.export", []),
     **{
         f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
-        for what in ("solve", "sweep", "limits", "verify", "schemes", "codesign", "objective", "figures")
+        for what in (
+            "solve",
+            "sweep",
+            "limits",
+            "gaits",
+            "limbs",
+            "verify",
+            "schemes",
+            "codesign",
+            "objective",
+            "figures",
+        )
     },
     **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race", "robot", "rewards")},
     "figures --all": ("bp2_rl.cli.figures", ["--all"]),

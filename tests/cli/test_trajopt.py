@@ -24,7 +24,7 @@ def test_the_commands_are_listed(capsys):
         (["leap"], "no command 'leap'; bp2 trajopt has: solve, sweep"),
         (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
-        (["solve", "--gait", "gallop"], "gallop"),
+        (["solve", "--gait", "amble"], "amble"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
         (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest (5.0) up to --fastest (4.0)"),
         (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),

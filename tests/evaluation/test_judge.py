@@ -70,6 +70,19 @@ def test_a_swift_machine_moves_as_the_judges_does():
     np.testing.assert_allclose(machines[0].data.qpos, machines[1].data.qpos, atol=1e-9)
 
 
+def test_a_swift_machines_motors_may_change():
+    machine = SwiftMachine(EnvConfig(hardware=BUILT))
+    mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
+    before = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
+    machine.motors = machine.motors.replace(peak_torque=5.0)
+    after = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
+    assert np.max(np.abs(before)) > 50.0
+    assert np.max(np.abs(after)) <= 5.0 + 1e-9
+    twin = machine.copy()
+    assert twin.millisecond(np.array(STAND_JOINTS), np.zeros(12)) is not None
+    assert machine.data.time < twin.data.time
+
+
 def test_a_robot_that_falls_has_no_speed(slower):
     launched = judging.launch(lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, LAUNCHES[1])
     assert launched == Launched(fell=True, speed=0.0)

@@ -109,9 +109,14 @@ def test_slides_rub_and_the_rebound_stop_damps_only_where_it_is_met():
     np.testing.assert_allclose(found.rebound[:2], [0.0, 300.0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("hardware", [BUILT, dataclasses.replace(BUILT, mass_scale=0.9)])
-def test_a_slide_at_rest_stays_at_rest_whatever_hangs_on_it(hardware):
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"mass_scale": 0.9}, {"toe_mass": 0.05}, {"toe_mass": 1.0}, {"toe_mass": 3.0}, {"thigh_mass": 0.1}],
+    ids=str,
+)
+def test_a_slide_at_rest_stays_at_rest_whatever_hangs_on_it(change):
     """Without gravity, from a rate of 0.05 m/s in every leg; the legs' postures are drawn over the joints' ranges."""
+    hardware = dataclasses.replace(BUILT, **change)
     resistance = Resistance.from_hardware(hardware)
     assert resistance is not None
     model = load_model(hardware, visual=False)

@@ -29,6 +29,7 @@ from bp2_rl.robot.model import (
     foot_geom_ids,
     let_converge,
     load_model,
+    load_spec,
 )
 from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
 
@@ -90,6 +91,24 @@ def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
     mujoco.mj_fullM(model, data, inertia)
     assert inertia[4, 4] == pytest.approx(specs.TRUNK_PITCH_INERTIA, rel=1e-9)
     assert inertia[4, 4] == pytest.approx(1.94, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    "change", [{"thigh_mass": 3.0, "toe_mass": 0.2}, {"trunk_inertia": 0.5}, {"thigh_mass": 1.0, "trunk_inertia": 40.0}]
+)
+def test_a_changed_trunks_inertia_is_the_planar_models(change):
+    """With its abduction links, without legs, about its centre."""
+    hardware = HardwareSpec(**change)
+    spec = load_spec(hardware)
+    for leg in LEGS:
+        spec.delete(spec.body(f"{leg}_thigh"))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[4, 4] == pytest.approx(hardware.trunk_pitch_inertia, rel=1e-9)
+    assert inertia[0, 0] == pytest.approx(4.0 * hardware.trunk_quarter_mass, rel=1e-9)
 
 
 def test_front_track_is_wider_than_the_hind():

@@ -21,6 +21,32 @@ def test_a_pronk_lands_and_lifts_on_all_legs_at_once():
     assert [len(feet) for feet in stride.standing] == [2, 0]
 
 
+@pytest.mark.parametrize(
+    ("gait", "landing", "lifting"),
+    [
+        ("half-bound", ("RL RR", "", "FL", "FR", ""), ("RL RR", "", "FL", "FR", "")),
+        ("gallop", ("RL", "RR", "", "FL", "FR", ""), ("RL", "RR", "", "FL", "FR", "")),
+    ],
+)
+def test_a_foot_takes_over_as_another_leaves(gait, landing, lifting):
+    stride = STRIDES[gait]
+    segments = range(len(stride.standing))
+    assert tuple(" ".join(stride.touchdowns(i)) for i in segments) == landing
+    assert tuple(" ".join(stride.liftoffs(i)) for i in segments) == lifting
+    assert stride.cycles == 1.0
+    assert {foot for feet in stride.standing for foot in feet} == set(stride.legs)
+
+
+def test_a_half_bound_is_a_trajectory():
+    """Of the whole robot, judged by the other model; each foot's stance counts."""
+    solution = collocation.solve(Problem(gait="half-bound", speed=6.0, intervals=4, pitch_limit=0.6))
+    judged = verify(solution)
+    limits = {"dynamics_residual": 1e-3, "impact_residual": 1e-5, "position_jump": 1e-6}
+    assert all(judged[name] <= limit for name, limit in limits.items()), judged
+    hind, _, left, right, _ = solution.motion.durations
+    assert solution.duty == pytest.approx((2 * hind + left + right) / 4 / solution.period, rel=1e-12)
+
+
 def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(gaits, "GAITS", {"pronk": "pronk"})
     problem = Problem(intervals=4, pitch_limit=0.6)

@@ -26,26 +26,26 @@ def test_all_weigh_the_same_and_differ_as_they_are_called():
     assert len({variant.folder for variant in variants.values()}) == len(variants)
     legs = {name: inertia_about_the_hip(variant) for name, variant in variants.items()}
     # A thigh has its mass 24 mm from the hip, a toe some 0.7 m.
-    assert legs["thigh 4.4 kg"] - legs["BP2"] == pytest.approx(0.014 + 2.2 * 0.024**2, rel=1e-9)
-    assert legs["toe 1 kg"] - legs["BP2"] == pytest.approx(2 * (legs["BP2"] - legs["toe 0.25 kg"]), rel=1e-9)
-    assert legs["toe 1 kg"] > 1.5 * legs["BP2"]
-    assert legs["trunk guided"] == legs["BP2"]
+    assert legs["thigh x 2"] - legs["as it is"] == pytest.approx(0.014 + 2.2 * 0.024**2, rel=1e-9)
+    assert legs["toe x 2"] - legs["as it is"] == pytest.approx(2 * (legs["as it is"] - legs["toe x 0.5"]), rel=1e-9)
+    assert legs["toe x 2"] > 1.5 * legs["as it is"]
+    assert legs["trunk x 1000"] == legs["as it is"]
 
 
 def test_several_are_solved_side_by_side_and_come_in_their_order(tmp_path):
     problem = Problem(intervals=4)
     variants = limb_variants(problem)[:2]
     found = list(compare(problem, variants, (6.0,), tmp_path, what="limbs", workers=2))
-    assert [[row.name for row in rows] for rows in found] == [["BP2"] * 2, ["thigh 1.1 kg"] * 2]
+    assert [[row.name for row in rows] for rows in found] == [["as it is"] * 2, ["thigh x 0.5"] * 2]
     assert all(row.described is not None for rows in found for row in rows)
-    assert {path.name for path in tmp_path.iterdir()} == {"problem.json", "BP2", "thigh-1.1-kg"}
+    assert {path.name for path in tmp_path.iterdir()} == {"problem.json", "as-it-is", "thigh-x-0.5"}
 
 
 def test_the_command_prints_a_table_and_leaves_its_numbers(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(limbs, "LIMBS", {"BP2": {}})
+    monkeypatch.setattr(limbs, "LIMBS", {})
     words = ["--intervals", "4", "--speeds", "6", "--workers", "1", "--out", str(tmp_path / "limbs")]
     assert command.main(words) == 0
-    assert "BP2" in capsys.readouterr().out
+    assert "as it is" in capsys.readouterr().out
     assert (tmp_path / "limbs" / "limbs.json").is_file()
     assert command.main(["--speeds", "10", "6"]) == 2
     assert "slowest first" in capsys.readouterr().err

@@ -1,10 +1,13 @@
 """What a benchmark is run with, and what a reader must know to run it again."""
 
+import functools
+
 import jax
 import mujoco
 
 from bp2_rl.config import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
@@ -12,7 +15,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 
 OWN = "card's own"
-BACKENDS = {"mujoco": rollout_mujoco, "mjx": rollout_mjx}
+BACKENDS = {"mujoco": functools.partial(rollout_mujoco, machine=SwiftMachine), "mjx": rollout_mjx}
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:

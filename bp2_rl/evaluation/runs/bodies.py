@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from bp2_rl.evaluation.runs import laws
 from bp2_rl.evaluation.runs.machine import JUDGE, OUTSIDE, STATE, TRIALS, Machine, Numerics, mobility
 from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator
 
 
 class Bodies:
@@ -36,9 +37,10 @@ class Bodies:
         self.qpos, self.qvel = np.stack([one.qpos for one in data]), np.stack([one.qvel for one in data])
         self.torque = np.stack([one.ctrl for one in data])
         self.data, self._models, self._motors = data, models, list(motors)
-        self._rows = laws.rows_of(self._motors)
-        self._throughout = np.array(throughout)
+        self._rows = None
+        self._throughout, self._all_throughout = np.array(throughout), all(throughout)
         self._updates = np.array([how.updates for how in numerics])
+        self._most_updates = int(np.max(self._updates))
         self._steps = [how.steps // how.updates for how in numerics]
         # To look these up anew would take longer than to write them.
         self._inputs = [(one.ctrl, one.qfrc_applied) for one in data]
@@ -60,8 +62,7 @@ class Bodies:
 
     def renew(self, robot: int, motors: laws.Row) -> None:
         """From now on a robot has these motors."""
-        self._motors[robot] = motors
-        self._rows = laws.rows_of(self._motors)
+        self._motors[robot], self._rows = motors, None
 
     def millisecond(
         self,
@@ -72,7 +73,7 @@ class Bodies:
         """Motors and physics of these robots, as `Machine.millisecond`; the others stay as they are."""
         self._advance(position, velocity, robots)
         torque = self.torque.copy()
-        for update in range(1, int(np.max(self._updates[robots], initial=1))):
+        for update in range(1, self._most_updates):
             self._advance(position, velocity, robots[self._updates[robots] > update])
         return torque
 
@@ -82,10 +83,14 @@ class Bodies:
         velocity: Float[np.ndarray, "N 12"],
         robots: Int[np.ndarray, " M"],
     ) -> None:
-        """As `Machine.step`."""
+        """As `Machine._step`."""
+        if not len(robots):
+            return
+        if self._rows is None:
+            self._rows = laws.rows_of(self._motors)
         before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
         forces = laws.ask(self._rows, before, qpos, qvel, position, velocity)
-        tried = robots[self._throughout[robots]]
+        tried = robots if self._all_throughout else robots[self._throughout[robots]]
         for robot in tried.tolist():
             mujoco.mj_getState(self._models[robot], self.data[robot], self._start[robot], STATE)
         for trial in range(TRIALS if len(tried) else 0):
@@ -101,7 +106,8 @@ class Bodies:
             for robot in tried.tolist():
                 mujoco.mj_setState(self._models[robot], self.data[robot], self._start[robot], STATE)
         self._step(tried, forces)
-        self._step(robots[~self._throughout[robots]], forces)
+        if not self._all_throughout:
+            self._step(robots[~self._throughout[robots]], forces)
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
@@ -114,13 +120,10 @@ class Bodies:
 
 
 class SwiftMachine(Machine):
-    """One robot twice as fast, for a judge in a hurry: the laws of motors and losses are compiled, as in `Bodies`.
-
-    Its motors stay as they are.
-    """
+    """One robot twice as fast, for a judge in a hurry: the laws of motors and losses are compiled, as in `Bodies`."""
 
     _bodies: Bodies | None = None
-    _numerics: Numerics = JUDGE
+    _made_for: tuple[Actuator, Numerics] | None = None
 
     def copy(self) -> "SwiftMachine":
         """As `Machine.copy`."""
@@ -136,10 +139,10 @@ class SwiftMachine(Machine):
         numerics: Numerics = JUDGE,
     ) -> Float[np.ndarray, "12"]:
         """As `Machine.millisecond`."""
-        bodies = self._bodies
-        if bodies is None or numerics != self._numerics:
+        bodies, made_for = self._bodies, self._made_for
+        if bodies is None or made_for is None or made_for[0] is not self.motors or made_for[1] != numerics:
             bodies = self._bodies = Bodies.of([self], [numerics])
-            self._numerics = numerics
+            self._made_for = self.motors, numerics
         bodies.look(0)
         bodies.torque[0] = self.data.ctrl
         return bodies.millisecond(q_target[None], qd_target[None], _ALONE)[0]

@@ -87,7 +87,8 @@ def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> 
 def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
     joints, rest = jnp.split(row, [len(JOINT) * specs.NUM_MOTORS])
     named = dict(zip(JOINT, joints.reshape(len(JOINT), specs.NUM_MOTORS), strict=True))
-    return Actuator(**named, bus=Bus(*rest[:3])), Resistance(*rest[3:-1]), rest[-1]
+    bus = len(_fields(NO_BUS))
+    return Actuator(**named, bus=Bus(*rest[:bus])), Resistance(*rest[bus:-1]), rest[-1]
 
 
 def _ask(

@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import functools
 import pickle
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
@@ -59,7 +60,8 @@ def dealt(tries: Sequence[Try], workers: int) -> list[list[int]]:
     kinds: dict[object, int] = {}
     alike = sorted(range(len(tries)), key=lambda i: kinds.setdefault(tries[i].hardware, len(kinds)))
     work = np.array([_work(tries[i]) for i in alike])
-    worker = (workers * (np.cumsum(work) - work / 2) / np.sum(work)).astype(int)
+    worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(int)
+    worker = np.minimum(worker, workers - 1)  # where that comes to all of them, by tries that take no time
     shares = [[i for i, whose in zip(alike, worker, strict=True) if whose == each] for each in range(workers)]
     return [sorted(share, key=lambda i: -tries[i].schedule.duration) for share in shares if share]
 
@@ -76,7 +78,7 @@ def _share_out(
 ) -> list[Result]:
     """What comes of every task, in order."""
     done: dict[int, Result] = {}
-    if not shares:
+    if not tasks:
         return []
     pickled = pickle.dumps(policy)
     with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
@@ -87,7 +89,8 @@ def _share_out(
 
 
 def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
-    return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]))
+    # When the block ends, nothing that is asked for is left to do; after an interruption nobody wants it.
+    return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]), abandon=True)
 
 
 # What is compiled for a policy is kept by the policy itself, so a worker must not get it anew with every task.
@@ -114,6 +117,7 @@ def compute_here() -> None:
 
 
 def _begin(cache: str | None) -> None:
-    """Make of a worker what the command has made of itself."""
+    """Make of a worker what the command has made of itself, to which Ctrl-C is left."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)

@@ -209,13 +209,13 @@ class Recording:
 
     @classmethod
     def empty(cls, *steps: int) -> "Recording":
-        """Room for so many; with a second axis, of so many robots."""
+        """Room for so many; with an axis in front, of so many robots."""
         sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
         return cls(*(np.zeros((*steps, *size)) for size in sizes))
 
-    def of(self, robot: int, length: int) -> "Recording":
-        """The first `length` samples of one robot of several."""
-        return Recording(*(np.ascontiguousarray(array[:length, robot]) for array in vars(self).values()))
+    def of(self, robot: int) -> "Recording":
+        """That of one robot of several."""
+        return Recording(*(array[robot] for array in vars(self).values()))
 
     def trajectory(
         self,

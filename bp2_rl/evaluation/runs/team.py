@@ -96,7 +96,7 @@ class _Team:
         self._told = np.stack(
             [commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules]
         )
-        self._log = Recording.empty(longest * specs.SUBSTEPS, len(tries))
+        self._log = Recording.empty(len(tries), longest * specs.SUBSTEPS)
         self._control = _compiled(policy, config)
         start = Controller(config).init()
         self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._fill), axis=0), start)
@@ -152,11 +152,11 @@ class _Team:
             if self._tries[robot].world.pushes:
                 self._tries[robot].world.push(self._machines[robot].data, step)
                 bodies.look(robot)
-        log.qpos[step], log.qvel[step] = bodies.qpos[:count], bodies.qvel[:count]
-        log.target[step], log.command[step] = position[:count], command
-        log.torque[step] = bodies.millisecond(position, velocity, up)[:count]
+        log.qpos[:, step], log.qvel[:, step] = bodies.qpos[:count], bodies.qvel[:count]
+        log.target[:, step], log.command[:, step] = position[:count], command
+        log.torque[:, step] = bodies.millisecond(position, velocity, up)[:count]
         for robot in up.tolist():
-            log.foot_force[step, robot] = self._feet[robot]
+            log.foot_force[robot, step] = self._feet[robot]
 
     def _seen_enough(self, step: int, ended: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """What those who watch say, who may change a robot's motors."""
@@ -164,7 +164,7 @@ class _Team:
         for robot, (one, machine) in enumerate(zip(self._tries, self._machines, strict=True)):
             if one.watch is not None and not ended[robot]:
                 before = machine.motors
-                enough[robot] = one.watch(machine, self._log.torque[step, robot])
+                enough[robot] = one.watch(machine, self._log.torque[robot, step])
                 if machine.motors is not before:
                     self._bodies.renew(robot, row_of(machine.motors, machine.resistance, one.numerics.period))
         return enough
@@ -172,8 +172,7 @@ class _Team:
     def _trajectory(self, robot: int, length: int, fell: bool) -> Trajectory:
         one, model = self._tries[robot], self._machines[robot].model
         config = dataclasses.replace(self._config, hardware=one.hardware)
-        ran = self._log.of(robot, length)
-        return ran.trajectory(length, fell, one.schedule, model, config, one.name, "C MuJoCo")
+        return self._log.of(robot).trajectory(length, fell, one.schedule, model, config, one.name, "C MuJoCo")
 
 
 def _standing(robots: Sequence[tuple[EnvConfig, World]]) -> Iterator[tuple[tuple[EnvConfig, World], Machine]]:

@@ -3,10 +3,11 @@
 import dataclasses
 import functools
 import os
+import signal
 
 import numpy as np
 
-from bp2_rl.evaluation.runs import team
+from bp2_rl.evaluation.runs import parallel, team
 from bp2_rl.evaluation.runs.machine import Numerics
 from bp2_rl.evaluation.runs.parallel import dealt, in_parallel, keep_workers, run_team
 from bp2_rl.evaluation.runs.schedule import Course
@@ -49,15 +50,22 @@ def compiled(one, run):
     return os.getpid(), team._compiled.cache_info().misses
 
 
-def test_workers_are_kept_with_what_they_have_compiled(make_policy):
+def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch):
     """A policy that comes a second time is the one that a controller was compiled for."""
+    monkeypatch.setattr(parallel, "processors", lambda: 1)
     zeros = functools.partial(np.zeros, dtype=np.float32)
     layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     with keep_workers():
-        (first, other), (then, again) = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
+        first, then = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
         ran = [run_team(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
-    assert {first, other} == {then, again}
-    assert sorted(ran[0]) == sorted(ran[1])
-    assert all(misses == 1 for _, misses in ran[1])
-    assert not {pid for pid, _ in in_parallel(where, policy, ("one", "two"))} & {first[0], other[0]}
+        os.kill(first[0][0], signal.SIGINT)  # as Ctrl-C does, to all at once
+        assert in_parallel(where, policy, ("three",)) == first[:1]
+    assert first == then == 2 * [first[0]]
+    assert ran == 2 * [2 * [(first[0][0], 1)]]
+    assert in_parallel(where, policy, ("four",))[0][0] != first[0][0]
+
+
+def test_tries_that_take_no_time_are_tries(make_policy):
+    assert dealt([Try(Course(), BUILT)], 2) == [[0]]
+    assert sorted(i for share in dealt([lasting(1.0), Try(Course(), IDEAL)], 2) for i in share) == [0, 1]

@@ -73,10 +73,16 @@ def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
     """Against the constraint forces: the ground is all that acts on the free trunk's six coordinates from outside."""
     machine = standing_start(STANDING, world)
     model, data = machine.model, machine.data
-    data.qvel[:3] = (1.0, -0.5, -0.8)
+    data.qvel[:6] = 1.0, -0.5, -0.8, 0.3, 0.2, 0.0
     mujoco.mj_forward(model, data)
     force = foot_forces(data)
     assert np.min(np.abs(force[:, 0])) > 1.0  # all four slide
+    by_contact, wrench, feet = np.zeros((4, 3)), np.zeros(6), foot_geom_ids(model).tolist()
+    for i, (geom, frame) in enumerate(zip(data.contact.geom2, data.contact.frame, strict=True)):
+        mujoco.mj_contactForce(model, data, i, wrench)
+        by_contact[feet.index(geom)] += wrench[:3] @ frame.reshape(3, 3)
+    assert len({round(value) for value in by_contact[:, 2]}) == 4  # each has another
+    np.testing.assert_allclose(force, by_contact, rtol=1e-12)
     np.testing.assert_allclose(np.sum(force, axis=0), data.qfrc_constraint[:3], rtol=1e-9)
 
 

@@ -9,11 +9,11 @@ import pytest
 from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.evaluation.benchmarks.stability.orbit import TICK, Orbit, whole_strides
-from bp2_rl.evaluation.benchmarks.stability.tries import pushed_by
+from bp2_rl.evaluation.benchmarks.stability.tries import FULL, Try, _of_deviations, pushed_by
 from bp2_rl.evaluation.runs.flock import Flock
 from bp2_rl.evaluation.runs.operator import HeadingHold
 from bp2_rl.robot.specs import IDEAL
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 
 def clock(command):
@@ -58,9 +58,58 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
     np.testing.assert_allclose(after[0], stand.coordinates.read(alone)[0], atol=1e-3)
     assert np.abs(after[1] - after[0]).max() > 1e-5
     assert np.all(np.isnan(after[2]))
-    followed = stand.follow(states[:2], 2)
-    assert followed.shape == (3, 2, len(stand.at))
-    np.testing.assert_allclose(followed[1], after[:2], atol=1e-12)
+    followed = stand.follow(states, 2)
+    assert followed.shape == (3, 3, len(stand.at))
+    np.testing.assert_allclose(followed[1], after, atol=1e-12)
+    two, *_ = stand.flock.run(stand.base, np.concatenate([stand.commands(1)] * 2))
+    np.testing.assert_allclose(followed[2, 0], stand.coordinates.read(two)[0], atol=1e-3)
+    assert np.all(np.isnan(followed[2, 2]))
+
+
+def remembering(observation):
+    """Acts on what the joints did five control steps ago; the entry is their change since then."""
+    return -2.0 * observation[..., -47:][..., 5:17]
+
+
+def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
+    """Written anew at each stroke, its history would be that of the first."""
+    nobody = HeadingHold(limit=0.0)
+    config = dataclasses.replace(EnvConfig(), reference="none", control=ControlConfig(history=(5,)))
+    flock = Flock(remembering, config, hardware=IDEAL, operator=nobody)
+    coordinates = Coordinates.of(config, IDEAL, flock.memory, steered=False)
+    orbit = Orbit(flock, coordinates, 0.0, 3, flock.standing(1, np.zeros(3)))
+    off = orbit.at[None] + 0.0
+    off[0, 3:19] += 0.05  # rad and m: off the pose that it remembers
+    followed = orbit.follow(off, 3)
+    whole, *_ = flock.run(coordinates.write(off, orbit.base), np.concatenate([orbit.commands(1)] * 3))
+    np.testing.assert_allclose(followed[3, 0], coordinates.read(whole)[0], atol=1e-3)
+    forgets = off
+    for _ in range(3):
+        forgets = orbit.step(forgets)
+    assert np.abs(forgets - followed[3]).max() > 0.05
+
+
+class Linear:
+    """A map of three coordinates, of which the third forgets what it was at once: as a history that is not read."""
+
+    MATRIX = np.diag([0.9, -0.5, 0.0])
+    at = np.array([1.0, 2.0, 3.0])
+
+    def follow(self, states, strides):
+        off = [states - self.at]
+        for _ in range(strides):
+            off.append(off[-1] @ self.MATRIX.T)
+        return np.stack(off) + self.at
+
+
+@pytest.mark.parametrize("later", [False, True])
+def test_deviations_have_the_maps_radius_also_a_stride_later(later):
+    one = Try(10.0, 10.0, 60, 2.4, IDEAL, HeadingHold(), 0, FULL)
+    rng = np.random.default_rng(0)
+    found = _of_deviations(Linear(), np.array([1.0, 0.1, 10.0]), 0.5, rng, one, "", later=later)
+    assert found is not None
+    assert found.radius == pytest.approx(0.9, abs=1e-6)
+    assert ("a stride later" in found.what) is later
 
 
 def test_pushes_go_where_the_robot_heads(stand):
