@@ -89,11 +89,17 @@ def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
     assert np.abs(forgets - followed[3]).max() > 0.05
 
 
-class Linear:
+class Linear(Orbit):
     """A map of three coordinates, of which the third forgets what it was at once: as a history that is not read."""
 
     MATRIX = np.diag([0.9, -0.5, 0.0])
-    at = np.array([1.0, 2.0, 3.0])
+
+    def __init__(self):
+        """Of no robot."""
+
+    @property
+    def at(self):
+        return np.array([1.0, 2.0, 3.0])
 
     def follow(self, states, strides):
         off = [states - self.at]
