@@ -110,9 +110,9 @@ h2 {{ margin: 3rem 0 .75rem; font-size: 1.15rem; }}
 a {{ color: inherit; text-decoration-color: var(--quiet); text-underline-offset: .2em; }}
 .good {{ color: var(--good); }} .bad {{ color: var(--bad); }}
 .quiet {{ margin: 0; color: var(--quiet); }}
-.tiles {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: 1px; margin: 2rem 0;
+.tiles {{ display: flex; flex-wrap: wrap; gap: 1px; margin: 2rem 0;
   background: var(--line); border: 1px solid var(--line); border-radius: 8px; overflow: hidden; }}
-.tiles div {{ padding: .9rem .8rem; background: #fff; }}
+.tiles div {{ flex: 1 1 9rem; padding: .9rem .8rem; background: #fff; }}
 .tiles b {{ display: block; font-size: 1.2rem; font-variant-numeric: tabular-nums; }}
 .tiles span {{ color: var(--quiet); font-size: .85rem; }}
 video, img {{ display: block; width: 100%; height: auto; border-radius: 8px; }}
