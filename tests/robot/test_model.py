@@ -77,9 +77,8 @@ def test_total_mass():
     assert 35.8 <= mujoco.mj_getTotalmass(load_model()) <= 36.2
 
 
-def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
-    """Composite inertia of the trunk and the abduction links, from MuJoCo's mass matrix of a legless robot."""
-    spec = mujoco.MjSpec.from_file(str(asset_path("bp2_mjcf/bp2.xml")))
+def legless(spec: mujoco.MjSpec) -> np.ndarray:
+    """Mass matrix at rest of the trunk and the abduction links alone; the first six coordinates are the trunk's."""
     for part in (*spec.tendons, *spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(part)
     for leg in LEGS:
@@ -89,6 +88,11 @@ def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
     mujoco.mj_forward(model, data)
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
+    return inertia
+
+
+def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
+    inertia = legless(mujoco.MjSpec.from_file(str(asset_path("bp2_mjcf/bp2.xml"))))
     assert inertia[4, 4] == pytest.approx(specs.TRUNK_PITCH_INERTIA, rel=1e-9)
     assert inertia[4, 4] == pytest.approx(1.94, abs=0.005)
 
@@ -97,16 +101,8 @@ def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
     "change", [{"thigh_mass": 3.0, "toe_mass": 0.2}, {"trunk_inertia": 0.5}, {"thigh_mass": 1.0, "trunk_inertia": 40.0}]
 )
 def test_a_changed_trunks_inertia_is_the_planar_models(change):
-    """With its abduction links, without legs, about its centre."""
     hardware = HardwareSpec(**change)
-    spec = load_spec(hardware)
-    for leg in LEGS:
-        spec.delete(spec.body(f"{leg}_thigh"))
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    inertia = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
+    inertia = legless(load_spec(hardware))
     assert inertia[4, 4] == pytest.approx(hardware.trunk_pitch_inertia, rel=1e-9)
     assert inertia[0, 0] == pytest.approx(4.0 * hardware.trunk_quarter_mass, rel=1e-9)
 
