@@ -398,7 +398,7 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
 def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
     """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
 
-    def rollout(policy, ramp, config):
+    def rollout(policy, ramp, config, machine):
         speed = ramp.target[0]
         return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
 
@@ -409,7 +409,7 @@ def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(mon
 
 
 def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
-    monkeypatch.setattr(judging, "rollout_mujoco", lambda *_: make_run(fell_at=7.9))
+    monkeypatch.setattr(judging, "rollout_mujoco", lambda *_, machine: make_run(fell_at=7.9))
     judgement = judging._judge(make_policy(), None)
     assert (judgement.top_speed, judgement.falls, judgement.cruise_speed) == (0.0, 3, 0.0)
     assert judgement.cruise_cost is None
@@ -420,7 +420,7 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
 ):
     told: list[float] = []
 
-    def rollout(policy, ramp, config):
+    def rollout(policy, ramp, config, machine):
         told.append(ramp.target[0])
         return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
 
