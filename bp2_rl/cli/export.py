@@ -10,6 +10,7 @@ import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
+from bp2_rl.settings.env import EASING
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +33,10 @@ class ExportConfig:
     """m/s2, at which the forward command that the policy is told falls at most: the copy's `control.braking`"""
     stopping_time: float | None = None
     """s, in which it falls by itself and 0.5 m/s, at most: the copy's `control.stopping_time`"""
+    launching: float | None = None
+    """m/s2, at which it rises at most from a stand: the copy's `control.launching`"""
+    launching_speed: float | None = None
+    """m/s, at which it would rise no more: the copy's `control.launching_speed`"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +57,7 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
-    eased = {name: getattr(config, name) for name in ("braking", "stopping_time") if getattr(config, name) is not None}
+    eased = {name: value for name in EASING if (value := getattr(config, name)) is not None}
     env = policy.card.env
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))  # refuses what cannot be
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))
@@ -77,4 +82,4 @@ def export(config: ExportConfig) -> None:
     save_policy(config.to, policy)
     print(f"exported {config.run} to {config.to}")
     if eased:
-        print(f"what its card says of stops is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")
+        print(f"what its card says of launches and stops is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")

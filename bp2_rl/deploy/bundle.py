@@ -115,6 +115,8 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "clock_at_rest": control.clock_at_rest,
             "braking": control.braking if math.isfinite(control.braking) else None,
             "stopping_time": control.stopping_time,
+            "launching": control.launching if math.isfinite(control.launching) else None,
+            "launching_speed": control.launching_speed if math.isfinite(control.launching_speed) else None,
             "stand": list(specs.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},

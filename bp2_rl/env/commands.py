@@ -83,7 +83,11 @@ def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, "
 
 def eased(told: Float[Array, "3"], asked: Float[Array, "3"], config: ControlConfig) -> Float[Array, "3"]:
     """What a policy is told a control step after it was told `told`: the command asked for, but that a robot on its
-    way forward is slowed down no faster than its controller allows."""
+    way forward gathers and loses speed no faster than its controller allows."""
+    if config.launching < math.inf:
+        share = jnp.clip(1.0 - told[0] / config.launching_speed, 0.0, 1.0)
+        most = jnp.maximum(told[0], 0.0) + specs.CONTROL_STEP * config.launching * share
+        asked = asked.at[0].min(most)
     if config.braking == math.inf and not config.stopping_time:
         return asked
     rate = jnp.asarray(config.braking)

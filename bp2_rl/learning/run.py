@@ -33,14 +33,12 @@ from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.settings.env import ControlConfig, upgrade
+from bp2_rl.settings.env import EASING, ControlConfig, upgrade
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
 NETWORK = ("policy_layers", "value_layers", "activation", "symmetric")
 """Fields of `PPOConfig` that a run shares with its parent."""
-STOPPING = ("braking", "stopping_time")
-"""Fields of `ControlConfig` that it need not: how gently a command falls, not what the policy sees and does."""
 
 
 def start(
@@ -178,7 +176,7 @@ def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict
     """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
     old = load_run_config(parent)
     names = [f"ppo.{name}" for name in NETWORK]
-    names += [f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in STOPPING]
+    names += [f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in EASING]
     for name in names:
         theirs, ours = (operator.attrgetter(name)(settings) for settings in (old, config))
         if theirs != ours:

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 from typing import Annotated
 
 import mujoco
@@ -177,8 +178,10 @@ class Session:
         limits, dt = self.config.commands, specs.CONTROL_STEP
         speed = float(np.clip(self.wish.speed, -limits.max_backward, limits.max_forward))
         now = self._asked
-        braking = min(self.config.control.braking, ACCELERATION if self.config.control.stopping_time else BRAKING)
-        speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, ACCELERATION * dt))
+        control = self.config.control
+        braking = min(control.braking, ACCELERATION if control.stopping_time else BRAKING)
+        launching = control.launching if math.isfinite(control.launching) else ACCELERATION
+        speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, launching * dt))
         # As in training: what friction holds.
         most = min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6))
         turn = float(np.clip(self.wish.turn, -most, most))

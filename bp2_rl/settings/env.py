@@ -40,8 +40,17 @@ class ControlConfig:
     """m/s2, at which the forward command that the policy is told falls at most, whatever is asked for"""
     stopping_time: Amount = 0.0
     """s, in which it falls by itself and 0.5 m/s, at most: who stands while the trunk still moves, falls"""
+    launching: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    """m/s2, at which it rises at most from a stand, and by less the faster it is: legs that follow a reference far ahead
+    of the trunk slip under it"""
+    launching_speed: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    """m/s, at which it would rise no more: a straight line from `launching`, as a motor's torque falls with its speed"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
     """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
+
+
+EASING = ("braking", "stopping_time", "launching", "launching_speed")
+"""Fields of `ControlConfig`: how gently the command rises and falls, not what the policy sees and does."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -173,7 +173,8 @@ def make_config(
         )
         ppo = dataclasses.replace(ppo, symmetric=True, averaging=0.9, desired_kl=0.02, entropy_cost=2e-3)
     if preset == "gpu":
-        env = dataclasses.replace(env, control=dataclasses.replace(env.control, history=HISTORY))
+        control = dataclasses.replace(env.control, history=HISTORY, launching=6.0, launching_speed=18.0)
+        env = dataclasses.replace(env, control=control)
         if relaxed:
             env = careful(env)
             if weights == "ours":

@@ -149,11 +149,12 @@ def test_an_exported_policy_can_be_measured_as_it_was():
 # --- Wrong input -----------------------------------------------------------------------------------------------
 
 
-def test_the_copys_stops_can_be_eased(capsys):
-    assert command.main(["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9"]) == 0
+def test_the_copys_launches_and_stops_can_be_eased(capsys):
+    launch = ["--launching", "6", "--launching-speed", "18"]
+    assert command.main(["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9", *launch]) == 0
     assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
     ours, copy = load_policy(Path("run")), load_policy(Path("copy"))
-    control = dataclasses.replace(ours.card.env.control, braking=4.0, stopping_time=0.9)
+    control = dataclasses.replace(ours.card.env.control, braking=4.0, stopping_time=0.9, launching=6.0, launching_speed=18.0)
     assert copy.card.env == dataclasses.replace(ours.card.env, control=control)
     assert copy.card.weights_sha256 == ours.card.weights_sha256
     assert command.main(["copy", "--to", "again"]) == 0

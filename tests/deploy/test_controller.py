@@ -139,6 +139,23 @@ def test_a_stop_is_as_gentle_here(fresh, shipped):
     assert told[0] == 0.0
 
 
+def test_a_launch_is_as_gentle_here(onboard, shipped, tmp_path):
+    control = dataclasses.replace(shipped.card.env.control, launching=6.0, launching_speed=18.0)
+    env = dataclasses.replace(shipped.card.env, control=control)
+    policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
+    write_bundle(tmp_path / "bundle", policy)
+    controller = onboard.controller.Controller(tmp_path / "bundle")
+    ease, told = jax.jit(lambda told, asked: eased(told, asked, control)), jnp.zeros(3)
+    for k, forward in enumerate([13.0] * 600 + [6.0] * 200 + [8.0] * 100):
+        asked = (forward, 0.1, 0.2)
+        controller.step(standing(k * DT), asked, k * DT)
+        told = ease(told, jnp.asarray(asked))
+        np.testing.assert_allclose(controller.command, told, atol=2e-5)
+        if k == 500:
+            assert 10.0 < told[0] < 10.4  # 18 (1 - exp(-2.5 / 3))
+    assert told[0] > 7.9
+
+
 def test_a_tick_takes_less_than_a_millisecond(fresh):
     """Of the processor; of five batches the best, as others may share its core's caches."""
     batches = np.zeros((5, 200))

@@ -18,6 +18,7 @@ from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
 AT_ONCE, GENTLY = ControlConfig(), ControlConfig(braking=4.0, stopping_time=0.9)
+LAUNCHED = ControlConfig(launching=6.0, launching_speed=18.0)
 KEY = jax.random.PRNGKey(0)
 
 
@@ -179,6 +180,24 @@ def test_only_what_takes_speed_from_a_robot_on_its_way_forward_is_eased():
     assert back[-1] == -1.0
 
 
+def test_a_launch_is_an_exponential():
+    """At 6 m/s2 from a stand, and towards 18 m/s: v = 18 (1 - exp(-6 t / 18))."""
+    forward = told(12.0, 0.0, LAUNCHED)
+    law = 18.0 * (1.0 - np.exp(-specs.CONTROL_STEP * np.arange(len(forward)) / 3.0))
+    np.testing.assert_allclose(forward, np.minimum(law, 12.0), atol=0.011)  # Euler's steps, as above
+    assert forward[-1] == 12.0
+    constant = told(12.0, 0.0, ControlConfig(launching=6.0))
+    np.testing.assert_allclose(constant, np.minimum(0.03 * np.arange(len(constant)), 12.0), atol=1e-4)
+
+
+def test_only_what_gives_speed_to_a_robot_on_its_way_forward_is_launched():
+    assert told(3.0, 10.0, LAUNCHED)[1] == 3.0
+    assert told(25.0, 20.0, LAUNCHED)[1] == 20.0  # faster than it would rise to
+    assert told(5.01, 5.0, LAUNCHED)[1] == np.float32(5.01)  # slower than it may be
+    assert told(9.0, -1.0, LAUNCHED)[1] == np.float32(0.03)  # backwards it is the policy's business
+    assert told(-1.0, 0.0, LAUNCHED)[1] == -1.0
+
+
 def test_in_training_commands_are_eased_likewise():
     start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
     rates = []
@@ -192,6 +211,18 @@ def test_in_training_commands_are_eased_likewise():
     assert too_fast > 0.5
     assert eased <= 4.001
     assert within <= 1e-3
+
+
+def test_in_training_commands_are_launched_likewise():
+    start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
+    beyond = []
+    for control in (AT_ONCE, LAUNCHED):
+        _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
+        forward = np.asarray(currents)[:, 0]
+        rises, now = np.diff(forward) / specs.CONTROL_STEP, forward[:-1]
+        beyond.append((rises - 6.0 * (1.0 - now / 18.0))[now >= 0.0].max())
+    assert beyond[0] > 1.0
+    assert beyond[1] <= 1e-2
 
 
 def segment(target: float, hold: float = 0.1) -> commands.CommandState:

@@ -117,6 +117,8 @@ class Controller:
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._braking = control.get("braking") or math.inf
         self._stopping_time = control.get("stopping_time") or 0.0
+        self._launching = control.get("launching") or math.inf
+        self._launching_speed = control.get("launching_speed") or math.inf
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -226,7 +228,10 @@ class Controller:
             speed = float(np.linalg.norm(self.command[:2]))
             slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
             told = self.command * np.float32(slower)
-        forward = self.command[0]
+        forward = float(self.command[0])
+        if self._launching < math.inf:
+            share = min(max(1.0 - forward / self._launching_speed, 0.0), 1.0)
+            told[0] = min(told[0], max(forward, 0.0) + self._dt * self._launching * share)
         if forward > 0.0:
             rate = min(self._braking, (forward + EASE) / self._stopping_time if self._stopping_time else math.inf)
             told[0] = max(told[0], max(forward - self._dt * rate, 0.0))

@@ -1,11 +1,13 @@
 """What a benchmark is run with, and what a reader must know to run it again."""
 
 import functools
+import math
 
 import jax
 import mujoco
 
 from bp2_rl.config import config_hash
+from bp2_rl.env.commands import EASE
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.operator import HeadingHold
@@ -13,6 +15,7 @@ from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
+from bp2_rl.settings.env import ControlConfig
 
 OWN = "card's own"
 BACKENDS = {"mujoco": functools.partial(rollout_mujoco, machine=SwiftMachine), "mjx": rollout_mjx}
@@ -65,6 +68,7 @@ def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> d
         "weights_sha256": policy.card.weights_sha256,
         "simulator": simulator,
         "operator": describe_operator(setup.operator),
+        "controller": describe_easing(policy.card.env.control),
     }
 
 
@@ -117,6 +121,22 @@ def describe_operator(operator: HeadingHold) -> str:
         f"left, at most {operator.limit:g} rad/s, on straight commands; sees the true heading and offset, without "
         "noise or delay"
     )
+
+
+def describe_easing(control: ControlConfig) -> str:
+    """What the controller makes of a forward command before the policy is told it, in one line."""
+    rise, fall = [], []
+    if math.isfinite(control.launching):
+        share = f" x (1 - v / {control.launching_speed:g} m/s)" if math.isfinite(control.launching_speed) else ""
+        rise.append(f"{control.launching:g} m/s²{share}")
+    if math.isfinite(control.braking):
+        fall.append(f"{control.braking:g} m/s²")
+    if control.stopping_time:
+        fall.append(f"(v + {EASE:g} m/s) / {control.stopping_time:g} s")
+    limits = [f"{way} at no more than {' and '.join(rates)}" for way, rates in (("rises", rise), ("falls", fall)) if rates]
+    if not limits:
+        return "the policy is told the command as it is"
+    return f"the forward command v that the policy is told {', and '.join(limits)}"
 
 
 def describe_simulator(backend: str, hardware: HardwareSpec) -> str:

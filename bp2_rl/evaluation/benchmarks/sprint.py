@@ -1,6 +1,7 @@
 """100 m from a standing start, on one lane: the paper's race against people."""
 
 import dataclasses
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -117,9 +118,12 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def race(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule: to the speed and the acceleration that the card names, if it does."""
+    """The schedule: to the speed and the acceleration that the card names, if it does; else as fast as the policy's
+    controller launches, if it does."""
     speed = setup.speed or speed_to_command(policy, "sprint")
-    acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or ACCELERATION
+    launching = policy.card.env.control.launching
+    usual = launching if math.isfinite(launching) else ACCELERATION
+    acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
     if speed / acceleration >= TIME_LIMIT:
         raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
     return Ramp((speed, 0.0, 0.0), acceleration=acceleration, hold=TIME_LIMIT - speed / acceleration)
