@@ -82,4 +82,4 @@ def export(config: ExportConfig) -> None:
     save_policy(config.to, policy)
     print(f"exported {config.run} to {config.to}")
     if eased:
-        print(f"what its card says of launches and stops is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")
+        print(f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")

@@ -1,6 +1,7 @@
 """The MDP's settings: frozen dataclasses, written whole into every run and every exported policy."""
 
 import dataclasses
+import math
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -41,10 +42,9 @@ class ControlConfig:
     stopping_time: Amount = 0.0
     """s, in which it falls by itself and 0.5 m/s, at most: who stands while the trunk still moves, falls"""
     launching: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
-    """m/s2, at which it rises at most from a stand, and by less the faster it is: legs that follow a reference far ahead
-    of the trunk slip under it"""
+    """m/s2, at which it rises at most from a stand: who is far behind the command gathers speed more slowly"""
     launching_speed: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
-    """m/s, at which it would rise no more: a straight line from `launching`, as a motor's torque falls with its speed"""
+    """m/s, at which it would rise no more: the rate falls from `launching` along a straight line"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
     """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
 
@@ -192,6 +192,8 @@ class EnvConfig:
         speed, fastest = self.curriculum.start_speed, self.commands.max_forward
         if speed is not None and speed > fastest:
             raise UserError(f"curriculum.start_speed ({speed:g}) must be at most commands.max_forward ({fastest:g})")
+        if self.control.launching_speed < math.inf and self.control.launching == math.inf:
+            raise UserError("control.launching_speed needs control.launching, m/s2: the rise from a stand")
         if self.commands.hold_time[1] == 0.0:
             raise UserError("commands.hold_time must end above 0")
 

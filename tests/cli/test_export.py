@@ -154,7 +154,8 @@ def test_the_copys_launches_and_stops_can_be_eased(capsys):
     assert command.main(["run", "--to", "copy", "--braking", "4", "--stopping-time", "0.9", *launch]) == 0
     assert "python eval.py copy --benchmark manoeuvres" in capsys.readouterr().out
     ours, copy = load_policy(Path("run")), load_policy(Path("copy"))
-    control = dataclasses.replace(ours.card.env.control, braking=4.0, stopping_time=0.9, launching=6.0, launching_speed=18.0)
+    law = {"braking": 4.0, "stopping_time": 0.9, "launching": 6.0, "launching_speed": 18.0}
+    control = dataclasses.replace(ours.card.env.control, **law)
     assert copy.card.env == dataclasses.replace(ours.card.env, control=control)
     assert copy.card.weights_sha256 == ours.card.weights_sha256
     assert command.main(["copy", "--to", "again"]) == 0

@@ -133,7 +133,8 @@ def describe_easing(control: ControlConfig) -> str:
         fall.append(f"{control.braking:g} m/s²")
     if control.stopping_time:
         fall.append(f"(v + {EASE:g} m/s) / {control.stopping_time:g} s")
-    limits = [f"{way} at no more than {' and '.join(rates)}" for way, rates in (("rises", rise), ("falls", fall)) if rates]
+    ways = {"rises": rise, "falls": fall}
+    limits = [f"{way} at no more than {' and '.join(rates)}" for way, rates in ways.items() if rates]
     if not limits:
         return "the policy is told the command as it is"
     return f"the forward command v that the policy is told {', and '.join(limits)}"
