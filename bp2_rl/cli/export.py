@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.errors import UserError
-from bp2_rl.settings.env import EASING
+from bp2_rl.settings.env import COMMAND_LIMITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ def export(config: ExportConfig) -> None:
     from bp2_rl.learning.policy import load_policy, save_policy
 
     policy = load_policy(config.run)
-    eased = {name: value for name in EASING if (value := getattr(config, name)) is not None}
+    eased = {name: value for name in COMMAND_LIMITS if (value := getattr(config, name)) is not None}
     env = policy.card.env
     env = dataclasses.replace(env, control=dataclasses.replace(env.control, **eased))  # refuses what cannot be
     policy = dataclasses.replace(policy, card=dataclasses.replace(policy.card, env=env))

@@ -46,7 +46,8 @@ class Launch:
 
     def ramp(self, env: EnvConfig) -> Ramp:
         """What is commanded."""
-        return Ramp((env.commands.max_forward, 0.0, 0.0), acceleration=self.acceleration, hold=self.hold)
+        ramp = Ramp((env.commands.max_forward, 0.0, 0.0), acceleration=self.acceleration, hold=self.hold)
+        return ramp.under(env.control)
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Who is launched."""

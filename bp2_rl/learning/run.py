@@ -33,7 +33,7 @@ from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.settings.env import EASING, ControlConfig, upgrade
+from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig, upgrade
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
@@ -176,7 +176,9 @@ def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict
     """What the newest checkpoint of the run `parent` gives to a state of `shape`, and what it is."""
     old = load_run_config(parent)
     names = [f"ppo.{name}" for name in NETWORK]
-    names += [f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in EASING]
+    names += [
+        f"env.control.{field.name}" for field in dataclasses.fields(ControlConfig) if field.name not in COMMAND_LIMITS
+    ]
     for name in names:
         theirs, ours = (operator.attrgetter(name)(settings) for settings in (old, config))
         if theirs != ours:

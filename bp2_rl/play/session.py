@@ -180,7 +180,9 @@ class Session:
         now = self._asked
         control = self.config.control
         braking = min(control.braking, ACCELERATION if control.stopping_time else BRAKING)
-        launching = control.launching if math.isfinite(control.launching) else ACCELERATION
+        launching = ACCELERATION
+        if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once
+            launching = control.launching * max(1.0 - max(now.speed, 0.0) / control.launching_speed, 0.0)
         speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, launching * dt))
         # As in training: what friction holds.
         most = min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6))

@@ -49,8 +49,8 @@ class ControlConfig:
     """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
 
 
-EASING = ("braking", "stopping_time", "launching", "launching_speed")
-"""Fields of `ControlConfig`: how gently the command rises and falls, not what the policy sees and does."""
+COMMAND_LIMITS = ("braking", "stopping_time", "launching", "launching_speed")
+"""Fields of `ControlConfig`: how fast the command rises and falls, not what the policy sees and does."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,8 +192,14 @@ class EnvConfig:
         speed, fastest = self.curriculum.start_speed, self.commands.max_forward
         if speed is not None and speed > fastest:
             raise UserError(f"curriculum.start_speed ({speed:g}) must be at most commands.max_forward ({fastest:g})")
-        if self.control.launching_speed < math.inf and self.control.launching == math.inf:
-            raise UserError("control.launching_speed needs control.launching, m/s2: the rise from a stand")
+        control = self.control
+        if control.launching_speed < math.inf and control.launching == math.inf:
+            raise UserError("control.launching_speed needs control.launching, m/s2; for no limit set both to inf")
+        if fastest >= control.launching_speed:
+            raise UserError(
+                f"commands.max_forward ({fastest:g}) must be below control.launching_speed "
+                f"({control.launching_speed:g}): no command rises so far"
+            )
         if self.commands.hold_time[1] == 0.0:
             raise UserError("commands.hold_time must end above 0")
 

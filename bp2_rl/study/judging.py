@@ -75,7 +75,7 @@ def _judge(policy: Policy, wall_time: float | None) -> Judgement:
     top = policy.card.env.commands.max_forward
 
     def held(speed: float) -> RunMetrics:
-        ramp = Ramp((min(speed, top), 0.0, 0.0), hold=JUDGED_HOLD)
+        ramp = Ramp((min(speed, top), 0.0, 0.0), hold=JUDGED_HOLD).under(policy.card.env.control)
         return measure(rollout_mujoco(policy, ramp, policy.card.env, machine=SwiftMachine))
 
     best, falls = 0.0, 0

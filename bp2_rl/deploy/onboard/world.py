@@ -1,6 +1,7 @@
 """The world that a controller is rehearsed in: a robot in C MuJoCo, its operator, and the links to both."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,7 @@ class World:
         settings = read_settings(folder)
         self.robot, self.plan = Robot(folder, robot), plan
         self._operator, self._most = settings["operator"], settings["command"]["most"]
+        control = settings["control"]
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(plan.loss, 0.0, plan.seed)
         self._in: BadLink[Targets] = BadLink(plan.loss, plan.late, plan.seed + 1)
         self._targets = Targets(np.array(settings["control"]["stand"]), np.zeros(12))
@@ -63,6 +65,9 @@ class World:
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
+        self._launching = control.get("launching") or math.inf
+        self._launching_speed = control.get("launching_speed") or math.inf
+        self._told = 0.0
 
     @property
     def lost(self) -> tuple[int, int]:
@@ -116,7 +121,9 @@ class World:
         """The operator's command: the plan's speed, trimmed until the robot runs it, and a yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
         hold, forward = self._operator, self.plan.forward(time)
-        if time >= self.plan.ramp:
+        rise = self._launching * max(1.0 - self._told / self._launching_speed, 0.0)
+        self._told = min(forward, self._told + TICK * DT * rise)  # as the controller takes it
+        if self._told >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)
         rate = -hold["heading_gain"] * yaw - hold["lane_gain"] * y

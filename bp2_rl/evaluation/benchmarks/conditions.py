@@ -109,7 +109,13 @@ def describe_limits(hardware: HardwareSpec) -> str:
 
 def describe_ramp(ramp: Ramp) -> str:
     """The schedule in one line."""
-    return f"from a stand to {ramp.target[0]:g} m/s at {ramp.acceleration:g} m/s², then hold for {ramp.hold:g} s"
+    return f"from a stand to {ramp.target[0]:g} m/s {describe_rise(ramp)}, then hold for {ramp.hold:g} s"
+
+
+def describe_rise(ramp: Ramp) -> str:
+    """How fast the command rises, in a few words."""
+    limit = _launching(ramp)
+    return f"at {ramp.acceleration:g} m/s²{f', and at no more than {limit}' if limit else ''}"
 
 
 def describe_operator(operator: HeadingHold) -> str:
@@ -125,19 +131,24 @@ def describe_operator(operator: HeadingHold) -> str:
 
 def describe_easing(control: ControlConfig) -> str:
     """What the controller makes of a forward command before the policy is told it, in one line."""
-    rise, fall = [], []
-    if math.isfinite(control.launching):
-        share = f" x (1 - v / {control.launching_speed:g} m/s)" if math.isfinite(control.launching_speed) else ""
-        rise.append(f"{control.launching:g} m/s²{share}")
+    fall = []
     if math.isfinite(control.braking):
         fall.append(f"{control.braking:g} m/s²")
     if control.stopping_time:
         fall.append(f"(v + {EASE:g} m/s) / {control.stopping_time:g} s")
-    ways = {"rises": rise, "falls": fall}
-    limits = [f"{way} at no more than {' and '.join(rates)}" for way, rates in ways.items() if rates]
+    ways = {"rises": _launching(control), "falls": ", nor than ".join(fall)}
+    limits = [f"{way} no faster than {rate}" for way, rate in ways.items() if rate]
     if not limits:
         return "the policy is told the command as it is"
     return f"the forward command v that the policy is told {', and '.join(limits)}"
+
+
+def _launching(of: ControlConfig | Ramp) -> str:
+    """How fast a command v rises at most; nothing where there is no limit."""
+    if not math.isfinite(of.launching):
+        return ""
+    share = f" x (1 - v / {of.launching_speed:g} m/s)" if math.isfinite(of.launching_speed) else ""
+    return f"{of.launching:g} m/s²{share}"
 
 
 def describe_simulator(backend: str, hardware: HardwareSpec) -> str:

@@ -13,6 +13,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     BACKENDS,
     conditions,
     describe_command,
+    describe_rise,
     describe_simulator,
     on_card,
     robot_of,
@@ -124,15 +125,16 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     launching = policy.card.env.control.launching
     usual = launching if math.isfinite(launching) else ACCELERATION
     acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
-    if speed / acceleration >= TIME_LIMIT:
+    ramp = Ramp((speed, 0.0, 0.0), acceleration=acceleration).under(policy.card.env.control)
+    if ramp.steady_from >= TIME_LIMIT:
         raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
-    return Ramp((speed, 0.0, 0.0), acceleration=acceleration, hold=TIME_LIMIT - speed / acceleration)
+    return dataclasses.replace(ramp, hold=TIME_LIMIT - ramp.steady_from)
 
 
 def describe_race(ramp: Ramp) -> str:
     """The schedule in one line."""
     return (
-        f"from a stand; the command rises at {ramp.acceleration:g} m/s² to {ramp.target[0]:g} m/s and stays there to "
+        f"from a stand; the command rises {describe_rise(ramp)} to {ramp.target[0]:g} m/s and stays there to "
         f"the end of {TRACK:g} m, for {TIME_LIMIT:g} s at most; the clock starts when it begins to rise"
     )
 

@@ -53,7 +53,7 @@ def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
         (setup.speed or speed_to_command(policy), 0.0, 0.0),
         acceleration=setup.acceleration or ACCELERATION,
         hold=setup.hold or TOPSPEED_HOLD,
-    )
+    ).under(policy.card.env.control)
 
 
 def follows(metrics: RunMetrics) -> bool:

@@ -97,18 +97,21 @@ class Try:
 
     robot: HardwareSpec
     operator: HeadingHold
-    speed: float  # m/s, commanded
-    acceleration: float  # m/s2, of the command
+    rise: Ramp  # to the speed commanded, but for its hold
     network: Network
     limit: float  # C, of a winding
     longest: float  # s of heat
     pace: float
     cold_lap: float = LAP  # s, the last before the clock starts
 
+    def at(self, speed: float) -> "Try":
+        """The same at another speed, m/s."""
+        return dataclasses.replace(self, rise=dataclasses.replace(self.rise, target=(speed, 0.0, 0.0)))
+
     @property
     def ramp(self) -> Ramp:
         """The schedule."""
-        return Ramp((self.speed, 0.0, 0.0), self.acceleration, hold=EASING + self.cold_lap + self.longest / self.pace)
+        return dataclasses.replace(self.rise, hold=EASING + self.cold_lap + self.longest / self.pace)
 
     @property
     def start(self) -> float:

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.bounds import Positive, check_bounds
+from bp2_rl.errors import UserError
+from bp2_rl.settings.env import ControlConfig
 
 ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
@@ -34,20 +36,37 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Ramp:
-    """From rest to a target at constant acceleration, then hold."""
+    """From rest to a target at constant acceleration, or as slowly as a controller tells its policy, then hold.
+
+    Where that limit is the lower one the speed v rises as dv/dt = launching (1 - v / launching_speed), an exponential.
+    """
 
     target: Command
     acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
     hold: Positive = 20.0  # s
+    launching: float = math.inf  # m/s2, as `ControlConfig` has them
+    launching_speed: float = math.inf  # m/s
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         check_bounds(self, "ramp.")
+        if self._speed >= self.launching_speed:
+            raise UserError(
+                f"{self._speed:g} m/s is never reached: the policy's control.launching_speed is "
+                f"{self.launching_speed:g} m/s"
+            )
+
+    def under(self, control: ControlConfig) -> "Ramp":
+        """The same as this controller's policy is told it."""
+        return dataclasses.replace(self, launching=control.launching, launching_speed=control.launching_speed)
 
     @property
     def steady_from(self) -> float:
         """When the target is reached, s; a pure turn has no ramp."""
-        return math.hypot(*self.target[:2]) / self.acceleration
+        if self._speed <= self._knee:
+            return self._speed / self._rate
+        left = (self.launching_speed - self._speed) / (self.launching_speed - self._knee)
+        return self._knee / self._rate - math.log(left) * self._time_constant
 
     @property
     def duration(self) -> float:
@@ -56,8 +75,35 @@ class Ramp:
 
     def command(self, time: float) -> Float[np.ndarray, "3"]:
         """The command at a time."""
-        share = min(time / self.steady_from, 1.0) if self.steady_from > 0 else 1.0
-        return share * np.array(self.target)
+        if time >= self.steady_from:
+            return np.array(self.target)
+        since = time - self._knee / self._rate
+        if since <= 0.0:
+            return time / (self._speed / self._rate) * np.array(self.target)
+        left = (self.launching_speed - self._knee) * math.exp(-since / self._time_constant)
+        return (self.launching_speed - left) / self._speed * np.array(self.target)
+
+    @property
+    def _speed(self) -> float:
+        """m/s."""
+        return math.hypot(*self.target[:2])
+
+    @property
+    def _rate(self) -> float:
+        """m/s2, at first."""
+        return min(self.acceleration, self.launching)
+
+    @property
+    def _knee(self) -> float:
+        """m/s, from which on it is the exponential."""
+        if self.launching == math.inf or self.launching_speed == math.inf:
+            return math.inf
+        return self.launching_speed * (1.0 - self._rate / self.launching)
+
+    @property
+    def _time_constant(self) -> float:
+        """s, of the exponential."""
+        return self.launching_speed / self.launching
 
 
 @dataclasses.dataclass(frozen=True)

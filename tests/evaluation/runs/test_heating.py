@@ -136,6 +136,6 @@ def _run(policy, hardware, action, **motor):
 
 
 def test_a_try_starts_its_clock_after_a_cold_lap_in_steady_gait():
-    one = Try(IDEAL, HEADING_HOLD, 10.74, 2.4, SHUT, 180.0, longest=80.0, pace=8.0)
+    one = Try(IDEAL, HEADING_HOLD, Ramp((10.74, 0.0, 0.0), 2.4), SHUT, 180.0, longest=80.0, pace=8.0)
     assert one.start == pytest.approx(10.74 / 2.4 + 2.0 + LAP, abs=UPDATE * 1e-3)
     assert one.ramp.duration - one.start == pytest.approx(10.0, abs=UPDATE * 1e-3)

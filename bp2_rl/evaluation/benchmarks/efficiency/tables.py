@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.efficiency.measured import RETURNED, EfficiencyMetrics, Energy
 from bp2_rl.evaluation.benchmarks.outcome import Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.run_tables import ENERGY
@@ -164,6 +165,6 @@ def efficiency_results(metrics: EfficiencyMetrics) -> dict[str, Any]:
 def describe_runs(ramp: Ramp, commands: tuple[float, ...]) -> str:
     """The schedules in one line."""
     return (
-        f"from a stand to {', '.join(f'{speed:g}' for speed in commands)} m/s at {ramp.acceleration:g} m/s², then hold "
+        f"from a stand to {', '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}, then hold "
         f"for {ramp.hold:g} s; accounted for are the whole strides of that, but of its first 1.5 s at the most"
     )

@@ -48,12 +48,12 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Calibrate the motor, then hold the paper's speed and the top one."""
     robot, top = robot_of(policy, setup), ramp.target[0]
     commands = tuple(dict.fromkeys((SPEED, top)))
-    gait = Try(robot, setup.operator, SPEED, ramp.acceleration, _network(setup.heat), math.inf, longest=0.0, pace=1.0)
+    gait = Try(robot, setup.operator, ramp, _network(setup.heat), math.inf, longest=0.0, pace=1.0).at(SPEED)
     scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
     others = () if setup.quick else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
     laps = [
         dataclasses.replace(gait, cold_lap=CALIBRATION),
-        *(dataclasses.replace(gait, speed=speed) for speed in scan),
+        *(gait.at(speed) for speed in scan),
         *(dataclasses.replace(gait, robot=other) for other in others),
     ]
     ran = [run.endured for run in run_hot(policy, laps)]
@@ -63,7 +63,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     full = dataclasses.replace(gait, network=_network(heat), limit=heat.limit, longest=ramp.hold)
     fast = dataclasses.replace(full, pace=PACE)
     kinds = [fast] if setup.quick else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
-    hot = run_hot(policy, [dataclasses.replace(kind, speed=speed) for kind in kinds for speed in commands])
+    hot = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
     by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
     runs, cheap = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
     limitless = [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.endurance.measured import AtSpeed, EnduranceMetrics, Held, joint_of
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show
 from bp2_rl.evaluation.runs.heating import EASING, LAP, MARGIN, UPDATE, Endured
@@ -311,7 +312,7 @@ def endurance_results(metrics: EnduranceMetrics) -> dict[str, Any]:
 def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
     """The schedules in one line."""
     return (
-        f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s at {ramp.acceleration:g} m/s²; "
+        f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}; "
         f"{EASING + LAP:g} s later the clock starts with motors as warm as the air, and the command is held until a "
         f"winding is at its limit, or the speed over a second is below {MARGIN:.0%} of the cold one (no torque "
         f"margin), or the robot falls; {ramp.hold:g} s at most"

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.mechanism.measured import Decomposed, MechanismMetrics
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.runs.forces import THROUGH, WITHIN
@@ -145,6 +146,6 @@ def mechanism_results(metrics: MechanismMetrics) -> dict[str, Any]:
 def describe_runs(ramp: Ramp, commands: tuple[float, ...]) -> str:
     """The schedules in one line."""
     return (
-        f"from a stand to {', '.join(f'{speed:g}' for speed in commands)} m/s at {ramp.acceleration:g} m/s², then hold "
+        f"from a stand to {', '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}, then hold "
         f"for {ramp.hold:g} s; looked at are the last whole strides of that, at most 8"
     )

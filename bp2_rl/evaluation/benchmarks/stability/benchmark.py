@@ -8,7 +8,13 @@ import dataclasses
 
 from bp2_rl.env.controller import motion_of
 from bp2_rl.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    describe_command,
+    describe_rise,
+    describe_simulator,
+    robot_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.stability import figures
@@ -57,7 +63,7 @@ def stability(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
                 asked=speed,
                 speed=near,
                 ticks=ticks,
-                acceleration=ramp.acceleration,
+                rise=dataclasses.replace(ramp, target=(near, 0.0, 0.0)),
                 robot=robot,
                 operator=setup.operator,
                 seed=setup.seed or 0,
@@ -123,7 +129,7 @@ def describe_strides(asked: list[Try]) -> str:
     said = (f"{one.speed:.3f} m/s (stride {1e3 * one.period:g} ms)" for one in asked)
     extent = asked[0].extent
     return (
-        f"from a stand at {asked[0].acceleration:g} m/s² to {' and '.join(said)}; {extent.easing} strides dropped, "
+        f"from a stand {describe_rise(asked[0].rise)} to {' and '.join(said)}; {extent.easing} strides dropped, "
         f"{extent.strides} measured"
     )
 

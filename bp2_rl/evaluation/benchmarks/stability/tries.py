@@ -74,7 +74,7 @@ class Try:
     asked: float  # m/s
     speed: float  # m/s, with a stride of ...
     ticks: int  # ... so many control steps
-    acceleration: float  # m/s2, to it
+    rise: Ramp  # to it, but for its hold
     robot: HardwareSpec
     operator: HeadingHold
     seed: int
@@ -95,7 +95,7 @@ def try_speed(policy: Policy, one: Try) -> Found:
     extent, noise = one.extent, RandomizationConfig()
     flock = Flock(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
     share = np.append(np.ones(extent.robots), 0.0)  # of the noise: the last robot has none
-    commands = sampled_commands(Ramp((one.speed, 0.0, 0.0), one.acceleration, one.period * extent.easing))
+    commands = sampled_commands(dataclasses.replace(one.rise, hold=one.period * extent.easing))
     start = flock.standing(len(share), commands[0])
     scheduled = np.repeat(commands[1:, None], len(share), axis=1)
     eased, down, _ = flock.run(start, scheduled, seed=one.seed, noisy=share)

@@ -12,6 +12,7 @@ from bp2_rl.evaluation.benchmarks.stability.orbit import TICK, Orbit, whole_stri
 from bp2_rl.evaluation.benchmarks.stability.tries import FULL, Try, _of_deviations, pushed_by
 from bp2_rl.evaluation.runs.flock import Flock
 from bp2_rl.evaluation.runs.operator import HeadingHold
+from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
@@ -110,7 +111,7 @@ class Linear(Orbit):
 
 @pytest.mark.parametrize("later", [False, True])
 def test_deviations_have_the_maps_radius_also_a_stride_later(later):
-    one = Try(10.0, 10.0, 60, 2.4, IDEAL, HeadingHold(), 0, FULL)
+    one = Try(10.0, 10.0, 60, Ramp((10.0, 0.0, 0.0)), IDEAL, HeadingHold(), 0, FULL)
     rng = np.random.default_rng(0)
     found = _of_deviations(Linear(), np.array([1.0, 0.1, 10.0]), 0.5, rng, one, "", later=later)
     assert found is not None
