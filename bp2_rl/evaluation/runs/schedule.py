@@ -2,16 +2,17 @@
 
 import dataclasses
 import math
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.bounds import Positive, check_bounds
+from bp2_rl.bounds import Positive, Within, check_bounds
 from bp2_rl.errors import UserError
 from bp2_rl.settings.env import ControlConfig
 
 ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
 
 
@@ -44,8 +45,8 @@ class Ramp:
     target: Command
     acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
     hold: Positive = 20.0  # s
-    launching: float = math.inf  # m/s2, as `ControlConfig` has them
-    launching_speed: float = math.inf  # m/s
+    launching: Limit = math.inf  # m/s2, as `ControlConfig` has them
+    launching_speed: Limit = math.inf  # m/s
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
