@@ -111,7 +111,8 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
 
 
 def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp_path):
-    control = dataclasses.replace(shipped.card.env.control, clock_at_rest=False)
+    at_once = {"launching": np.inf, "launching_speed": np.inf}
+    control = dataclasses.replace(shipped.card.env.control, clock_at_rest=False, **at_once)
     env = dataclasses.replace(shipped.card.env, control=control)
     policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
     write_bundle(tmp_path / "bundle", policy)
@@ -131,11 +132,12 @@ def test_a_stop_is_as_gentle_here(fresh, shipped):
     assert np.isfinite(control.braking)
     assert control.stopping_time > 0.0
     ease, told = jax.jit(lambda told, asked: eased(told, asked, control)), jnp.zeros(3)
-    for k, forward in enumerate([10.0] * 5 + [6.0] * 300 + [0.0] * 700):
+    for k, forward in enumerate([10.0] * 500 + [6.0] * 300 + [0.0] * 700):
         asked = (forward, 0.1, 0.2)
         fresh.step(standing(k * DT), asked, k * DT)
         told = ease(told, jnp.asarray(asked))
-        np.testing.assert_allclose(fresh.command, told, atol=1e-5)
+        np.testing.assert_allclose(fresh.command, told, atol=2e-5)
+        assert k != 499 or told[0] == 10.0
     assert told[0] == 0.0
 
 
@@ -265,7 +267,7 @@ def test_a_silent_operator_brakes_the_robot_to_a_stand(fresh, silence):
 
 def test_a_command_is_kept_within_what_was_trained(fresh, shipped):
     commands = shipped.card.env.commands
-    run(fresh, 0.0, 0.01, standing, (99.0, -99.0, 99.0))
+    run(fresh, 0.0, 6.5, standing, (99.0, -99.0, 99.0))  # a launch takes its time
     most = commands.max_forward, -commands.max_lateral, commands.max_yaw_rate
     assert fresh.command == pytest.approx(most)
 

@@ -170,7 +170,7 @@ def test_a_stop_is_a_ramp_and_then_an_exponential():
 
 
 def test_only_what_takes_speed_from_a_robot_on_its_way_forward_is_eased():
-    assert told(9.0, 2.0)[1] == 9.0  # to launch is the policy's business
+    assert told(9.0, 2.0)[1] == 9.0
     assert told(-1.0, 0.0)[1] == -1.0
     assert told(2.0, -1.0)[1] == 2.0
     assert told(9.99, 10.0)[1] == np.float32(9.99)  # slower than it may be
@@ -194,7 +194,7 @@ def test_only_what_gives_speed_to_a_robot_on_its_way_forward_is_launched():
     assert told(3.0, 10.0, LAUNCHED)[1] == 3.0
     assert told(25.0, 20.0, LAUNCHED)[1] == 20.0  # faster than it would rise to
     assert told(5.01, 5.0, LAUNCHED)[1] == np.float32(5.01)  # slower than it may be
-    assert told(9.0, -1.0, LAUNCHED)[1] == np.float32(0.03)  # backwards it is the policy's business
+    assert told(9.0, -1.0, LAUNCHED)[1] == np.float32(0.03)  # who goes backwards may be stopped at once
     assert told(-1.0, 0.0, LAUNCHED)[1] == -1.0
 
 
@@ -259,6 +259,8 @@ NAN, INF = float("nan"), float("inf")
         ("commands.limit_fraction", -0.5),
         ("control.action_scale", 0.0),
         ("control.action_limit", -1.0),
+        ("control.launching", 0.0),
+        ("control.launching_speed", 18.0),  # says nothing without control.launching
         ("control.torque_rate", -1.0),
         ("control.torque_rate", -INF),
         ("curriculum.start_speed", 0.0),

@@ -3,6 +3,7 @@ import pytest
 from bp2_rl.config import from_json, to_json
 from bp2_rl.errors import UserError
 from bp2_rl.settings.cluster import ClusterConfig
+from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig
 from bp2_rl.settings.training import RunConfig, TrainConfig, make_config
 
 
@@ -41,3 +42,15 @@ def test_impossible_runs_are_refused_by_name(changes, line):
 def test_impossible_clusters_are_refused_by_the_flag(changes, line):
     with pytest.raises(UserError, match=f"^{line}"):
         ClusterConfig(**changes)
+
+
+def test_the_gpu_preset_launches_alike_in_both_stages():
+    for stage in ("imitation", "relaxed"):
+        control = make_config(stage, "gpu").env.control
+        assert (control.launching, control.launching_speed) == (6.0, 18.0)
+
+
+def test_commands_that_no_controller_tells_are_refused():
+    control = ControlConfig(launching=6.0, launching_speed=18.0)
+    with pytest.raises(UserError, match=r"commands\.max_forward \(20\) must be below control\.launching_speed \(18\)"):
+        EnvConfig(control=control, commands=CommandConfig(max_forward=20.0))

@@ -2,10 +2,12 @@
 
 import dataclasses
 
+import jax
 import mujoco
 import numpy as np
 import pytest
 
+from bp2_rl.env.commands import eased
 from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.rollout import rollout_mujoco
 from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
@@ -56,6 +58,24 @@ def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
     across = np.cos(yaw) * (session.qpos[1] - y) - np.sin(yaw) * (session.qpos[0] - x)
     assert abs(across) < 0.3
     assert session.falls == 0
+
+
+def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_stop_comes_at_once(session):
+    control = dataclasses.replace(session.config.control, launching=6.0, launching_speed=18.0)
+    own, session.config = session.config, dataclasses.replace(session.config, control=control)
+    try:
+        told, tell = np.zeros(3, np.float32), jax.jit(lambda told, asked: eased(told, asked, control))
+        for wish, steps in ((15.0, 520), (0.0, 40)):
+            session.wish = Wish(wish)
+            for _ in range(steps):
+                session._lead()
+                before, told = told, np.asarray(tell(told, np.array([session._asked.speed, 0.0, 0.0], np.float32)))
+                assert told[0] == pytest.approx(session._asked.speed, abs=1e-3)
+            if wish:
+                assert 10.0 < told[0] < 11.0  # 18 (1 - exp(-2.6 / 3))
+        assert told[0] < before[0] < 10.5
+    finally:
+        session.config = own
 
 
 def test_no_more_turn_is_asked_for_than_friction_holds(session):

@@ -218,6 +218,16 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
     np.testing.assert_allclose(steered.command[5:, 2], 0.1 * y[: len(steered) - 5], atol=1e-4)
 
 
+def test_a_policy_is_told_no_more_than_its_controller_launches():
+    """From a stand at 6 m/s2, towards 18 m/s: v = 18 (1 - exp(-t / 3 s)), though 30 m/s2 are asked for."""
+    control = dataclasses.replace(STANDING.control, launching=6.0, launching_speed=18.0)
+    asked = Ramp((3.0, 0.0, 0.0), acceleration=30.0, hold=0.2)
+    run = rollout_mujoco(no_action, asked, dataclasses.replace(STANDING, control=control))
+    assert run.command[-1, 0] > 1.5
+    np.testing.assert_allclose(run.command[:, 0], 18.0 * (1.0 - np.exp(-run.time / 3.0)), atol=0.035)  # ticks of 5 ms
+    assert np.all(run.command[:, 0] <= 6.0 * (run.time + 0.005))
+
+
 def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a log file
     machine = standing_start(STANDING)

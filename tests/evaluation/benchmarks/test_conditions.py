@@ -1,0 +1,53 @@
+import dataclasses
+import math
+
+import pytest
+
+from bp2_rl.assets import asset_path
+from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp
+from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.sprint import ACCELERATION, race
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
+from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.settings.env import ControlConfig
+
+
+@pytest.mark.parametrize(
+    ("control", "said"),
+    [
+        (ControlConfig(), "the policy is told the command as it is"),
+        (
+            ControlConfig(launching=6.0, launching_speed=18.0, braking=4.0, stopping_time=0.9),
+            "the forward command v that the policy is told rises no faster than 6 m/s² x (1 - v / 18 m/s), and falls "
+            "no faster than 4 m/s², nor than (v + 0.5 m/s) / 0.9 s",
+        ),
+        (ControlConfig(launching=6.0), "the forward command v that the policy is told rises no faster than 6 m/s²"),
+        (ControlConfig(braking=4.0), "the forward command v that the policy is told falls no faster than 4 m/s²"),
+    ],
+    ids=["as it is", "all", "launches", "stops"],
+)
+def test_what_a_controller_does_to_commands_is_said(control, said):
+    assert describe_easing(control) == said
+
+
+def test_a_schedule_says_what_its_controller_limits():
+    ramp = Ramp((9.0, 0.0, 0.0), 2.0, hold=3.0)
+    assert describe_ramp(ramp) == "from a stand to 9 m/s at 2 m/s², then hold for 3 s"
+    limited = ramp.under(ControlConfig(launching=6.0, launching_speed=18.0))
+    assert "at 2 m/s², and at no more than 6 m/s² x (1 - v / 18 m/s), then hold" in describe_ramp(limited)
+
+
+def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothing():
+    policy = load_policy(asset_path("policies/built"))
+    blank = dataclasses.replace(policy, card=dataclasses.replace(policy.card, results={}))
+    control = policy.card.env.control
+    assert math.isfinite(control.launching)
+    ramp = race(blank, Setup())
+    assert (ramp.acceleration, ramp.launching_speed) == (control.launching, control.launching_speed)
+    assert ramp.duration == pytest.approx(30.0)
+    assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
+    free = dataclasses.replace(blank.card.env, control=ControlConfig())
+    old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
+    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (ACCELERATION, math.inf)
+    assert ramp_to_topspeed(blank, Setup()).launching == control.launching
