@@ -90,11 +90,12 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
     """
     trained = Trained(shipped.card.env)
 
-    def tick(state, seen):
-        measured, command = seen
-        observation, state = trained.observe(state, command, Seen(*jnp.split(measured, [12, 24, 27])))
-        state, targets, _ = trained.act(state, command, shipped(observation))
-        return state, jnp.stack([targets.position, targets.velocity])
+    def tick(carry, seen):
+        (state, told), (measured, asked) = carry, seen
+        told = eased(told, asked, shipped.card.env.control)
+        observation, state = trained.observe(state, told, Seen(*jnp.split(measured, [12, 24, 27])))
+        state, targets, _ = trained.act(state, told, shipped(observation))
+        return (state, told), jnp.stack([targets.position, targets.velocity])
 
     measured, command, found = loop
     with jax.enable_x64(double):
@@ -103,7 +104,8 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
         command = jnp.asarray(command.astype(np.float32), dtype)
         start = trained.init()
         start = start.replace(phase=start.phase.astype(dtype), last_action=start.last_action.astype(jnp.float32))
-        _, targets = jax.jit(lambda *seen: jax.lax.scan(tick, start, seen))(jnp.asarray(measured, dtype), command)
+        first = start, jnp.zeros(3, dtype)
+        _, targets = jax.jit(lambda *seen: jax.lax.scan(tick, first, seen))(jnp.asarray(measured, dtype), command)
         position, velocity = np.abs(found - np.asarray(targets)).max(axis=(0, 2))
     assert len(found) == TICKS
     assert position <= position_error  # rad
