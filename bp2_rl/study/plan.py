@@ -46,6 +46,14 @@ VARIANTS: dict[str, Variant] = {
     ),
     "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
     "crooked": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
+    "hasty": Variant(
+        "commands told as steeply as they are asked for",
+        ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
+    ),
+    "restless": Variant("no reward for standing still", relaxed=("--env.reward.stand", "0"), imitation="ours"),
+    "ready": Variant(
+        "no wait before the first launch", relaxed=("--env.reset.standing-time", "0", "0"), imitation="ours"
+    ),
     "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
 }  # fmt: skip
 
