@@ -33,6 +33,8 @@ from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
+RUN_ONCE: Any = {"xla_backend_optimization_level": 0}
+"""For XLA, of a program that is run once on a CPU: half the time to compile it."""
 STUCK = "stuck"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
@@ -102,7 +104,9 @@ class PPO:
     def init(self, seed: int) -> TrainState:
         """The state before the first train step, spread over the mesh."""
         key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
-        return jax.jit(self._init, out_shardings=self.shardings())(key)
+        on_cpu = self.mesh.devices.flat[0].platform == "cpu"
+        options = RUN_ONCE if on_cpu else None
+        return jax.jit(self._init, out_shardings=self.shardings(), compiler_options=options)(key)
 
     @contextlib.contextmanager
     def compiling(self) -> Iterator[None]:

@@ -104,6 +104,11 @@ class Try:
     pace: float
     cold_lap: float = LAP  # s, the last before the clock starts
 
+    @property
+    def speed(self) -> float:
+        """m/s, commanded."""
+        return self.rise.target[0]
+
     def at(self, speed: float) -> "Try":
         """The same at another speed, m/s."""
         return dataclasses.replace(self, rise=dataclasses.replace(self.rise, target=(speed, 0.0, 0.0)))

@@ -145,7 +145,7 @@ def test_the_papers_speed_and_the_top_are_run_at_whole_strides(make_policy, aske
 def test_the_quick_version_runs_the_papers_speed_alone_and_faster(make_policy, asked, assert_fits):
     evaluation = evaluate(make_policy, Setup(quick=True, robots=3))
     (one,) = asked
-    assert (one.asked, one.acceleration, one.robot) == (10.74, 5.0, BUILT)
+    assert (one.asked, one.rise.acceleration, one.robot) == (10.74, 5.0, BUILT)
     assert one.extent == dataclasses.replace(module.QUICK, robots=3)
     assert_fits(evaluation)
 
