@@ -13,8 +13,8 @@ from bp2_rl.study.outcome import GOAL, Outcome, both_stages, interquartile_mean
 from bp2_rl.study.plan import VARIANTS
 
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
-LINES = ("-", (0, (4, 1.5)))
-STYLES = dict(zip(VARIANTS, itertools.product(LINES, COLORS), strict=True))
+LINES = ("-", (0, (4, 1.5)), (0, (1, 1)))
+STYLES = dict(zip(VARIANTS, itertools.product(LINES, COLORS), strict=False))
 """(line, colour) of each variant, the same in every figure."""
 
 

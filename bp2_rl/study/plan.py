@@ -46,6 +46,7 @@ VARIANTS: dict[str, Variant] = {
     ),
     "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
     "crooked": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
+    "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
     "hasty": Variant(
         "commands told as steeply as they are asked for",
         ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
@@ -54,7 +55,6 @@ VARIANTS: dict[str, Variant] = {
     "ready": Variant(
         "no wait before the first launch", relaxed=("--env.reset.standing-time", "0", "0"), imitation="ours"
     ),
-    "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
 }  # fmt: skip
 
 
