@@ -12,6 +12,7 @@ import dataclasses
 import importlib.metadata
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.specs import ROBOTS, HardwareSpec
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.env import COMMAND_LIMITS, EnvConfig
 
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
@@ -113,10 +114,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "action_limit": control.action_limit,
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
-            "braking": control.braking if math.isfinite(control.braking) else None,
-            "stopping_time": control.stopping_time,
-            "launching": control.launching if math.isfinite(control.launching) else None,
-            "launching_speed": control.launching_speed if math.isfinite(control.launching_speed) else None,
+            **_limits({name: getattr(control, name) for name in COMMAND_LIMITS}),
             "stand": list(specs.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},
@@ -147,10 +145,15 @@ def _machine(env: EnvConfig, hardware: HardwareSpec) -> dict[str, Any]:
     }
     bus, resistance = motors.bus, Resistance.from_hardware(hardware)
     return {
-        "drive": {name: value if math.isfinite(value) else None for name, value in drive.items()},
+        "drive": _limits(drive),
         "bus": None if bus is None else {name: getattr(bus, name) for name in ("power_out", "power_in", "sag")},
         "losses": None if resistance is None else {k: float(v) for k, v in vars(resistance).items()},
     }
+
+
+def _limits(values: Mapping[str, float]) -> dict[str, float | None]:
+    """The same in JSON, which has no infinity: where there is no limit, None."""
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
 def _texts(values: dict[str, Any]) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed curriculum."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -81,12 +82,16 @@ def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, "
     return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
 
 
+def launch_rate(speed: Any, config: ControlConfig, xp: Any = jnp) -> Any:
+    """m/s2, at which the forward command rises at most where it is `speed`, m/s."""
+    return config.launching * xp.clip(1.0 - speed / config.launching_speed, 0.0, 1.0)
+
+
 def eased(told: Float[Array, "3"], asked: Float[Array, "3"], config: ControlConfig) -> Float[Array, "3"]:
     """What a policy is told a control step after it was told `told`: the command asked for, but that a robot on its
     way forward gathers and loses speed no faster than its controller allows."""
     if config.launching < math.inf:
-        share = jnp.clip(1.0 - told[0] / config.launching_speed, 0.0, 1.0)
-        most = jnp.maximum(told[0], 0.0) + specs.CONTROL_STEP * config.launching * share
+        most = jnp.maximum(told[0], 0.0) + specs.CONTROL_STEP * launch_rate(told[0], config)
         asked = asked.at[0].min(most)
     if config.braking == math.inf and not config.stopping_time:
         return asked

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.bounds import Within
+from bp2_rl.env.commands import launch_rate
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.runs.bodies import SwiftMachine
 from bp2_rl.evaluation.runs.driver import ActionFunction, Driver
@@ -182,7 +183,7 @@ class Session:
         braking = min(control.braking, ACCELERATION if control.stopping_time else BRAKING)
         launching = ACCELERATION
         if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once
-            launching = control.launching * max(1.0 - max(now.speed, 0.0) / control.launching_speed, 0.0)
+            launching = launch_rate(now.speed, control, np)
         speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, launching * dt))
         # As in training: what friction holds.
         most = min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6))

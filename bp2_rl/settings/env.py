@@ -16,6 +16,8 @@ Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
 """Of what may be zero, and of what may not: a thousand metres, seconds or radians are more than any of them needs."""
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
+Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
+"""Of what may have none."""
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
 Impl = Literal["jax", "kernel", "warp", "c"]
@@ -37,13 +39,13 @@ class ControlConfig:
     clock_at_rest: bool = True
     """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
     hand of the clock that it sees is as long as the reference steps"""
-    braking: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    braking: Limit = float("inf")
     """m/s2, at which the forward command that the policy is told falls at most, whatever is asked for"""
     stopping_time: Amount = 0.0
     """s, in which it falls by itself and 0.5 m/s, at most: who stands while the trunk still moves, falls"""
-    launching: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    launching: Limit = float("inf")
     """m/s2, at which it rises at most from a stand: who is far behind the command gathers speed more slowly"""
-    launching_speed: Annotated[float, Within(0.1, 1e9, infinite=True)] = float("inf")
+    launching_speed: Limit = float("inf")
     """m/s, at which it would rise no more: the rate falls from `launching` along a straight line"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
     """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""

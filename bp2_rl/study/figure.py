@@ -14,7 +14,7 @@ from bp2_rl.study.plan import VARIANTS
 
 COLORS = ("#0072B2", "#E69F00", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 LINES = ("-", (0, (4, 1.5)), (0, (1, 1)))
-STYLES = dict(zip(VARIANTS, itertools.product(LINES, COLORS), strict=False))
+STYLES = dict(zip(VARIANTS, itertools.islice(itertools.product(LINES, COLORS), len(VARIANTS)), strict=True))
 """(line, colour) of each variant, the same in every figure."""
 
 

@@ -198,12 +198,17 @@ def test_only_what_gives_speed_to_a_robot_on_its_way_forward_is_launched():
     assert told(-1.0, 0.0, LAUNCHED)[1] == -1.0
 
 
-def test_in_training_commands_are_eased_likewise():
+def told_in_training(control):
+    """The forward commands of 30 s."""
     start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
+    _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
+    return np.asarray(currents)[:, 0]
+
+
+def test_in_training_commands_are_eased_likewise():
     rates = []
     for control in (AT_ONCE, GENTLY):
-        _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
-        forward = np.asarray(currents)[:, 0]
+        forward = told_in_training(control)
         falls = -np.diff(forward)[forward[:-1] > 0.0] / specs.CONTROL_STEP
         rates.append((falls.max(), (falls - (forward[:-1][forward[:-1] > 0.0] + 0.5) / 0.9).max()))
     (fastest, too_fast), (eased, within) = rates
@@ -214,11 +219,9 @@ def test_in_training_commands_are_eased_likewise():
 
 
 def test_in_training_commands_are_launched_likewise():
-    start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
     beyond = []
     for control in (AT_ONCE, LAUNCHED):
-        _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
-        forward = np.asarray(currents)[:, 0]
+        forward = told_in_training(control)
         rises, now = np.diff(forward) / specs.CONTROL_STEP, forward[:-1]
         beyond.append((rises - 6.0 * (1.0 - now / 18.0))[now >= 0.0].max())
     assert beyond[0] > 1.0

@@ -45,6 +45,9 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
 SETS = {
     "ours": {},
     "paper": {},
+    "crooked": {},
+    "restless": {},
+    "ready": {},
     "kinematic": {"env.reference": "kinematic"},
     "none": {"env.reference": "none"},
     "standing": {"env.reset.standing_fraction": 1.0},
@@ -79,7 +82,7 @@ def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
     for stage, parsed in zip(STAGES, (imitation, relaxed), strict=True):
         config, recipe = _config(parsed, stage), make_config(stage, "gpu")
         later = SETS_LATER.get(name, {}) if stage == "relaxed" else {}
-        for field, value in (SETS.get(name, {}) | later).items():
+        for field, value in (SETS[name] | later).items():
             got, ours = (operator.attrgetter(field)(settings) for settings in (config, recipe))
             assert got == value != ours
             config = _with(config, field, ours)

@@ -59,6 +59,23 @@ class Watch:
     up_length: float  # by which the length of `up` may differ from 1
 
 
+class Launch(NamedTuple):
+    """How fast a forward command rises at most."""
+
+    rate: float  # m/s2, from a stand
+    speed: float  # m/s, at which it would rise no more
+
+    @classmethod
+    def of(cls, control: Mapping[str, Any]) -> "Launch":
+        """That of `control` in `deploy.json`; without one there is no limit."""
+        return cls(control.get("launching") or math.inf, control.get("launching_speed") or math.inf)
+
+    def most(self, told: float, dt: float) -> float:
+        """The largest command (m/s) `dt` seconds after it was `told`."""
+        share = min(max(1.0 - told / self.speed, 0.0), 1.0)
+        return max(told, 0.0) + dt * self.rate * share
+
+
 class _Seen(NamedTuple):
     """What an observation is made of."""
 
@@ -117,8 +134,7 @@ class Controller:
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._braking = control.get("braking") or math.inf
         self._stopping_time = control.get("stopping_time") or 0.0
-        self._launching = control.get("launching") or math.inf
-        self._launching_speed = control.get("launching_speed") or math.inf
+        self._launch = Launch.of(control)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -229,9 +245,7 @@ class Controller:
             slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
             told = self.command * np.float32(slower)
         forward = float(self.command[0])
-        if self._launching < math.inf:
-            share = min(max(1.0 - forward / self._launching_speed, 0.0), 1.0)
-            told[0] = min(told[0], max(forward, 0.0) + self._dt * self._launching * share)
+        told[0] = min(told[0], self._launch.most(forward, self._dt))
         if forward > 0.0:
             rate = min(self._braking, (forward + EASE) / self._stopping_time if self._stopping_time else math.inf)
             told[0] = max(told[0], max(forward - self._dt * rate, 0.0))

@@ -1,12 +1,11 @@
 """The world that a controller is rehearsed in: a robot in C MuJoCo, its operator, and the links to both."""
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
 
-from .controller import Targets, read_settings
+from .controller import Launch, Targets, read_settings
 from .link import COMMAND, SENSORS, BadLink
 from .robot import DT, Robot
 
@@ -59,14 +58,13 @@ class World:
         control = settings["control"]
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(plan.loss, 0.0, plan.seed)
         self._in: BadLink[Targets] = BadLink(plan.loss, plan.late, plan.seed + 1)
-        self._targets = Targets(np.array(settings["control"]["stand"]), np.zeros(12))
+        self._targets = Targets(np.array(control["stand"]), np.zeros(12))
         self.milliseconds = round(plan.duration / DT)
         self.places = np.zeros((self.milliseconds, 4))  # x, y (m), yaw (rad), forward speed (m/s)
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
-        self._launching = control.get("launching") or math.inf
-        self._launching_speed = control.get("launching_speed") or math.inf
+        self._launch = Launch.of(control)
         self._told = 0.0
 
     @property
@@ -121,8 +119,7 @@ class World:
         """The operator's command: the plan's speed, trimmed until the robot runs it, and a yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
         hold, forward = self._operator, self.plan.forward(time)
-        rise = self._launching * max(1.0 - self._told / self._launching_speed, 0.0)
-        self._told = min(forward, self._told + TICK * DT * rise)  # as the controller takes it
+        self._told = min(forward, self._launch.most(self._told, TICK * DT))  # as the controller takes it
         if self._told >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)

@@ -2,17 +2,16 @@
 
 import dataclasses
 import math
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.bounds import Positive, Within, check_bounds
+from bp2_rl.bounds import Positive, check_bounds
 from bp2_rl.errors import UserError
-from bp2_rl.settings.env import ControlConfig
+from bp2_rl.settings.env import ControlConfig, Limit
 
 ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
-Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
 
 
