@@ -110,7 +110,7 @@ class Filming:
 
     def __init__(self, filmed: Filmed, policy: Path, kept: Path | None, launching: Launching):
         self._filmed, self._policy, self._kept, self._launching = filmed, policy, kept, launching
-        self.done = launching.done
+        self.speed, self.done = launching.speed, launching.done
 
     def result(self) -> Verdict:
         """The verdict."""

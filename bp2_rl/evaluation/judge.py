@@ -130,6 +130,11 @@ class Launching:
     def __init__(self, launches: Sequence[Future[Launched]]):
         self._launches = launches
 
+    def speed(self) -> float:
+        """m/s, of the first launch, once it has ended."""
+        first = self._launches[0]
+        return first.result().speed if first.done() and not first.cancelled() and not first.exception() else 0.0
+
     def done(self) -> bool:
         """Whether all launches have ended."""
         return all(one.done() for one in self._launches)

@@ -38,6 +38,10 @@ class Verdict:
 class Hearing(Protocol):
     """A policy that is being judged."""
 
+    def speed(self) -> float:
+        """m/s, that it reaches and holds: the verdict's, which may be known before the verdict; until then 0."""
+        ...
+
     def done(self) -> bool:
         """Whether the verdict is there, or there will be none."""
         ...
@@ -96,8 +100,9 @@ class Policies:
 
     @property
     def reached(self) -> bool:
-        """Whether a policy was as fast as the run is to become."""
-        return reaches(self._verdicts, self._until)
+        """Whether a policy was as fast as the run is to become, though it may be judged yet."""
+        heard = (hearing.speed() for hearing in self._hearings.values())
+        return self._until is not None and (self._sure or any(speed >= self._until for speed in heard))
 
     def export(self, policy: Policy, steps: int, *, newest: bool = True) -> None:
         """Write the policy after so many control steps, and hand it to the judge.
@@ -129,7 +134,7 @@ class Policies:
         """Until the last verdict is there, or it is `enough`, or the run has reached what it was to."""
         if self._hearings and not self.reached and not enough():
             self._monitor.note(f"waiting for the judge: {len(self._hearings)} of the policies are left")
-        while self._hearings and not self.reached and not enough():
+        while self._hearings and not self._sure and not enough():
             time.sleep(PAUSE)
             self.collect()
 
@@ -142,16 +147,21 @@ class Policies:
 
     def _take(self, steps: int, verdict: Verdict) -> None:
         seconds = time.time() - (self._run_dir / CONFIG).stat().st_mtime  # an OSError where the run is gone
-        best, late = self._best, self._until is not None and self.reached
+        best, late = self._best, self._sure
         self._verdicts[steps] = verdict
         self._monitor.add(steps, {f"judged/{name}": value for name, value in dataclasses.asdict(verdict).items()})
         self._monitor.record(f"judged the policy of {steps:,} control steps: {verdict}")
         self._show(steps)
         if self._best != best:
             self._put_best()
-        if self.reached and not late:
+        if self._sure and not late:
             when = f"after {steps:,} control steps, known {seconds:.1f} s after the run began"
             self._monitor.note(f"reached {self._until:g} m/s: {verdict} {when}")
+
+    @property
+    def _sure(self) -> bool:
+        """Whether a verdict says that a policy was as fast as the run is to become."""
+        return reaches(self._verdicts, self._until)
 
     @property
     def _best(self) -> int | None:

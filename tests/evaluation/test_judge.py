@@ -122,10 +122,12 @@ def test_a_verdict_comes_from_other_processes_which_end_with_the_judge(slow_poli
     with judging.judging(policy.card.env, None) as judge:
         hearing = judge.submit(slow_policy)
         assert not hearing.done()
+        assert hearing.speed() == 0.0
         workers = [worker for worker in multiprocessing.active_children() if worker not in before]
         wait_for(hearing)
         # The same programs on the same processor.
         assert hearing.result() == judging.judge([judging.launch(policy, policy.card.env, one) for one in LAUNCHES])
+        assert hearing.speed() == hearing.result().speed > 0.0
         judge.submit(slow_policy)  # nobody waits for this one
         began = time.monotonic()
     assert time.monotonic() - began < 2.0

@@ -44,6 +44,11 @@ def quick_robot():
 class Heard:
     verdict: Verdict | Exception
     from_then_on: float = 0.0  # s, of the monotonic clock
+    early: bool = False  # the speed is known at once
+
+    def speed(self):
+        known = self.early or self.done()
+        return self.verdict.speed if known and isinstance(self.verdict, Verdict) else 0.0
 
     def done(self):
         return time.monotonic() >= self.from_then_on
@@ -59,13 +64,13 @@ class Fake:
 
     places = 1
 
-    def __init__(self, verdicts, after=0.0):
-        self.verdicts, self.after, self.asked = verdicts, after, []
+    def __init__(self, verdicts, after=0.0, early=False):
+        self.verdicts, self.after, self.early, self.asked = verdicts, after, early, []
 
     def submit(self, policy: Path):
         assert load_policy(policy)
         self.asked.append(int(policy.name))
-        return Heard(self.verdicts[int(policy.name)], time.monotonic() + self.after)
+        return Heard(self.verdicts[int(policy.name)], time.monotonic() + self.after, self.early)
 
 
 def steady(*speeds):
@@ -157,6 +162,16 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     assert f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known " in log(run)
     training.resume(run, judge=Fake({}))  # there is nothing left to do, and nothing to judge
     assert latest_step(run) == 5
+
+
+def test_a_run_ends_as_soon_as_the_speed_is_known_and_waits_for_the_rest_of_that_verdict(tmp_path):
+    judge = Fake(steady(1, 2, 11, 12, 13, 14, 15, 16), after=1.0, early=True)
+    judge.places = STEPS
+    run = training.start(small(until=10.5), tmp_path / "run", judge=judge)
+    assert latest_step(run) == 4
+    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
+    assert set(judged_lines(run)) >= {64, 128, 192}
+    assert training.is_finished(run)
 
 
 def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
