@@ -25,9 +25,17 @@ def evaluate(folder: Path, *words: str) -> dict:
     return json.loads((folder / "report/metrics.json").read_text())
 
 
-def test_eval_without_arguments_reproduces_the_top_speed_on_the_card(tmp_path):
-    report = evaluate(tmp_path, "--hold", "6")
-    policy = load_policy(asset_path(command.DEFAULT_POLICY))
+FASTEST = "policies/fastest"
+
+
+@pytest.mark.parametrize(
+    ("shipped", "words"),
+    [(command.DEFAULT_POLICY, ()), (FASTEST, ("--policy", str(asset_path(FASTEST)), "--robot", "ideal"))],
+    ids=["without arguments", "the fastest"],
+)
+def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
+    report = evaluate(tmp_path, *words, "--hold", "6")
+    policy = load_policy(asset_path(shipped))
     assert report["conditions"]["weights_sha256"] == policy.card.weights_sha256
     measured = report["metrics"]
     assert measured["fell_at"] is None
