@@ -52,6 +52,14 @@ def test_a_reward_row_is_weighed_among_the_others():
     assert 0.09 < means["level_trunk"] <= 0.1  # the reference holds the trunk all but level
 
 
+def test_the_notebook_runs():
+    """All cells in a process of their own, on this interpreter; what they print is not compared."""
+    words = ["--nbval-lax", "--nbval-current-env", "-p", "no:cacheprovider", "-o", "addopts=", "-o", "filterwarnings="]
+    notebook = EXAMPLES / "quickstart.ipynb"
+    done = subprocess.run([sys.executable, "-m", "pytest", *words, str(notebook)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
 def test_a_stride_is_followed_from_the_optimiser_to_the_policy():
     """In a process of its own, where shapes are not checked at each of the run's milliseconds."""
     program = (

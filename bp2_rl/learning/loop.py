@@ -84,9 +84,14 @@ def train(
             policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
             _keep_failed(state, config, run_dir)
-        if done < total and signals.caught:
-            name, status = signals.caught.name, 128 + signals.caught
-            raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
+        if done < total:
+            reached = _reached(config, policies)  # no longer, where the judge has failed since
+            if signals.caught:
+                name, status = signals.caught.name, 128 + signals.caught
+                raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
+            if not reached:
+                what = f"the judge failed before his verdict was whole, kept step {done} of {total}"
+                raise RunStopped(f"{what}: {_resume(run_dir)}", status=1)
         minutes = (time.monotonic() - began) / 60
         steps = (done - first) * per_step
         monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}")
@@ -214,7 +219,7 @@ def _export_late(
             _export(learner, state, config, run_dir, monitor, policies)
             continue
         try:
-            _, older = restore_checkpoint(run_dir, learner.shape(), step)
+            _, older = restore_checkpoint(run_dir, learner.shape, step)
         except CheckpointError as error:
             monitor.note(f"warning: no policy of step {step}: {error}")
             continue

@@ -39,7 +39,7 @@ class Hearing(Protocol):
     """A policy that is being judged."""
 
     def speed(self) -> float:
-        """m/s, that it reaches and holds: the verdict's, which may be known before the verdict; until then 0."""
+        """m/s, the verdict's, which may be known before the rest of it; 0 until then."""
         ...
 
     def done(self) -> bool:
@@ -132,8 +132,9 @@ class Policies:
 
     def wait(self, enough: Callable[[], bool]) -> None:
         """Until the last verdict is there, or it is `enough`, or the run has reached what it was to."""
-        if self._hearings and not self.reached and not enough():
-            self._monitor.note(f"waiting for the judge: {len(self._hearings)} of the policies are left")
+        if self._hearings and not self._sure and not enough():
+            left = "the rest of a verdict" if self.reached else f"{len(self._hearings)} of the policies are left"
+            self._monitor.note(f"waiting for the judge: {left}")
         while self._hearings and not self._sure and not enough():
             time.sleep(PAUSE)
             self.collect()

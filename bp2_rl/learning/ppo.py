@@ -11,8 +11,8 @@ within blocks of robots, so the result does not depend on how many devices hold 
 
 import concurrent.futures
 import contextlib
+import functools
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -111,12 +111,13 @@ class PPO:
     @contextlib.contextmanager
     def compiling(self) -> Iterator[None]:
         """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
-        shape = self.shape()
+        shape = self.shape
         with concurrent.futures.ThreadPoolExecutor(1) as beside:
             compiled = beside.submit(lambda: self.train_step.lower(shape).compile())
             yield
             compiled.result()
 
+    @functools.cached_property
     def shape(self) -> TrainState:
         """The state's shapes and dtypes, for restoring a checkpoint."""
         shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
@@ -217,12 +218,12 @@ class PPO:
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
         """The same for the robots of one device; each robot draws from its own key."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
-        split = jax.vmap(partial(jax.random.split, num=3))(keys)
+        split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         bank = self.fleet.bank(fleet, split[:, 0])
 
         def control_step(carry: tuple[envs.State, Any], time: Array) -> tuple[tuple[envs.State, Any], Transition]:
             fleet, sums = carry
-            noise = jax.vmap(partial(jax.random.fold_in, data=time))(split[:, 1])
+            noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(split[:, 1])
             action, policy_extras = act(fleet.obs, noise)
             after = self.fleet.step(fleet, action, bank)
             # Brax annotates these trees as if they were arrays.

@@ -66,7 +66,7 @@ def start(
     with cluster.together():
         learner = make_learner(config)
         if parent is not None:
-            inherited, origin = _inherit(Path(parent), config, learner.shape())
+            inherited, origin = _inherit(Path(parent), config, learner.shape)
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
     writers: list[LogWriter] = []
@@ -107,7 +107,7 @@ def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None
                 )
             unlogged = _read_log(_read_own(run_dir, step, config), run_dir)
             learner = make_learner(config)
-            _, state = restore_checkpoint(run_dir, learner.shape(), step)
+            _, state = restore_checkpoint(run_dir, learner.shape, step)
             unexported = loop.find_unexported(run_dir, config)
             writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
         cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
@@ -128,7 +128,7 @@ def replay(run_dir: Path) -> str:
         raise UserError(f"run {run_dir} has no train step to replay: all that it made were finite")
     _read_own(run_dir, step, config, FAILED)
     learner = make_learner(config)
-    _, state = restore_checkpoint(run_dir, learner.shape(), step, folder=FAILED)
+    _, state = restore_checkpoint(run_dir, learner.shape, step, folder=FAILED)
     return f"train step {step + 1}: {guards.explain(learner, state)}"
 
 

@@ -157,7 +157,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
     monkeypatch.setattr(env, "simulate", simulate)
     config = dataclasses.replace(make_config("imitation", "smoke").ppo, num_envs=8)
     learner = PPO(env, config, ONE)
-    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape())
+    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape)
     (part,) = make_parts(learner, state, ["physics"])
     _, after = part.program(part.carry, *part.fixed)
     np.testing.assert_array_equal(after.qvel, np.full((8, 22), config.unroll_length))

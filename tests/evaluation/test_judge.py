@@ -143,6 +143,7 @@ def test_a_judge_whose_process_is_killed_says_so(slow_policy):
             if worker not in before:
                 worker.kill()
         wait_for(hearing)
+        assert hearing.speed() == 0.0
         with pytest.raises(RuntimeError, match="terminated abruptly"):
             hearing.result()
         with pytest.raises(RuntimeError):

@@ -14,6 +14,13 @@ from bp2_rl.evaluation.benchmarks.conditions import on_card
 from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
+FASTEST = "policies/fastest"
+
+either = pytest.mark.parametrize(
+    ("shipped", "words"),
+    [(command.DEFAULT_POLICY, ()), (FASTEST, ("--policy", str(asset_path(FASTEST)), "--robot", "ideal"))],
+    ids=["without arguments", "the fastest"],
+)
 
 
 def evaluate(folder: Path, *words: str) -> dict:
@@ -25,14 +32,7 @@ def evaluate(folder: Path, *words: str) -> dict:
     return json.loads((folder / "report/metrics.json").read_text())
 
 
-FASTEST = "policies/fastest"
-
-
-@pytest.mark.parametrize(
-    ("shipped", "words"),
-    [(command.DEFAULT_POLICY, ()), (FASTEST, ("--policy", str(asset_path(FASTEST)), "--robot", "ideal"))],
-    ids=["without arguments", "the fastest"],
-)
+@either
 def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
     report = evaluate(tmp_path, *words, "--hold", "6")
     policy = load_policy(asset_path(shipped))
@@ -47,9 +47,10 @@ def test_eval_reproduces_the_top_speed_on_the_card(tmp_path, shipped, words):
     assert measured["best_speed"] == pytest.approx(on_card(policy, "topspeed", "top_speed"), abs=0.05)
 
 
-def test_the_sprint_on_the_card_is_run_again(tmp_path):
-    results = evaluate(tmp_path, "--benchmark", "sprint")["results"]["sprint"]
-    policy = load_policy(asset_path(command.DEFAULT_POLICY))
+@either
+def test_the_sprint_on_the_card_is_run_again(tmp_path, shipped, words):
+    results = evaluate(tmp_path, *words, "--benchmark", "sprint")["results"]["sprint"]
+    policy = load_policy(asset_path(shipped))
     assert results["time_100m"] == pytest.approx(on_card(policy, "sprint", "time_100m"), abs=0.05)
     assert results["time_100m"] < 12.2  # s, the paper's
     assert results["mean_acceleration"] > 2.38  # m/s2, the paper's

@@ -47,7 +47,7 @@ def records(run):
 
 
 def restore(run, **where) -> Any:
-    return restore_checkpoint(run, learner_of((), 100.0, training.load_run_config(run).ppo).shape(), **where)[1]
+    return restore_checkpoint(run, learner_of((), 100.0, training.load_run_config(run).ppo).shape, **where)[1]
 
 
 def assert_finite(tree):

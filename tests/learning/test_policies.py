@@ -45,6 +45,7 @@ class Heard:
     verdict: Verdict | Exception
     from_then_on: float = 0.0  # s, of the monotonic clock
     early: bool = False  # the speed is known at once
+    error: Exception | None = None  # that keeps the judge from the rest
 
     def speed(self):
         known = self.early or self.done()
@@ -54,6 +55,8 @@ class Heard:
         return time.monotonic() >= self.from_then_on
 
     def result(self):
+        if self.error:
+            raise self.error
         if isinstance(self.verdict, Exception):
             raise self.verdict
         return self.verdict
@@ -64,13 +67,14 @@ class Fake:
 
     places = 1
 
-    def __init__(self, verdicts, after=0.0, early=False):
-        self.verdicts, self.after, self.early, self.asked = verdicts, after, early, []
+    def __init__(self, verdicts, after=0.0, early=False, error=None):
+        self.verdicts, self.after, self.early, self.error, self.asked = verdicts, after, early, error, []
 
     def submit(self, policy: Path):
         assert load_policy(policy)
         self.asked.append(int(policy.name))
-        return Heard(self.verdicts[int(policy.name)], time.monotonic() + self.after, self.early)
+        heard = self.verdicts[int(policy.name)]
+        return Heard(heard, time.monotonic() + self.after, self.early, self.error)
 
 
 def steady(*speeds):
@@ -165,13 +169,24 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
 
 
 def test_a_run_ends_as_soon_as_the_speed_is_known_and_waits_for_the_rest_of_that_verdict(tmp_path):
-    judge = Fake(steady(1, 2, 11, 12, 13, 14, 15, 16), after=1.0, early=True)
+    judge = Fake(steady(1, 2, 11, 3, 3, 3, 3, 3), after=1.0, early=True)
     judge.places = STEPS
     run = training.start(small(until=10.5), tmp_path / "run", judge=judge)
     assert latest_step(run) == 4
     assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
     assert set(judged_lines(run)) >= {64, 128, 192}
     assert training.is_finished(run)
+
+
+def test_a_judge_that_fails_when_the_speed_is_known_stops_the_run_which_can_go_on(tmp_path):
+    verdicts = steady(1, 2, 11, 12, 13, 14, 15, 16)
+    judge = Fake(verdicts, after=1.0, early=True, error=RuntimeError("killed"))
+    judge.places = STEPS
+    with pytest.raises(RunStopped, match=r"the judge failed before his verdict was whole, kept step 4 of 8: python"):
+        training.start(small(until=10.5), tmp_path / "run", judge=judge)
+    assert not training.is_finished(tmp_path / "run")
+    training.resume(tmp_path / "run", judge=Fake(verdicts))
+    assert training.is_finished(tmp_path / "run")
 
 
 def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):

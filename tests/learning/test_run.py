@@ -56,7 +56,7 @@ def run(tmp_path_factory):
 
 def leaves(run_dir, step):
     config = training.load_run_config(run_dir)
-    template = training.make_learner(config).shape()
+    template = training.make_learner(config).shape
     return jax.tree.leaves(restore_checkpoint(run_dir, template, step)[1])
 
 
@@ -99,7 +99,7 @@ def test_the_logged_rate_is_that_of_the_time_between_the_lines(run):
 def test_the_exported_policy_acts_as_the_trained_network_does(run):
     config = training.load_run_config(run)
     learner = training.make_learner(config)
-    _, state = restore_checkpoint(run, learner.shape())
+    _, state = restore_checkpoint(run, learner.shape)
     observation = {"state": np.random.default_rng(0).normal(size=(8, 47)).astype(np.float32)}
     mean, _ = learner.network.policy_network.apply(state.normalizer, state.params.policy, observation)
     # Two implementations of the same float32 network.
@@ -136,7 +136,7 @@ def test_a_tracker_follows_a_run_over_its_stops(run, tmp_path, monkeypatch):
 
 def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_path):
     learner = training.make_learner(tiny())
-    _, old = restore_checkpoint(run, learner.shape())
+    _, old = restore_checkpoint(run, learner.shape)
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
     old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
     parent = tmp_path / "parent"
@@ -148,7 +148,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     with learner.compiling():
         fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape())[0])
+    adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape)[0])
     for name in ("params", "normalizer"):
         for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
             np.testing.assert_array_equal(a, b)
