@@ -1,6 +1,7 @@
 """Learning curves from what the judge wrote beside a training."""
 
 import json
+import os
 
 import pytest
 
@@ -13,6 +14,7 @@ BEGAN = "2026-11-22T21:37:50Z"  # 1795383470 s
 
 def run_in(folder, *verdicts):
     folder.mkdir()
+    (folder / "config.json").write_text("{}")
     (folder / "log.txt").write_text(f"{BEGAN} started at step 0 of 245\n")
     lines = [{"step": 1000, "wall_time": 1795383500.0, "reward": 1.0}]
     lines += [
@@ -39,6 +41,13 @@ def test_the_first_that_reaches_ten_metres_a_second_is_told_beside_the_best(tmp_
     ]
     assert [one.steps for one in drawn.results.curves[0].judged] == [2_000_000, 4_000_000, 5_000_000]
     assert list(drawn.pictures) == ["learning"]
+
+
+def test_a_training_begins_with_its_settings_before_it_compiles_and_logs(tmp_path):
+    run = run_in(tmp_path / "a", (2_000_000, 90.0, 9.0, 0.0))
+    copied = read_curve(run)
+    os.utime(run / "config.json", (1795383440.0, 1795383440.0))
+    assert [curve.judged[0].seconds for curve in (copied, read_curve(run))] == [90.0, 120.0]
 
 
 @pytest.mark.parametrize(
