@@ -6,11 +6,11 @@ It is what `python train.py --stage imitation --preset smoke` does, in Python: s
 """
 
 import dataclasses
-import json
 from pathlib import Path
 
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.learning import run
+from bp2_rl.learning.writers import read_metrics
 from bp2_rl.settings.training import TrainConfig, make_config
 
 
@@ -25,7 +25,7 @@ def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
     """Train a run in a new folder; the lines of its metrics."""
     # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `run.resume`.
     run.start(config, folder)
-    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    return read_metrics(folder)
 
 
 def main() -> None:

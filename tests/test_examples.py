@@ -1,6 +1,7 @@
 """The examples of `examples/`, each once, as small as they can be; that which trains is in learning/test_run.py."""
 
 import json
+import os
 import subprocess
 import sys
 import types
@@ -52,11 +53,12 @@ def test_a_reward_row_is_weighed_among_the_others():
     assert 0.09 < means["level_trunk"] <= 0.1  # the reference holds the trunk all but level
 
 
-def test_the_notebook_runs():
+def test_the_notebook_runs(tmp_path):
     """All cells in a process of their own, on this interpreter; what they print is not compared."""
     words = ["--nbval-lax", "--nbval-current-env", "-p", "no:cacheprovider", "-o", "addopts=", "-o", "filterwarnings="]
     notebook = EXAMPLES / "quickstart.ipynb"
-    done = subprocess.run([sys.executable, "-m", "pytest", *words, str(notebook)], capture_output=True, text=True)
+    command = [sys.executable, "-m", "pytest", *words, str(notebook)]
+    done = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
 
 

@@ -15,7 +15,7 @@ from bp2_rl.learning.monitor import LOG
 from bp2_rl.learning.policies import told_verdicts
 from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
-from bp2_rl.settings.training import CONFIG
+from bp2_rl.settings.training import began
 
 LETTERS, SAMPLE = 100, 8  # letters that a line of the legend has room for, and of those a line's sample takes
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
@@ -65,18 +65,18 @@ def learning(settings: LearningSettings) -> Drawn:
 
 
 def read_curve(run: Path) -> Curve:
-    """What the judge said beside a training, which began when its settings were written: then it compiled.
+    """What the judge said beside a training.
 
     Raises:
         UserError: there is no training, or it had no judge.
     """
     try:
         logged = datetime.datetime.fromisoformat((run / LOG).read_text().split(" ", 1)[0]).timestamp()
-        began = min(logged, (run / CONFIG).stat().st_mtime)  # of a copy that has forgotten the time: from the log
+        start = min(logged, began(run))  # of a copy that has forgotten the time: from the log
     except (OSError, ValueError) as error:
         raise UserError(f"--runs: {run} is not the folder of a training that has begun") from error
     judged = [
-        Judged(record["step"], record["wall_time"] - began, verdict.speed, verdict.falls)
+        Judged(record["step"], record["wall_time"] - start, verdict.speed, verdict.falls)
         for record, verdict in told_verdicts(run)
         if isinstance(record.get("wall_time"), float)  # else a damaged line
     ]

@@ -35,7 +35,7 @@ from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.writers import LogWriter
 from bp2_rl.robot import specs
-from bp2_rl.settings.training import CONFIG, TrainConfig
+from bp2_rl.settings.training import CONFIG, TrainConfig, began
 
 
 def train(
@@ -260,7 +260,7 @@ def _export(
             "curriculum_level": float(jnp.mean(state.fleet.info["curriculum"])),
             "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
             "command": shlex.join(sys.argv),
-            "wall_time": round(time.time() - (run_dir / CONFIG).stat().st_mtime, 1),  # s, since the run's very start
+            "wall_time": round(time.time() - began(run_dir), 1),  # s
         },
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )

@@ -10,7 +10,7 @@ from bp2_rl.files import BadFileError, parse_json
 from bp2_rl.folders import find_folder, folder_names
 from bp2_rl.learning.monitor import METRICS, Monitor, count
 from bp2_rl.learning.policy import Policy, PolicyError, load_policy, save_policy
-from bp2_rl.settings.training import CONFIG
+from bp2_rl.settings.training import CONFIG, began
 
 POLICY, POLICIES = "policy", "policies"
 """A run's own policy: the best that was judged, without a judge the newest; and the folder of all that it exported,
@@ -147,7 +147,7 @@ class Policies:
                 self._give_up(error)
 
     def _take(self, steps: int, verdict: Verdict) -> None:
-        seconds = time.time() - (self._run_dir / CONFIG).stat().st_mtime  # an OSError where the run is gone
+        seconds = time.time() - began(self._run_dir)
         best, late = self._best, self._sure
         self._verdicts[steps] = verdict
         self._monitor.add(steps, {f"judged/{name}": value for name, value in dataclasses.asdict(verdict).items()})
