@@ -2,11 +2,8 @@
 
 import importlib.util
 import os
-import time
 
 __version__ = "0.1.0"
-IMPORTED_AT = time.time_ns()
-"""ns since 1970: what has been written since may differ from what this process has imported."""
 
 # On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
 # the pool for help from inside the pool. One thread cannot. It must be set before JAX starts; trainings in which C

@@ -18,20 +18,16 @@ if _gl_library is not None:
     os.environ["MUJOCO_GL"] = _gl_library
 
 
-def prepare_jax(*, deterministic: bool = False) -> Path | None:
+def prepare_jax(*, deterministic: bool = False) -> None:
     """Call before anything is compiled. The cache is in $BP2_CACHE, else ~/.cache/bp2_rl (or $XDG_CACHE_HOME).
 
     `deterministic` makes a GPU repeat itself bit for bit, for some speed; a CPU does so anyhow.
-
-    Gives the folder of the cache; none where it cannot be written.
     """
     if deterministic:  # XLA reads it when the backend starts; of two flags the later one holds
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()
     default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
-    cache = Path(os.environ.get("BP2_CACHE") or default)
+    cache = Path(os.environ.get("BP2_CACHE") or default) / "jax"
     # An unwritable home is no reason not to train; it only costs the compilation next time.
     with contextlib.suppress(OSError):
-        (cache / "jax").mkdir(parents=True, exist_ok=True)
-        jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))
-        return cache
-    return None
+        cache.mkdir(parents=True, exist_ok=True)
+        jax.config.update("jax_compilation_cache_dir", str(cache))

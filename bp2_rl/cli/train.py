@@ -136,14 +136,12 @@ def _train(argv: list[str]) -> None:
 
     from bp2_rl.cli.runtime import prepare_jax
     from bp2_rl.learning import cluster, run
-    from bp2_rl.learning.programs import ProgramStore
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
     launch = app.parse(Launch, argv, "train.py", part=True)
     use_processors(read_named(argv))
-    cache = prepare_jax(deterministic=launch.deterministic)
-    programs = ProgramStore(cache / "programs") if cache else None
+    prepare_jax(deterministic=launch.deterministic)
     if not set(app.HELP) & set(argv):
         cluster.join(launch.cluster)
     with cluster.together():
@@ -155,7 +153,7 @@ def _train(argv: list[str]) -> None:
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume), _judge(load_run_config(arguments.resume)) as judge:
-            run.resume(arguments.resume, judge=judge, tracker=tracker, programs=programs)
+            run.resume(arguments.resume, judge=judge, tracker=tracker)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -170,7 +168,7 @@ def _train(argv: list[str]) -> None:
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out), _judge(config) as judge:
-        run.start(config, out, parent=arguments.parent, judge=judge, tracker=tracker, programs=programs)
+        run.start(config, out, parent=arguments.parent, judge=judge, tracker=tracker)
     say(f"see it run: python eval.py {out}")
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from bp2_rl.config import config_hash, package_versions, to_json
 from bp2_rl.env.observations import layout_of
@@ -244,9 +243,6 @@ def _export(
     params, normalizer = jax.device_get((state.average, state.normalizer))
     steps = int(state.step) * config.ppo.steps_per_train_step
     steps += config.parent.control_steps if config.parent else 0
-    levels = state.fleet.info["curriculum"]
-    # Of a cluster each process has its own robots alone; elsewhere nothing needs to be compiled for a mean.
-    level = np.mean(levels) if levels.is_fully_addressable else jnp.mean(levels)
     card = PolicyCard(
         stage=config.stage,
         observation_layout=tuple((entry.name, entry.size) for entry in layout_of(config.env.control)),
@@ -261,7 +257,7 @@ def _export(
         versions=package_versions(),
         config_hash=config_hash(config),
         results={
-            "curriculum_level": float(level),
+            "curriculum_level": float(jnp.mean(state.fleet.info["curriculum"])),
             "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
             "command": shlex.join(sys.argv),
             "wall_time": round(time.time() - began(run_dir), 1),  # s

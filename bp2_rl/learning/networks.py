@@ -134,10 +134,9 @@ def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tupl
 def _of_units(x: Float[Array, "parity ..."], bases: Bases | None, parity: int) -> Float[Array, "units ..."]:
     """Rows for units from rows for their even (parity 0) or odd (1) combinations; hidden units have no `bases`: theirs
     are (1, 1) and (1, -1) of each pair, which takes no multiplications."""
-    xp: Any = x.__array_namespace__()  # an export's are NumPy's, for which nothing needs to be compiled
     if bases is None:
-        return HALF * xp.concat([x, (1.0, -1.0)[parity] * x])
-    return xp.asarray(bases[parity], dtype=x.dtype) @ x
+        return HALF * jnp.concatenate([x, (1.0, -1.0)[parity] * x])
+    return jnp.asarray(bases[parity], x.dtype) @ x
 
 
 class SymmetricPolicy(linen.Module):

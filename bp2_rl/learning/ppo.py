@@ -10,9 +10,10 @@ within blocks of robots, so the result does not depend on how many devices hold 
 """
 
 import concurrent.futures
+import contextlib
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +33,8 @@ from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
+RUN_ONCE: Any = {"xla_backend_optimization_level": 0}
+"""For XLA, of a program that is run once on a CPU: half the time to compile it."""
 STUCK = "stuck"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
@@ -46,14 +49,6 @@ class TrainState(struct.PyTreeNode):
     fleet: envs.State
     key: Array
     step: Array  # train steps done
-
-
-class Programs(NamedTuple):
-    """What a learner computes with, compiled for its mesh."""
-
-    shape: Any  # TrainState of shapes and dtypes
-    init: Callable[[Array], TrainState]  # of a random key
-    train_step: Callable[[TrainState], tuple[TrainState, dict[str, Array]]]  # it consumes the state
 
 
 class PPO:
@@ -104,52 +99,33 @@ class PPO:
             optax.clip_by_global_norm(config.max_grad_norm),
             optax.inject_hyperparams(optax.adam)(learning_rate=config.learning_rate),
         )
-        # For XLA, of a program that is run once on a CPU: half the time to compile it.
-        on_cpu = self.mesh.devices.flat[0].platform == "cpu"
-        options: Any = {"xla_backend_optimization_level": 0} if on_cpu else None
-        self._programs: Programs | None = None
-        self._first_state = jax.jit(self._init, out_shardings=self.shardings(), compiler_options=options)
-        self.train_step: Callable[[TrainState], tuple[TrainState, dict[str, Array]]] = jax.jit(
-            self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere)
-        )
+        self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
 
     def init(self, seed: int) -> TrainState:
         """The state before the first train step, spread over the mesh."""
-        make = self._first_state if self._programs is None else self._programs.init
-        return make(self._key(seed))
+        key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
+        on_cpu = self.mesh.devices.flat[0].platform == "cpu"
+        options = RUN_ONCE if on_cpu else None
+        return jax.jit(self._init, out_shardings=self.shardings(), compiler_options=options)(key)
 
-    def compile(self) -> Programs:
-        """Compile the programs beside each other, and `use` them; those that are used already are given as they are."""
-        if self._programs is None:
-            train_step: Any = self.train_step
-            with concurrent.futures.ThreadPoolExecutor(1) as beside:
-                compiled = beside.submit(lambda shape: train_step.lower(shape).compile(), self.shape)
-                init = self._traced_init.lower().compile()
-                programs = Programs(self.shape, init, compiled.result())
-            self.use(programs)
-            return programs
-        return self._programs
-
-    def use(self, programs: Programs) -> None:
-        """Compute with these, which a learner of the same settings has compiled for the same devices."""
-        self._programs, self.train_step = programs, programs.train_step
+    @contextlib.contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
+        shape = self.shape
+        with concurrent.futures.ThreadPoolExecutor(1) as beside:
+            compiled = beside.submit(lambda: self.train_step.lower(shape).compile())
+            yield
+            compiled.result()
 
     @functools.cached_property
     def shape(self) -> TrainState:
         """The state's shapes and dtypes, for restoring a checkpoint."""
-        shapes = self._traced_init.out_info if self._programs is None else self._programs.shape
+        shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
             shapes,
             jax.tree.map(lambda sharding, tree: jax.tree.map(lambda _: sharding, tree), self.shardings(), shapes),
         )
-
-    @functools.cached_property
-    def _traced_init(self) -> Any:
-        return self._first_state.trace(self._key(0))
-
-    def _key(self, seed: int) -> Array:
-        return jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
 
     def shardings(self) -> TrainState:
         """Where each part of the state lives: robots are spread, all else is on every device."""

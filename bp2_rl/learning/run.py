@@ -31,7 +31,6 @@ from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.loop import train_steps
 from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
-from bp2_rl.learning.programs import ProgramStore
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
 from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig, upgrade
@@ -49,11 +48,10 @@ def start(
     parent: Path | None = None,
     judge: Judge | None = None,
     tracker: Tracker | None = None,
-    programs: ProgramStore | None = None,
 ) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
 
-    `judge` is he of its policies, if they are judged; `tracker` follows it; what is compiled is kept in `programs`.
+    `judge` is he of its policies, if they are judged; `tracker` follows it.
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
@@ -80,25 +78,16 @@ def start(
                 _require_empty(run_dir)  # another process may have been faster
                 writers = open_tracker(tracker, run_dir, config)
                 save_config(run_dir / CONFIG, config)
-        if programs is None or not programs.lend(learner, config):
-            compiled = learner.compile()
-            if programs is not None:
-                programs.keep(learner, config, compiled)
-        state = learner.init(config.run.seed)
-        if inherited is not None:
-            state = _adopt(state, inherited)
+        with learner.compiling():
+            state = learner.init(config.run.seed)
+            if inherited is not None:
+                state = _adopt(state, inherited)
         save_checkpoint(run_dir, 0, state, config=to_json(config))
         return loop.train(learner, state, config, run_dir, judge=judge, writers=writers)
 
 
-def resume(
-    run_dir: Path,
-    *,
-    judge: Judge | None = None,
-    tracker: Tracker | None = None,
-    programs: ProgramStore | None = None,
-) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands; the rest as `start`.
+def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None) -> Path:
+    """Go on with a stopped run exactly where its newest checkpoint stands; `judge` and `tracker` as `start`.
 
     Raises:
         UserError: there is no run or no checkpoint, it does not fit this program, another process trains it, or
@@ -118,8 +107,6 @@ def resume(
                 )
             unlogged = _read_log(_read_own(run_dir, step, config), run_dir)
             learner = make_learner(config)
-            if programs is not None:
-                programs.lend(learner, config)
             _, state = restore_checkpoint(run_dir, learner.shape, step)
             unexported = loop.find_unexported(run_dir, config)
             writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []

@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from tensorboardX.event_file_writer import EventsWriter
+from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+from tensorboardX.summary import scalar
+
 from bp2_rl.files import BadFileError, flush, parse_json, write_bytes
-from bp2_rl.learning.tensorboard import Event, EventsWriter, SessionLog, scalar
 
 METRICS = "metrics.jsonl"
 

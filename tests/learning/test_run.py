@@ -145,8 +145,8 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     save_checkpoint(parent, 4, old)
     config = dataclasses.replace(tiny(), stage="relaxed")
     learner = training.make_learner(config)
-    learner.compile()
-    fresh = learner.init(3)
+    with learner.compiling():
+        fresh = learner.init(3)
     key = np.asarray(fresh.key)
     adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape)[0])
     for name in ("params", "normalizer"):
