@@ -13,8 +13,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 from bp2_rl.cli import __main__ as bp2
-from bp2_rl.cli.all_figures import FLAG
-from bp2_rl.figures.registry import FIGURES
+from bp2_rl.paper.cli.index import FLAG
+from bp2_rl.paper.figures.registry import FIGURES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}

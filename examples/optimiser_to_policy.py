@@ -10,15 +10,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from bp2_rl.assets import asset_path
-from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.gait.collocation.gait import CollocationGait
+from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.trajopt.collocation import solve
-from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.verify import verify
+from bp2_rl.optimiser.collocation import solve
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.verify import verify
+from bp2_rl.reference.library.trot import CollocationGait
+from bp2_rl.simulation.metrics import measure
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
 
 
 class Stride(NamedTuple):

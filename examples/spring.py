@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bp2_rl.assets import asset_path
-from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.specs import BUILT
+from bp2_rl.simulation.metrics import measure
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
 
 POLICY = asset_path("policies/built")
 

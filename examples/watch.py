@@ -7,14 +7,14 @@ python examples/watch.py runs/slow_trot      # yours
 import sys
 from pathlib import Path
 
-from bp2_rl.assets import asset_path
-from bp2_rl.evaluation.runs.figures import gait_figure
-from bp2_rl.evaluation.runs.film import NoVideo, make_video
-from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import Ramp
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.plotting import save_figure
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.plotting import save_figure
+from bp2_rl.simulation.figures import gait_figure
+from bp2_rl.simulation.film import NoVideo, make_video
+from bp2_rl.simulation.metrics import RunMetrics, measure
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
 
 OUT = Path("reports/watch")
 

@@ -15,10 +15,10 @@ import reward_row
 import spring
 import watch
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
 from bp2_rl.env.rewards import ROWS
-from bp2_rl.evaluation.runs import rollout
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.simulation import rollout
+from bp2_rl.simulation.trajectory import Trajectory
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -32,12 +32,12 @@ for module in pkgutil.walk_packages(bp2_rl.__path__, "bp2_rl."):
     except ModuleNotFoundError as missing:  # a package of an extra is not this test's matter
         if missing.name in {POSIX_ONLY} or missing.name.startswith("bp2_rl"):
             sys.exit(f"{{module.name}} needs {{missing.name}}")
-    except bp2_rl.errors.UserError:
+    except bp2_rl.base.errors.UserError:
         pass  # likewise, in one line
 print(count, "modules")
 
-from bp2_rl.folders import lock_folder, new_folder
-from bp2_rl.workers import processors
+from bp2_rl.base.folders import lock_folder, new_folder
+from bp2_rl.base.workers import processors
 assert processors() >= 1
 with new_folder(pathlib.Path("made")) as folder:
     (folder / "file").write_text("content")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from jaxtyping import TypeCheckError
 
-from bp2_rl.evaluation.runs.machine import Numerics
-from bp2_rl.orbits.returns import radius
+from bp2_rl.paper.orbits.returns import radius
+from bp2_rl.simulation.machine import Numerics
 
 
 @pytest.mark.parametrize("test", ["one test", "the next"])

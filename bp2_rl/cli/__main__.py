@@ -11,12 +11,11 @@ COMMANDS = {
     "eval": "run a policy and measure it",
     "play": "steer a policy's robot in real time, in a browser or a window",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
-    "pendulum": "Huygens' pendulums: energy exchange, sections, torques, and what they say of gaits",
-    "figures": "draw the paper's figures of robots and athletes, and check what it says of them",
     "study": "compare recipes over seeds: the ablation, and the time to 10.74 m/s",
     "tune": "search for settings with which a policy runs faster, with Optuna",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
+    "paper": "the paper's evidence: its figures, pendulums, studies of trajectories and deep benchmarks",
 }
 
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import tyro
 
-from bp2_rl.errors import RunStopped, UserError
+from bp2_rl.base.errors import RunStopped, UserError
 
 Config = TypeVar("Config")
 

@@ -4,7 +4,7 @@ import importlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 
 
 def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequence[str]) -> int:

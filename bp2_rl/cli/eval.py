@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import datetime
+import importlib
 import os
 import shlex
 import sys
@@ -12,15 +13,16 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.options import Backend, Setup
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.files import require_name
-from bp2_rl.robot.specs import MotorHeat, RobotName
+from bp2_rl.robot.specs import RobotName
+from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
+REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
 BenchmarkName = Literal[
     "topspeed",
     "sprint",
@@ -29,10 +31,6 @@ BenchmarkName = Literal[
     "convergence",
     "losses",
     "sensitivity",
-    "endurance",
-    "mechanism",
-    "efficiency",
-    "stability",
     "all",
 ]
 
@@ -52,10 +50,8 @@ class EvalConfig:
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
-    on robots other than the one assumed. endurance: how long the motors last at 10.74 m/s and at the top speed.
-    mechanism: whose inertia balances whose, at five speeds. efficiency: what running costs, at eight speeds, and where
-    the energy goes. stability: whether the gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s
-    and at the top speed. all: one after the other."""
+    on robots other than the one assumed. all: one after the other. `bp2 paper eval` has the deep ones: endurance,
+    mechanism, efficiency, stability."""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
@@ -66,18 +62,12 @@ class EvalConfig:
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
     """How fast the command rises; by default 2.4, in a sprint what the card says, else 3."""
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """How long to hold the speed; by default 20 (robustness: 15, efficiency: 10, sensitivity and mechanism: 5,
-    endurance: 180 at most). Not of sprint."""
+    """How long to hold the speed; by default 20 (robustness: 15, sensitivity: 5). Not of sprint."""
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """How many robots are drawn; by default 200 (endurance 8, stability 6). Of these three."""
+    """How many robots are drawn; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
     operator: HeadingHold = HeadingHold()
-    heat: MotorHeat = MotorHeat()
-    quick: bool = False
-    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
-    mechanism and efficiency: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four
-    directions."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True
@@ -88,26 +78,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     again = shlex.join(["python", "eval.py", *words])
-    return app.run(lambda: evaluate(app.parse(EvalConfig, words, "eval.py"), again))
+    return app.run(lambda: evaluate(app.parse(EvalConfig, words, "eval.py"), again=again))
 
 
-def evaluate(config: EvalConfig, again: str | None = None) -> None:
+def evaluate(
+    config: EvalConfig, setup_type: type[Setup] = Setup, registry: str = REGISTRY, again: str | None = None
+) -> None:
     """Evaluate as configured. Everything a user can get wrong is looked at before the robot runs.
 
-    `again` is the command that does it, for the reports.
+    Args:
+        config: the command line.
+        setup_type: the flags that the benchmarks know; `config` has a field for each of them.
+        registry: the module whose `BENCHMARKS` are meant, imported once the flags are right.
+        again: the command that repeats this evaluation, for the reports.
     """
-    setup = Setup(
-        backend=config.backend,
-        robot=config.robot,
-        speed=config.speed,
-        acceleration=config.acceleration,
-        hold=config.hold,
-        robots=config.robots,
-        seed=config.seed,
-        operator=config.operator,
-        heat=config.heat,
-        quick=config.quick,
-    )
+    setup = setup_type(**{field.name: getattr(config, field.name) for field in dataclasses.fields(setup_type)})
     path = choose_policy(config)
     for name in filter(None, (path, config.out)):
         require_name(name)
@@ -119,20 +104,18 @@ def evaluate(config: EvalConfig, again: str | None = None) -> None:
     from rich.console import Console
 
     from bp2_rl.env.observations import layout_of
-    from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
+    from bp2_rl.evaluation.benchmarks.registry import ALL, choose
     from bp2_rl.evaluation.report import folder, page, terminal
-    from bp2_rl.evaluation.runs.parallel import compute_here, keep_workers
     from bp2_rl.learning.policy import load_policy
+    from bp2_rl.simulation.parallel import compute_here, keep_workers
 
     if config.backend == "mujoco":
         compute_here()  # and leave the accelerator to a training that may be running
     prepare_jax()
-    chosen = choose(
-        config.benchmark,
-        setup,
-    )
+    benchmarks = importlib.import_module(registry).BENCHMARKS
+    chosen = choose(config.benchmark, setup, benchmarks)
     policy = load_policy(path, layout_of=layout_of)
-    schedules = {name: BENCHMARKS[name].schedule(policy, setup) for name, setup in chosen.items()}
+    schedules = {name: benchmarks[name].schedule(policy, setup) for name, setup in chosen.items()}
     now = datetime.datetime.now()
     out = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"
     folders = {name: out / name if config.benchmark == ALL else out for name in chosen}
@@ -143,7 +126,7 @@ def evaluate(config: EvalConfig, again: str | None = None) -> None:
         for name, setup in chosen.items():
             folder.open_folder(folders[name], name)
             console.print(f"{name} of {path} in {setup.backend}", style="dim", markup=False)
-            evaluation = BENCHMARKS[name].run(policy, schedules[name], setup)
+            evaluation = benchmarks[name].run(policy, schedules[name], setup)
             terminal.print_table(evaluation, console)
             if config.video and evaluation.trajectory is not None:
                 console.print("filming the best seconds; without a GPU that takes a minute or two", style="dim")

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
-from bp2_rl.errors import UserError
 from bp2_rl.settings.env import COMMAND_LIMITS
 
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bp2_rl.assets import asset_path
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.errors import UserError, not_installed
-from bp2_rl.files import require_name
 from bp2_rl.robot.specs import RobotName
 
 if TYPE_CHECKING:
@@ -75,10 +75,10 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import name_of, robot_of
     from bp2_rl.evaluation.benchmarks.options import Setup
-    from bp2_rl.evaluation.runs.parallel import compute_here
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.pace import Pace, play_on
     from bp2_rl.play.session import Session, Wish
+    from bp2_rl.simulation.parallel import compute_here
 
     compute_here()
     sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step

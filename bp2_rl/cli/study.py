@@ -8,15 +8,15 @@ from typing import Annotated
 
 import tyro
 
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import RunStopped, UserError
+from bp2_rl.base.files import require_name, write_text
+from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import app
-from bp2_rl.config import save_config
-from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.files import require_name, write_text
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
-from bp2_rl.study.plan import VARIANTS, Plan, default_steps
+from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
 
 VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, variant in VARIANTS.items())
 
@@ -62,10 +62,10 @@ def _study(arguments: Arguments) -> None:
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot)
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    from bp2_rl.plotting import save_figure
-    from bp2_rl.study.figure import learning_curves, top_speeds
-    from bp2_rl.study.outcome import Outcome, outcome, table
-    from bp2_rl.study.training import run, visible_gpus
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.tools.study.figure import learning_curves, top_speeds
+    from bp2_rl.tools.study.outcome import Outcome, outcome, table
+    from bp2_rl.tools.study.training import run, visible_gpus
 
     def tabulate() -> list[Outcome]:
         found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]

@@ -13,10 +13,11 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 import tyro
 
 from bp2_rl import NPROC_IS_OURS
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name
+from bp2_rl.base.serialization import merge
+from bp2_rl.base.workers import end_with_caller, processors
 from bp2_rl.cli import app
-from bp2_rl.config import merge
-from bp2_rl.errors import UserError
-from bp2_rl.files import require_name
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
@@ -32,7 +33,6 @@ from bp2_rl.settings.training import (
     make_config,
     on_robot,
 )
-from bp2_rl.workers import end_with_caller, processors
 
 Config = TypeVar("Config")
 DEVICES = "xla_force_host_platform_device_count"

@@ -9,16 +9,16 @@ from typing import Annotated
 
 import tyro
 
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import RunStopped, UserError, not_installed
+from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli import app
 from bp2_rl.cli.train import Arguments as TrainArguments
 from bp2_rl.cli.train import refuse_early
-from bp2_rl.errors import RunStopped, UserError, not_installed
-from bp2_rl.files import require_name, write_text
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, TrainConfig, make_config
-from bp2_rl.study.space import parse_dimension
+from bp2_rl.tools.tuning.space import parse_dimension
 
 SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")
 
@@ -73,8 +73,8 @@ def _tune(arguments: Arguments) -> None:
     arguments.jobs.require()
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    from bp2_rl.study.training import visible_gpus
-    from bp2_rl.study.tuning import Search, run
+    from bp2_rl.tools.study.training import visible_gpus
+    from bp2_rl.tools.tuning.search import Search, run
 
     steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)

@@ -18,22 +18,22 @@ from typing import Any
 
 import numpy as np
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
+from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import to_onnx
 from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch, split_name
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
-from bp2_rl.evaluation.runs.operator import HEADING_HOLD
-from bp2_rl.files import require_name, write_bytes, write_npz, write_text
-from bp2_rl.folders import new_folder
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.specs import ROBOTS, HardwareSpec
 from bp2_rl.settings.env import COMMAND_LIMITS, EnvConfig
+from bp2_rl.simulation.operator import HEADING_HOLD
 
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"

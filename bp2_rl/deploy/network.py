@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bp2_rl.errors import not_installed
+from bp2_rl.base.errors import not_installed
 from bp2_rl.learning.policy import Policy
 
 INPUT, OUTPUT = "observation", "action"

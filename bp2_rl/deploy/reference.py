@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motion_of
-from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.gait import CollocationGait
-from bp2_rl.gait.collocation.table import load_table
-from bp2_rl.gait.standing import Standing
-from bp2_rl.gait.stepping import nominal_feet
+from bp2_rl.reference.library.table import load_table
+from bp2_rl.reference.library.trot import CollocationGait
+from bp2_rl.reference.standing import Standing
+from bp2_rl.reference.stepping import nominal_feet
 from bp2_rl.robot import kinematics, specs
 from bp2_rl.settings.env import EnvConfig
 

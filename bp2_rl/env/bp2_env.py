@@ -14,6 +14,7 @@ from brax import base, envs, kinematics
 from brax.io import image, mjcf
 from jaxtyping import Array, Float
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
@@ -24,8 +25,7 @@ from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
-from bp2_rl.errors import UserError
-from bp2_rl.gait.reference import Reference
+from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model

@@ -12,12 +12,12 @@ import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import LAYOUT, STAND, Measurement, actor_observation, size_of
-from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.gait import CollocationGait
-from bp2_rl.gait.kinematic import KinematicGait
-from bp2_rl.gait.reference import Reference, ReferenceMotion
-from bp2_rl.gait.standing import Standing
+from bp2_rl.reference.interface import Reference, ReferenceMotion
+from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.library.trot import CollocationGait
+from bp2_rl.reference.standing import Standing
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.settings.env import EnvConfig

@@ -14,7 +14,7 @@ from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.physics.interface import Physics
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.gait.reference import Reference
+from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
 from bp2_rl.settings.env import EnvConfig

@@ -6,7 +6,7 @@ import mujoco
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.bounds import Range
+from bp2_rl.base.bounds import Range
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.losses import Resistance

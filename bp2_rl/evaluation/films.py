@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from bp2_rl.base.files import write_text
 from bp2_rl.evaluation.judge import Launching, Workers
 from bp2_rl.evaluation.report.page import document
-from bp2_rl.evaluation.runs.film import POSTER, NoVideo, Shot, make_video
-from bp2_rl.files import write_text
+from bp2_rl.learning.exports import Verdict, verdicts_of
 from bp2_rl.learning.monitor import count
-from bp2_rl.learning.policies import Verdict, verdicts_of
+from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
 FILMS, PAGE = "films", "films.html"
 """In a run's folder: the films, each by its policy's control steps, and the page that shows them."""

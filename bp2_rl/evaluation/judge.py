@@ -16,19 +16,19 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from bp2_rl.base.workers import processors, spawned
 from bp2_rl.env.observations import layout_of
-from bp2_rl.evaluation.runs.bodies import SwiftMachine
-from bp2_rl.evaluation.runs.driver import ActionFunction
-from bp2_rl.evaluation.runs.metrics import HELD, best_window
-from bp2_rl.evaluation.runs.parallel import compute_here
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.learning.policies import Verdict
+from bp2_rl.learning.exports import Verdict
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.workers import processors, spawned
+from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.driver import ActionFunction
+from bp2_rl.simulation.metrics import HELD, best_window
+from bp2_rl.simulation.parallel import compute_here
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
 
 AT_A_TIME = 2  # policies that are judged at the most: they come one after the other
 NICE = 5  # a training beside it goes first, three to one; at 19 one that fills all processors would starve it

@@ -24,10 +24,10 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
-from bp2_rl.config import ConfigError, from_json, package_versions, seal, to_json, unseal
-from bp2_rl.errors import UserError
-from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, write_npz, write_text
-from bp2_rl.folders import find_folder, folder_names, new_folder, remove_folder, tidy
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, write_npz, write_text
+from bp2_rl.base.folders import find_folder, folder_names, new_folder, remove_folder, tidy
+from bp2_rl.base.serialization import ConfigError, from_json, package_versions, seal, to_json, unseal
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2

@@ -12,10 +12,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from bp2_rl.config import config_hash, package_versions, to_json
+from bp2_rl.base.errors import RunStopped, UserError
+from bp2_rl.base.folders import find_folder
+from bp2_rl.base.serialization import config_hash, package_versions, to_json
 from bp2_rl.env.observations import layout_of
-from bp2_rl.errors import RunStopped, UserError
-from bp2_rl.folders import find_folder
 from bp2_rl.learning import cluster
 from bp2_rl.learning.checkpoint import (
     FAILED,
@@ -26,10 +26,10 @@ from bp2_rl.learning.checkpoint import (
     save_checkpoint,
     saved_steps,
 )
+from bp2_rl.learning.exports import POLICIES, POLICY, Judge, Policies
 from bp2_rl.learning.log import Log, Unlogged
 from bp2_rl.learning.monitor import Monitor, Mute
 from bp2_rl.learning.networks import dense_layers
-from bp2_rl.learning.policies import POLICIES, POLICY, Judge, Policies
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals

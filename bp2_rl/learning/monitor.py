@@ -18,7 +18,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
 
 LOG = "log.txt"

@@ -19,10 +19,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.config import ConfigError, from_json, seal, to_json, unseal
-from bp2_rl.errors import UserError
-from bp2_rl.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, require_name, write_npz, write_text
-from bp2_rl.folders import find_folder, new_folder
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import (
+    ArraySpec,
+    BadFileError,
+    read_bytes,
+    read_json,
+    read_npz,
+    require_name,
+    write_npz,
+    write_text,
+)
+from bp2_rl.base.folders import find_folder, new_folder
+from bp2_rl.base.serialization import ConfigError, from_json, seal, to_json, unseal
 from bp2_rl.settings.env import ControlConfig, EnvConfig, upgrade
 from bp2_rl.settings.ppo import Activation
 

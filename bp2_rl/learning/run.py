@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.config import ConfigError, config_hash, flatten, from_json, save_config, to_json
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name
+from bp2_rl.base.folders import LOCK, lock_folder
+from bp2_rl.base.serialization import ConfigError, config_hash, flatten, from_json, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.errors import UserError
-from bp2_rl.files import require_name
-from bp2_rl.folders import LOCK, lock_folder
 from bp2_rl.learning import cluster, guards, loop
 from bp2_rl.learning.checkpoint import (
     CHECKPOINTS,
@@ -27,9 +27,9 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
     save_checkpoint,
 )
+from bp2_rl.learning.exports import Judge, reaches, verdicts_of
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.loop import train_steps
-from bp2_rl.learning.policies import Judge, reaches, verdicts_of
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any
 
-from bp2_rl.config import flatten, save_config, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import flatten, save_config, to_json
 from bp2_rl.learning.writers import LogWriter, TrackerError, read_metrics
 from bp2_rl.settings.tracking import TRACKED, Tracked, Tracker, tracked
 from bp2_rl.settings.training import TrainConfig

@@ -11,7 +11,7 @@ from tensorboardX.event_file_writer import EventsWriter
 from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
 from tensorboardX.summary import scalar
 
-from bp2_rl.files import BadFileError, flush, parse_json, write_bytes
+from bp2_rl.base.files import BadFileError, flush, parse_json, write_bytes
 
 METRICS = "metrics.jsonl"
 

@@ -3,7 +3,7 @@
 import sys
 from typing import Any
 
-from bp2_rl.errors import not_installed
+from bp2_rl.base.errors import not_installed
 
 GYMNASIUM = {"bp2": "BP2-v0", "bp2_ideal": "BP2Ideal-v0", "bp2_kinematic": "BP2Kinematic-v0"}
 """What each named environment is called in Gymnasium, after `bp2_rl/`."""

@@ -19,11 +19,11 @@ from ml_collections import config_dict
 from mujoco import mjx
 from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
 
-from bp2_rl.assets import asset_path
-from bp2_rl.config import from_json, to_json
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.named import CONFIGS
-from bp2_rl.errors import UserError
 from bp2_rl.peers import EPISODE
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import load_model

@@ -7,7 +7,7 @@ import glfw
 import mujoco
 import numpy as np
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session, Wish
 from bp2_rl.robot.model import load_model

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.assets import asset_path
-from bp2_rl.errors import UserError
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
 

@@ -12,8 +12,8 @@ order FR, FL, RR, RL; joints of a leg in the order abad, hip, knee (then the pas
 import dataclasses
 from typing import Annotated, Literal, NamedTuple
 
-from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.errors import UserError
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
 
 LEGS = ("FR", "FL", "RR", "RL")
 JOINTS = ("abad", "hip", "knee")

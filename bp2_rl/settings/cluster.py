@@ -4,8 +4,8 @@ import dataclasses
 import re
 from typing import Annotated
 
-from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.errors import UserError
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from bp2_rl.bounds import Range, Share, Within, check_bounds
-from bp2_rl.config import ConfigError
-from bp2_rl.errors import UserError
+from bp2_rl.base.bounds import Range, Share, Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import ConfigError
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.gait import LIBRARIES, CollocationConfig, KinematicConfig
+from bp2_rl.settings.reference import LIBRARIES, CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]

@@ -4,8 +4,8 @@ import dataclasses
 import importlib.util
 from typing import Annotated, Literal
 
-from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.errors import not_installed
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import not_installed
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,8 +4,8 @@ import dataclasses
 import math
 from typing import Annotated, Literal
 
-from bp2_rl.bounds import Share, Within, check_bounds
-from bp2_rl.errors import UserError
+from bp2_rl.base.bounds import Share, Within, check_bounds
+from bp2_rl.base.errors import UserError
 
 Activation = Literal["swish", "elu", "tanh", "relu"]
 Scale = Annotated[float, Within(0.0, 1e6, open_below=True)]

@@ -5,8 +5,8 @@ import importlib.util
 from pathlib import Path
 from typing import Literal
 
-from bp2_rl.config import load_config
-from bp2_rl.errors import UserError, not_installed
+from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.base.serialization import load_config
 
 Tracker = Literal["wandb", "mlflow"]
 TRACKED = "tracker.json"

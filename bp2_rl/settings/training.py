@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.bounds import Range, Within, check_bounds
-from bp2_rl.config import load_config
-from bp2_rl.errors import UserError
-from bp2_rl.files import require_name
+from bp2_rl.base.bounds import Range, Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name
+from bp2_rl.base.serialization import load_config
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.env import (
     CommandConfig,
@@ -23,8 +23,8 @@ from bp2_rl.settings.env import (
     RewardConfig,
     upgrade,
 )
-from bp2_rl.settings.gait import CollocationConfig
 from bp2_rl.settings.ppo import PPOConfig
+from bp2_rl.settings.reference import CollocationConfig
 
 Stage = Literal["imitation", "relaxed"]
 Preset = Literal["smoke", "cpu", "gpu"]

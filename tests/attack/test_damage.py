@@ -16,17 +16,17 @@ from aim import StandIn
 from aim_run import SMALL
 from rich.progress import Progress
 
+from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt.solutions import load_family
-from bp2_rl.config import save_config
 from bp2_rl.evaluation.report.folder import Report
 from bp2_rl.learning import run
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.gait import CollocationConfig
-from bp2_rl.trajopt.family import FamilyConfig
-from bp2_rl.trajopt.problem import Problem
-from bp2_rl.trajopt.solution import save_solution
-from bp2_rl.trajopt.sweep import Attempt
+from bp2_rl.optimiser.family import FamilyConfig
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.solution import save_solution
+from bp2_rl.paper.trajectories.sweep import Attempt
+from bp2_rl.settings.reference import CollocationConfig
 
 pytestmark = pytest.mark.attack
 
@@ -83,10 +83,10 @@ def cut_off(monkeypatch):
         "bp2_rl.learning.loop.train",
         "bp2_rl.learning.run.save_checkpoint",
         "bp2_rl.evaluation.report.folder.open_folder",
-        "bp2_rl.trajopt.verify.verify",
-        "bp2_rl.trajopt.decomposition.decompose",
-        "bp2_rl.trajopt.family.spawned",
-        "bp2_rl.trajopt.sweep.spawned",
+        "bp2_rl.optimiser.verify.verify",
+        "bp2_rl.paper.trajectories.decomposition.decompose",
+        "bp2_rl.optimiser.family.spawned",
+        "bp2_rl.paper.trajectories.sweep.spawned",
     ):
         monkeypatch.setattr(place, begin)
     monkeypatch.setattr("bp2_rl.cli.trajopt.output.progress", lambda: Progress(disable=True))

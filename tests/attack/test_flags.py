@@ -64,11 +64,14 @@ COMMANDS = {
             "figures",
         )
     },
-    **{f"figures {figure}": ("bp2_rl.cli.figures", [figure]) for figure in ("scaling", "race", "robot", "rewards")},
-    "figures --all": ("bp2_rl.cli.figures", ["--all"]),
+    **{
+        f"figures {figure}": ("bp2_rl.paper.cli.figures", [figure])
+        for figure in ("scaling", "race", "robot", "rewards")
+    },
+    "figures --all": ("bp2_rl.paper.cli.figures", ["--all"]),
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
     **{
-        f"pendulum {what}": ("bp2_rl.cli.pendulum", [what])
+        f"pendulum {what}": ("bp2_rl.paper.cli.pendulum", [what])
         for what in ("simulate", "sections", "torque", "map", "trapping", "gaits")
     },
 }
@@ -88,20 +91,20 @@ WORK = (
     "bp2_rl.learning.run.resume",
     "bp2_rl.learning.run.replay",
     "bp2_rl.evaluation.report.folder.open_folder",
-    "bp2_rl.study.training.run",
-    "bp2_rl.study.tuning.run",
+    "bp2_rl.tools.study.training.run",
+    "bp2_rl.tools.tuning.search.run",
     "bp2_rl.cli.bench.measuring._open",
     "bp2_rl.cli.trajopt.output.spinner",
     "bp2_rl.cli.trajopt.output.progress",
-    "bp2_rl.trajopt.codesign.study.study_codesign",
-    "bp2_rl.trajopt.objective.compare_objectives",
-    "bp2_rl.trajopt.decomposition.decompose",
-    "bp2_rl.cli.pendulum.output.open_folder",
-    "bp2_rl.figures.scaling.figure.scaling_figure",
-    "bp2_rl.figures.race.figure.race_figure",
-    "bp2_rl.figures.robot.measure",
-    "bp2_rl.figures.rewards.rewards_figure",
-    "bp2_rl.cli.all_figures._make",
+    "bp2_rl.paper.trajectories.codesign.study.study_codesign",
+    "bp2_rl.paper.trajectories.objective.compare_objectives",
+    "bp2_rl.paper.trajectories.decomposition.decompose",
+    "bp2_rl.paper.cli.pendulum.output.open_folder",
+    "bp2_rl.paper.figures.scaling.figure.scaling_figure",
+    "bp2_rl.paper.figures.race.figure.race_figure",
+    "bp2_rl.paper.figures.robot.measure",
+    "bp2_rl.paper.figures.rewards.rewards_figure",
+    "bp2_rl.paper.cli.index._make",
 )
 """Where a command has looked at all it was told, and begins to work."""
 

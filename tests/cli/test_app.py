@@ -9,8 +9,8 @@ from typing import Literal
 import pytest
 
 import bp2_rl
+from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.cli import app
-from bp2_rl.errors import RunStopped, UserError
 
 
 def raising(error: BaseException):

@@ -8,13 +8,13 @@ import pytest
 from aim import Aim
 from rich.console import Console
 
-from bp2_rl.bench.measure import OUT_OF_MEMORY, Case
-from bp2_rl.bench.report import Bench
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import load_config
 from bp2_rl.cli import bench as command
 from bp2_rl.cli import train
 from bp2_rl.cli.bench import measuring
-from bp2_rl.config import load_config
-from bp2_rl.errors import UserError
+from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, Case
+from bp2_rl.tools.throughput.report import Bench
 
 SMALL = [
     "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "5", "--ppo.num-minibatches", "2",

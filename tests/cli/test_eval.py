@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
 from bp2_rl.cli import eval as command
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks.registry import BENCHMARKS
 from bp2_rl.evaluation.benchmarks.topspeed import topspeed
 from bp2_rl.learning.policy import make_policy, save_policy

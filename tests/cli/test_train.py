@@ -3,8 +3,8 @@ import os
 
 import pytest
 
+from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
-from bp2_rl.config import save_config
 from bp2_rl.settings.training import make_config
 
 

@@ -4,10 +4,10 @@ import sys
 
 import pytest
 
+from bp2_rl.base.folders import lock_folder
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.__main__ import main
-from bp2_rl.folders import lock_folder
-from bp2_rl.trajopt.program import Program
+from bp2_rl.optimiser.program import Program
 
 
 def test_the_commands_are_listed(capsys):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.learning.policy import load_policy
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
 from bp2_rl.deploy.bundle import describe, write_bundle
 from bp2_rl.deploy.onboard.controller import OBSERVATION
 from bp2_rl.env.observations import LAYOUT
-from bp2_rl.errors import UserError
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import EnvConfig

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of
-from bp2_rl.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec, Losses
 from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, Kernel

@@ -7,9 +7,9 @@ import pytest
 
 from bp2_rl.env.controller import Controller, motion_of
 from bp2_rl.env.observations import Measurement, layout_of
-from bp2_rl.gait.collocation.gait import CollocationGait
-from bp2_rl.gait.kinematic import KinematicGait
-from bp2_rl.gait.standing import Standing
+from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.library.trot import CollocationGait
+from bp2_rl.reference.standing import Standing
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, EnvConfig

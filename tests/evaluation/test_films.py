@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
 from bp2_rl.evaluation.judge import Launched, Launching, Workers
-from bp2_rl.evaluation.runs.film import NoVideo
-from bp2_rl.learning.policies import Hearing, Judge, Verdict
+from bp2_rl.learning.exports import Hearing, Judge, Verdict
 from bp2_rl.settings.training import RunConfig
+from bp2_rl.simulation.film import NoVideo
 
 FAST, FALLEN = Launched(fell=False, speed=12.5), Launched(fell=True, speed=0.0)
 

@@ -9,21 +9,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import LAUNCHES, Launch, Launched
-from bp2_rl.evaluation.runs.bodies import SwiftMachine
-from bp2_rl.evaluation.runs.machine import Machine
-from bp2_rl.evaluation.runs.metrics import RunMetrics
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.learning.policies import Verdict
+from bp2_rl.learning.exports import Verdict
 from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.machine import Machine
+from bp2_rl.simulation.metrics import RunMetrics
+from bp2_rl.simulation.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")

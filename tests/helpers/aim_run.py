@@ -6,7 +6,7 @@ from functools import partial
 
 from aim import StandIn
 
-from bp2_rl import files
+from bp2_rl.base import files
 from bp2_rl.cli import train as command
 from bp2_rl.learning import run
 from bp2_rl.learning.checkpoint import CHECKPOINTS

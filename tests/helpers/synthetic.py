@@ -8,10 +8,10 @@ from rich.console import Console
 
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.report import terminal
-from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy, PolicyCard
 from bp2_rl.robot.specs import GRAVITY, IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.simulation.trajectory import Trajectory
 
 DT = 1e-3
 MASS = 36.0

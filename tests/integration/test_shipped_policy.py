@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
 from bp2_rl.cli import eval as command
 from bp2_rl.evaluation.benchmarks.conditions import on_card
 from bp2_rl.learning.policy import load_policy

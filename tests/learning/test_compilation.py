@@ -4,8 +4,8 @@ import jax
 from aim import TINY, Aim
 from jax.experimental.compilation_cache import compilation_cache
 
-from bp2_rl.bench.measure import Compilations
 from bp2_rl.learning.ppo import PPO
+from bp2_rl.tools.throughput.measure import Compilations
 
 
 def test_nothing_is_compiled_after_the_first_two_iterations():

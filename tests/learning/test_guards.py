@@ -12,8 +12,8 @@ import pytest
 from aim import TINY, StandIn
 from aim_run import SMALL
 
+from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
-from bp2_rl.config import to_json
 from bp2_rl.learning import checkpoint, guards, loop, policy
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint, save_checkpoint

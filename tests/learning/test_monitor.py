@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from tensorboardX.proto import event_pb2
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.learning.monitor import Monitor, count, duration
 
 HEADLINES = {"reward": 12.345, "falls": 0.0312, "speed_error": 0.409, "curriculum_level": 0.625}

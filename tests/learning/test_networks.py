@@ -8,9 +8,9 @@ import pytest
 from aim import Aim
 from brax.training.acme import running_statistics, specs
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.mirror import ACTION, mirror_of
 from bp2_rl.env.observations import CRITIC_LAYOUT, LAYOUT
-from bp2_rl.errors import UserError
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import PPOConfig
 

@@ -19,9 +19,9 @@ from damage import flipped_bits, strange_json
 from flax import linen
 from killer import killed_at_every_operation
 
-from bp2_rl.config import to_json
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import to_json
 from bp2_rl.env.observations import Entry
-from bp2_rl.errors import UserError
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, load_policy, make_policy, save_policy
 from bp2_rl.settings.env import EnvConfig

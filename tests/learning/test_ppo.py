@@ -12,8 +12,8 @@ from brax.training.agents.ppo import losses
 from brax.training.agents.ppo import train as brax_ppo
 from jax.flatten_util import ravel_pytree
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env import BP2Env
-from bp2_rl.errors import UserError
 from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.ppo import PPO, make_networks
 

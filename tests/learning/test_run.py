@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 import slow_trot
 
-from bp2_rl.bench.measure import Compilations
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import lock_folder
+from bp2_rl.base.serialization import config_hash
 from bp2_rl.cli import train as command
-from bp2_rl.config import config_hash
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import layout_of
-from bp2_rl.errors import UserError
-from bp2_rl.folders import lock_folder
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.tracking import tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
+from bp2_rl.tools.throughput.measure import Compilations
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""

@@ -1,7 +1,7 @@
 import pytest
 
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig
 from bp2_rl.settings.training import RunConfig, TrainConfig, make_config

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
-from bp2_rl.config import save_config
-from bp2_rl.errors import UserError
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.settings import tracking

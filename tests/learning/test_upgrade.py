@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from bp2_rl.assets import asset_path
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.run import load_run_config
 from bp2_rl.robot.specs import Losses

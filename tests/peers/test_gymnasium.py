@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.peers import GYMNASIUM, register_gymnasium
 
 

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.named import CONFIGS, maker_of
-from bp2_rl.errors import UserError
 from bp2_rl.peers import PLAYGROUND, register_playground
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.commands import eased
-from bp2_rl.evaluation.runs.bodies import SwiftMachine
-from bp2_rl.evaluation.runs.rollout import rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
 from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, Wish
 from bp2_rl.robot.specs import CONTROL_STEP
+from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
 
@@ -31,7 +31,7 @@ def test_it_runs_as_the_judge_has_it_run(session):
     """The same policy on the same robot under the same ramp, held: `rollout_mujoco` steps it by a loop of its own."""
     ramp = Ramp((0.6, 0.0, 0.0), ACCELERATION, hold=0.15)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.evaluation.runs.rollout.SETTLING_TIME", 0.5)
+        patch.setattr("bp2_rl.simulation.rollout.SETTLING_TIME", 0.5)
         judged = rollout_mujoco(session._policy, ramp, session.config, hardware=session.hardware, machine=SwiftMachine)
     session.wish = Wish(0.6)
     run(session, ramp.duration - CONTROL_STEP)

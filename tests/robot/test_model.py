@@ -10,8 +10,8 @@ import pytest
 from landing import DT, MOTOR, converged, land_on_mjx, land_on_mujoco, landing, random_states
 from mujoco import mjx
 
-from bp2_rl import assets
-from bp2_rl.assets import asset_path
+from bp2_rl.base import assets
+from bp2_rl.base.assets import asset_path
 from bp2_rl.robot import actuator as act
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.assets import asset_path
-from bp2_rl.errors import UserError
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import FOOT_GEOMS, SPRING_QVEL, load_model
 from bp2_rl.robot.specs import IDEAL, LEGS, MOTOR_NAMES, HardwareSpec

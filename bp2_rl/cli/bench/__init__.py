@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.cli import app
 from bp2_rl.cli.train import defaults_here, read_named, refuse_early, use_processors
 from bp2_rl.robot.specs import RobotName

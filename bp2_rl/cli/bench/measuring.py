@@ -16,16 +16,25 @@ from pathlib import Path
 import jax
 from rich.console import Console
 
-from bp2_rl.bench.measure import OUT_OF_MEMORY, Case, PartName, measure_case
-from bp2_rl.bench.report import NUMBERS, PICTURE, Bench, Startup, describe_size, print_table, say, scaling_figure
+from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.base.folders import open_report
+from bp2_rl.base.plotting import save_figure
+from bp2_rl.base.serialization import from_json, package_versions, save_config
 from bp2_rl.cli.bench import STEP, Arguments, parse
 from bp2_rl.cli.runtime import prepare_jax
-from bp2_rl.config import from_json, package_versions, save_config
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.errors import UserError, not_installed
-from bp2_rl.folders import open_report
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.plotting import save_figure
+from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, Case, PartName, measure_case
+from bp2_rl.tools.throughput.report import (
+    NUMBERS,
+    PICTURE,
+    Bench,
+    Startup,
+    describe_size,
+    print_table,
+    say,
+    scaling_figure,
+)
 
 Size = tuple[int, int]
 """(robots, devices)."""
@@ -130,7 +139,7 @@ def measure_gymnasium_rates(arguments: Arguments) -> dict[str, float]:
     """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
         raise not_installed("--peer gymnasium", "gymnasium", "gym")
-    from bp2_rl.bench.gymnasium_rate import measure_gymnasium
+    from bp2_rl.tools.throughput.gymnasium_rate import measure_gymnasium
 
     numbers = dict.fromkeys((1, arguments.main_robots))
     return {str(robots): measure_gymnasium(arguments.env, robots, arguments.seconds) for robots in numbers}

@@ -1,4 +1,4 @@
-"""`bp2 trajopt COMMAND`: find trajectories, verify them, build the library of reference motions, draw what they show.
+"""`bp2 trajopt COMMAND`: find trajectories, verify them, build the library of reference motions.
 
 A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
 """
@@ -10,16 +10,8 @@ from bp2_rl.cli.dispatch import dispatch
 
 COMMANDS = {
     "solve": "find the best trajectory at one speed, verify it, and keep it with its picture",
-    "sweep": "solve at many speeds from many cold starts: how reliably, how fast, how many optima",
-    "limits": "find the greatest speed that has a trajectory at all, and what it hangs on",
-    "gaits": "set trot, bound, pronk, half-bound and gallop beside each other",
-    "limbs": "move mass between trunk and legs: what each costs, and how fast each gets",
     "verify": "judge solutions by a model that shares no code with the one they were found with",
-    "schemes": "compare discretisation schemes over meshes",
     "library": "build the library of reference motions",
-    "objective": "compare what the weight of forces in the cost makes of trajectory and design",
-    "codesign": "find gear ratio, leg length and spring stiffness along with the trajectory",
-    "figures": "draw the paper's figures of a family of trajectories",
 }
 
 

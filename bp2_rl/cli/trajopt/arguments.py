@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 import tyro
 
-from bp2_rl.bounds import Within
+from bp2_rl.base.bounds import Within
 from bp2_rl.cli import app
 from bp2_rl.robot.specs import ROBOTS, RobotName
 

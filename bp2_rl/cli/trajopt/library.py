@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.bounds import check_bounds
+from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import make_folder
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.cli.trajopt.solutions import save_family
-from bp2_rl.errors import UserError
-from bp2_rl.folders import make_folder
-from bp2_rl.trajopt.family import FamilyConfig, build_family, steps_of
+from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
 
 
 @dataclasses.dataclass(frozen=True)

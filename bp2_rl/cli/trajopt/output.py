@@ -10,9 +10,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.status import Status
 from rich.table import Table
 
-from bp2_rl.errors import UserError
-from bp2_rl.folders import lock_folder, make_folder
-from bp2_rl.trajopt.solution import Solution
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import lock_folder, make_folder
+from bp2_rl.optimiser.solution import Solution
 
 
 @contextlib.contextmanager
@@ -29,7 +29,7 @@ def own_folder(folder: Path) -> Iterator[None]:
 
 def describe(solutions: Sequence[Solution]) -> None:
     """A row for each solution."""
-    from bp2_rl.trajopt.verify import summarise
+    from bp2_rl.optimiser.verify import summarise
 
     table = Table("m/s", "period", "duty", "torque", "force", "energy", "re-simulation", "cost", "s")
     for solution in solutions:
@@ -54,7 +54,7 @@ def describe(solutions: Sequence[Solution]) -> None:
 
 def judge(solutions: Sequence[Solution], *, strict: bool = False) -> None:
     """Say which figures are beyond their limits; if strict, that ends the command."""
-    from bp2_rl.trajopt.verify import failures
+    from bp2_rl.optimiser.verify import failures
 
     lines = [f"{s.problem.speed:g} m/s: {line}" for s in solutions for line in failures(s.checks)]
     for line in lines:

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from bp2_rl.errors import UserError
-from bp2_rl.gait.collocation.file import MotionLibrary, broken, load_library, save_library
-from bp2_rl.settings.gait import CollocationConfig
-from bp2_rl.trajopt.family import FamilyConfig, arrays_of, family_of, provenance_of
-from bp2_rl.trajopt.solution import Solution, load_solution
-from bp2_rl.trajopt.sweep import best_of
+from bp2_rl.base.errors import UserError
+from bp2_rl.optimiser.family import FamilyConfig, arrays_of, family_of, provenance_of
+from bp2_rl.optimiser.solution import Solution, load_solution
+from bp2_rl.reference.library.file import MotionLibrary, broken, load_library, save_library
+from bp2_rl.settings.reference import CollocationConfig
 
 
 def load_solutions(path: Path | None) -> list[Solution]:
@@ -46,9 +45,13 @@ def load_family(path: Path) -> list[Solution]:
 
 
 def _load_folder(folder: Path) -> list[Solution]:
-    if (folder / "sweep.json").is_file():
-        return best_of(folder)
+    """Return the cheapest solution of each speed in a folder, slowest first."""
     cards = sorted(folder.glob("speed-*.npz"))
     if not cards:
-        raise UserError(f"{folder} holds no solutions: run `bp2 trajopt sweep --out {folder}`")
-    return [load_solution(card.with_suffix("")) for card in cards]
+        raise UserError(f"{folder} holds no solutions: run `bp2 trajopt library build --out {folder}`")
+    best: dict[float, Solution] = {}
+    for solution in (load_solution(card.with_suffix("")) for card in cards):
+        speed = solution.problem.speed
+        if speed not in best or solution.cost < best[speed].cost:
+            best[speed] = solution
+    return [best[speed] for speed in sorted(best)]

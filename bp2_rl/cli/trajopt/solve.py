@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Annotated
 
-from bp2_rl.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, parse_on_robot
-from bp2_rl.errors import UserError
-from bp2_rl.trajopt.problem import Problem, Starts
-from bp2_rl.trajopt.solution import save_solution, speed_name
+from bp2_rl.optimiser.problem import Problem, Starts
+from bp2_rl.optimiser.solution import save_solution, speed_name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,10 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _solve(arguments: Arguments) -> None:
     """Leave a solution, named after its speed, in the output folder."""
-    from bp2_rl.plotting import save_figure
-    from bp2_rl.trajopt.collocation import refine, solve_best
-    from bp2_rl.trajopt.figures.trajectory import trajectory_figure
-    from bp2_rl.trajopt.verify import verify
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.optimiser.collocation import refine, solve_best
+    from bp2_rl.optimiser.figure import trajectory_figure
+    from bp2_rl.optimiser.verify import verify
 
     solving = f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"
     with output.own_folder(arguments.out), output.spinner(solving):

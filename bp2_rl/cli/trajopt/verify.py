@@ -29,7 +29,7 @@ def _verify(arguments: Arguments) -> None:
     """Print every figure and its limit; a figure beyond its limit is a user's mistake like any other."""
     solutions = load_solutions(arguments.path)
 
-    from bp2_rl.trajopt.verify import verify
+    from bp2_rl.optimiser.verify import verify
 
     checked = []
     with output.progress() as progress:

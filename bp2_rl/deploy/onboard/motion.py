@@ -1,7 +1,7 @@
 """Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
 
-The laws are those of `bp2_rl.gait` for one robot, leg by leg in Python's own floats: for numbers as few as these NumPy
-would be several times slower. Rates are by hand what forward differentiation makes of them there. All numbers come
+The laws are those of `bp2_rl.reference` for one robot, leg by leg in Python's own floats: for numbers as few as
+these NumPy would be several times slower. Rates are by hand what forward differentiation makes of them there. All numbers come
 from `reference.npz` and `deploy.json`.
 """
 
@@ -82,7 +82,7 @@ class _Moment(NamedTuple):
 
 
 class Trot:
-    """A library of trots between its speeds and beyond them: `bp2_rl.gait.collocation.gait` says how.
+    """A library of trots between its speeds and beyond them: `bp2_rl.reference.library.trot` says how.
 
     Args:
         settings: `reference` of `deploy.json`: lengths in m, speeds in m/s, angles in rad.

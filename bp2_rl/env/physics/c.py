@@ -22,17 +22,17 @@ import numpy as np
 from jaxtyping import Array, Float
 from mujoco import rollout
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.workers import processors
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics import host_call
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization, randomize_actuator, randomize_c_model, randomize_resistance
-from bp2_rl.errors import UserError
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, let_converge, load_model
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.workers import processors
 
 PIECE = 128
 """Robots a thread that go through the five physics steps together: few enough that their models stay in the

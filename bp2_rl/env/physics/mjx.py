@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import mujoco
 from jaxtyping import Array, Float
 
+from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.errors import UserError, not_installed
 from bp2_rl.robot import dynamics, losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.losses import Resistance

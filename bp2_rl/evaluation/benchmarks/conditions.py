@@ -6,16 +6,16 @@ import math
 import jax
 import mujoco
 
-from bp2_rl.config import config_hash
+from bp2_rl.base.serialization import config_hash
 from bp2_rl.env.commands import EASE
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.runs.bodies import SwiftMachine
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.rollout import rollout_mjx, rollout_mujoco
-from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 from bp2_rl.settings.env import ControlConfig
+from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.rollout import rollout_mjx, rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
 
 OWN = "card's own"
 BACKENDS = {"mujoco": functools.partial(rollout_mujoco, machine=SwiftMachine), "mjx": rollout_mjx}

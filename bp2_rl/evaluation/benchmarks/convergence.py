@@ -6,6 +6,7 @@ import mujoco
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_command,
@@ -15,14 +16,13 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
-from bp2_rl.evaluation.runs.machine import JUDGE, Numerics
-from bp2_rl.evaluation.runs.metrics import RIPPLE, measure
-from bp2_rl.evaluation.runs.parallel import run_team
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.evaluation.runs.team import Try
-from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
-from bp2_rl.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
+from bp2_rl.simulation.machine import JUDGE, Numerics
+from bp2_rl.simulation.metrics import RIPPLE, measure
+from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.trajectory import Trajectory
 
 TOLERANCE = 0.01  # of the mean speed held: what a change of the numerics may change
 

@@ -10,8 +10,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.assets import asset_path
-from bp2_rl.errors import UserError
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import read_json
+from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     OWN,
     conditions,
@@ -24,21 +26,19 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.parallel import run_team
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.evaluation.runs.team import Try
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.files import read_json
 from bp2_rl.learning.policy import Policy
-from bp2_rl.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.robot.variants import PARTS, differing, with_parts
+from bp2_rl.simulation.metrics import measure
+from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.trajectory import Trajectory
 
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
-"""What `bp2 trajopt limits --losses --robot built` found, a robot's parts by the names of `robot.variants`."""
+"""What `bp2 paper trajectories limits --losses --robot built` found; parts by the names of `robot.variants`."""
 TILES = "Ideal robot", "Built robot", "Costliest alone", "Over the treadmill", "Over outdoors"
 
 

@@ -1,12 +1,12 @@
 """What may be chosen about a benchmark; read before JAX is imported, so that a mistake is answered at once."""
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from bp2_rl.bounds import Within, check_bounds
-from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.robot.specs import MotorHeat, RobotName
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
+from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
 Backend = Literal["mujoco", "mjx"]
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
@@ -24,8 +24,6 @@ class Setup:
     robots: Annotated[int, Within(1, 2**20)] | None = None
     seed: Annotated[int, Within(0, LARGEST_SEED)] | None = None
     operator: HeadingHold = HEADING_HOLD
-    heat: MotorHeat = MotorHeat()
-    quick: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
@@ -36,6 +34,6 @@ class Setup:
         """The flags that are not at their default."""
         return tuple(f.name for f in dataclasses.fields(self) if getattr(self, f.name) != f.default)
 
-    def only(self, flags: tuple[str, ...]) -> "Setup":
-        """The same with every other flag left to the benchmark."""
-        return Setup(**{name: getattr(self, name) for name in flags})
+    def only(self, flags: tuple[str, ...]) -> Self:
+        """Return these flags alone; every other one is left to the benchmark."""
+        return type(self)(**{name: getattr(self, name) for name in flags})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory
 
 NOT_MEASURED = "-"
 MEASURES = "Measure", "Value", "Definition"  # head of a table of rows

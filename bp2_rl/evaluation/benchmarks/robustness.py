@@ -11,19 +11,19 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, name_of, robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.batch import BatchRun, rollout_batch
-from bp2_rl.evaluation.runs.metrics import RIPPLE
-from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import Policy
-from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.training import on_robot
+from bp2_rl.simulation.batch import BatchRun, rollout_batch
+from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.schedule import Ramp
 
 ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED

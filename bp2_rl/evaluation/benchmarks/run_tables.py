@@ -2,11 +2,11 @@
 
 from typing import Any
 
+from bp2_rl.base.plotting import NARROW
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
-from bp2_rl.evaluation.runs.figures import FIGURES
-from bp2_rl.evaluation.runs.metrics import Account, RunMetrics, mean_stride_frequency
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.plotting import NARROW
+from bp2_rl.simulation.figures import FIGURES
+from bp2_rl.simulation.metrics import Account, RunMetrics, mean_stride_frequency
+from bp2_rl.simulation.trajectory import Trajectory
 
 ENERGY = {
     "copper": "windings",

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
     describe_command,
@@ -20,14 +21,13 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
-from bp2_rl.evaluation.runs.parallel import run_team
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.evaluation.runs.team import Try
-from bp2_rl.evaluation.runs.trajectory import Trajectory
 from bp2_rl.learning.policy import Policy
-from bp2_rl.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.simulation.metrics import RunMetrics, measure
+from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
 AS_ASSUMED = "as assumed"

@@ -8,7 +8,19 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.plotting import (
+    FALL,
+    FRONT,
+    INK,
+    LEG_COLORS,
+    QUIET,
+    WIDTH,
+    legend_above,
+    mark_level,
+    moving_mean,
+    styled,
+)
 from bp2_rl.evaluation.benchmarks.conditions import (
     BACKENDS,
     conditions,
@@ -29,14 +41,13 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     run_rows,
     run_tables,
 )
-from bp2_rl.evaluation.runs.metrics import RIPPLE, RunMetrics, measure
-from bp2_rl.evaluation.runs.schedule import Ramp
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, mark_level, moving_mean, styled
-from bp2_rl.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position
+from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import Trajectory
 
 LAUNCH = 5.0  # m, as in the paper
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)

@@ -14,10 +14,10 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
-from bp2_rl.evaluation.runs.account import account
-from bp2_rl.evaluation.runs.metrics import RunMetrics, measure, steady_window
-from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
 from bp2_rl.learning.policy import Policy
+from bp2_rl.simulation.account import account
+from bp2_rl.simulation.metrics import RunMetrics, measure, steady_window
+from bp2_rl.simulation.schedule import ACCELERATION, Ramp
 
 TOPSPEED_HOLD = 20.0  # s
 TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"

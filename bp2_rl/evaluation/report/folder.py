@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bp2_rl.config import load_config, save_config, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import write_bytes, write_text
+from bp2_rl.base.folders import open_report
+from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.registry import ALL
 from bp2_rl.evaluation.report.page import PAGE, STILL, TRAJECTORY, VIDEO, overview, page
 from bp2_rl.evaluation.report.pictures import png
-from bp2_rl.evaluation.runs.film import NoVideo, make_video
-from bp2_rl.files import write_bytes, write_text
-from bp2_rl.folders import open_report
+from bp2_rl.simulation.film import NoVideo, make_video
 
 METRICS = "metrics.json"
 

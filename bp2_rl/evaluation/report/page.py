@@ -42,7 +42,7 @@ def _again(command: str | None, has_trajectory: bool) -> str:
     made = f"<pre class=wide><code>{_escape(command)}</code></pre>" if command else ""
     data = (
         f'<p><a href="{TRAJECTORY}">{TRAJECTORY}</a> holds the run millisecond by millisecond; in Python: '
-        "<code>bp2_rl.evaluation.runs.trajectory.Trajectory.load</code>.</p>"
+        "<code>bp2_rl.simulation.trajectory.Trajectory.load</code>.</p>"
     )
     return (f"<h2>Make it again</h2>{made}{data if has_trajectory else ''}") if command or has_trajectory else ""
 

@@ -8,7 +8,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Array, Float, Int
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.robot.kernel.vectors import Number, Vector
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.robot.specs import LEGS

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.physics import c
 from bp2_rl.env.physics.interface import AGES, in_force
-from bp2_rl.errors import UserError
 from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 

@@ -3,14 +3,14 @@ import math
 
 import pytest
 
-from bp2_rl.assets import asset_path
+from bp2_rl.base.assets import asset_path
 from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.sprint import ACCELERATION, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
+from bp2_rl.simulation.schedule import Ramp
 
 
 @pytest.mark.parametrize(

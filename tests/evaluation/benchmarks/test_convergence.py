@@ -3,8 +3,8 @@ import io
 import pytest
 from PIL import Image
 
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import convergence as module
 from bp2_rl.evaluation.benchmarks.convergence import (
     VARIANTS,
@@ -17,7 +17,7 @@ from bp2_rl.evaluation.benchmarks.convergence import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.machine import JUDGE
+from bp2_rl.simulation.machine import JUDGE
 
 
 @pytest.fixture

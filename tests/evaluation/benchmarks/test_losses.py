@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from bp2_rl.config import from_json, to_json
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import losses as module
 from bp2_rl.evaluation.benchmarks.losses import (
     LossesMetrics,

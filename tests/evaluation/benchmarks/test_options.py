@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_operator, describe_ramp, speed_to_command
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.schedule import Ramp
 from bp2_rl.settings.env import CommandConfig, EnvConfig
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.schedule import Ramp
 
 
 @pytest.mark.parametrize(

@@ -4,16 +4,15 @@ from typing import get_args
 
 import pytest
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.errors import UserError
 from bp2_rl.evaluation.benchmarks import conditions as setups
 from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
-from bp2_rl.evaluation.runs.metrics import measure
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.simulation.metrics import measure
+from bp2_rl.simulation.operator import HeadingHold
 
 
 @pytest.fixture
@@ -55,7 +54,7 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
         backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
-        operator=HeadingHold(1.0), heat=MotorHeat(air=30.0), quick=True,
+        operator=HeadingHold(1.0),
     )  # fmt: skip
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)

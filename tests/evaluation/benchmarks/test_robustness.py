@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bp2_rl.config import from_json, to_json
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.commands import fastest_turn
 from bp2_rl.evaluation.benchmarks import robustness as module
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -25,10 +25,10 @@ from bp2_rl.evaluation.benchmarks.robustness import (
     wilson_interval,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.evaluation.runs.batch import BatchRun
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.training import on_robot
+from bp2_rl.simulation.batch import BatchRun
 
 DT = 5e-3
 

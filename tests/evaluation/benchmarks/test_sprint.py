@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks import conditions as setups
 from bp2_rl.evaluation.benchmarks import sprint as module
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -26,10 +26,10 @@ from bp2_rl.evaluation.benchmarks.sprint import (
     trunk_edges,
     verdict,
 )
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.published.sprints import BOLT_SPLITS
+from bp2_rl.evaluation.published.sprints import BOLT_SPLITS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import foot_geom_ids, load_model
+from bp2_rl.simulation.operator import HeadingHold
 
 
 @pytest.fixture

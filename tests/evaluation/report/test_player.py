@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from browser import browsing, find_browser
 
+from bp2_rl.base.plotting import moving_mean
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures
 from bp2_rl.evaluation.report.page import page
 from bp2_rl.evaluation.report.player.content import LONGEST, describe
-from bp2_rl.plotting import moving_mean
 from bp2_rl.robot.model import load_model
 
 BROWSER = find_browser()

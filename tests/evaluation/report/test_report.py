@@ -13,14 +13,14 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.evaluation.report import folder, page, terminal
-from bp2_rl.evaluation.runs import film as video
-from bp2_rl.evaluation.runs.metrics import RunMetrics, measure
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.simulation import film as video
+from bp2_rl.simulation.metrics import RunMetrics, measure
+from bp2_rl.simulation.trajectory import Trajectory
 
 
 def evaluation_of(run, benchmark="topspeed", **changes):

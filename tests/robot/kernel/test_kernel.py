@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from landing import converged, random_states
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.randomization import draw, randomize_c_model
-from bp2_rl.errors import UserError
 from bp2_rl.robot.kernel import constraints, millisecond, pieces
 from bp2_rl.robot.kernel.design import Design
 from bp2_rl.robot.kernel.legs import Masses

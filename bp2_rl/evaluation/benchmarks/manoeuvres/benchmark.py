@@ -23,16 +23,16 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.parallel import run_team
-from bp2_rl.evaluation.runs.schedule import ACCELERATION, Ramp
-from bp2_rl.evaluation.runs.team import Try, rollout_team
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.evaluation.runs.world import EVEN, GRID
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.schedule import ACCELERATION, Ramp
+from bp2_rl.simulation.team import Try, rollout_team
+from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import EVEN, GRID
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
 

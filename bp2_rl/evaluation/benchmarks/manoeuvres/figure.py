@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Outcome
-from bp2_rl.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
 
 CELL, ROW = 0.76, 0.42  # inches
 LABELS = 2.2  # inches, left of the cells

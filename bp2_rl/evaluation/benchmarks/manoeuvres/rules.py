@@ -7,12 +7,12 @@ from typing import Generic, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.plotting import moving_mean
 from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, track_position, trunk_edges
-from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window, mean_powers
-from bp2_rl.evaluation.runs.schedule import Command
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.plotting import moving_mean
 from bp2_rl.robot import specs
+from bp2_rl.simulation.metrics import RIPPLE, best_window, mean_powers
+from bp2_rl.simulation.schedule import Command
+from bp2_rl.simulation.trajectory import Trajectory
 
 STOPPED = 0.3  # m/s: slower is at rest
 BRAKING_DISTANCE = 1.5  # times v^2 / 2a, at most

@@ -9,13 +9,13 @@ from typing import Any
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Judged
 from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, TIME_LIMIT, TRACK
-from bp2_rl.evaluation.runs.operator import HeadingHold
-from bp2_rl.evaluation.runs.schedule import ACCELERATION, Course, Ramp, Schedule
-from bp2_rl.evaluation.runs.team import Try
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.evaluation.runs.world import Push, World
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.schedule import ACCELERATION, Course, Ramp, Schedule
+from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import Push, World
 
 STEADY = 1.5  # s, at a speed before anything else is asked
 AFTERWARDS = 2.0  # s, that a robot must stay up at the end

@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.evaluation.runs.metrics import RIPPLE, best_window
-from bp2_rl.evaluation.runs.trajectory import Trajectory
-from bp2_rl.plotting import LEG_COLORS, moving_mean
+from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.model import SOLE_SITES, load_model
 from bp2_rl.robot.specs import CONTROL_STEP, LEGS, HardwareSpec
+from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.trajectory import Trajectory
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones

@@ -5,7 +5,7 @@ import json
 from importlib import resources
 
 from bp2_rl.evaluation.report.player.content import describe
-from bp2_rl.evaluation.runs.trajectory import Trajectory
+from bp2_rl.simulation.trajectory import Trajectory
 
 SCRIPTS = "linear.js", "shapes.js", "motion.js", "scene.js", "controls.js"
 

@@ -9,8 +9,9 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
-from bp2_rl.config import from_json, to_json
-from bp2_rl.errors import UserError
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.plotting import FALL
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.evaluation.benchmarks.manoeuvres import benchmark as module
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     ManoeuvreMetrics,
@@ -29,10 +30,9 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.report import folder
-from bp2_rl.evaluation.runs.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.evaluation.runs.schedule import Course, Ramp
-from bp2_rl.plotting import FALL
 from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.simulation.schedule import Course, Ramp
 
 TOP, LEVEL_SPEED = Ramp((15.0, 0.0, 0.0)), 14.0
 

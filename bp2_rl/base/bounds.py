@@ -1,0 +1,129 @@
+"""Bounds of numbers in settings, declared where the field is and checked in one place.
+
+    sweep: Positive = 0.7
+    friction: Annotated[float, Within(0.01, 10.0)] = 0.9
+    latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
+
+`check_bounds` goes through a dataclass and the ones in it. A number must be finite unless its bounds say otherwise, and
+an integer must fit 64 bits; in a tuple every entry must be within, and a `Range` must ascend; None stands for a choice
+that is left open.
+"""
+
+import dataclasses
+import math
+import typing
+from typing import Annotated, Any, get_args, get_origin
+
+from bp2_rl.base.errors import UserError
+
+
+@dataclasses.dataclass(frozen=True)
+class Within:
+    """What a number may be: from `least` to `most`.
+
+    Args:
+        least: and below it nothing.
+        most: and above it nothing.
+        open_below: `least` itself is too little.
+        open_above: `most` itself is too much.
+        infinite: plus infinity is allowed, and means that there is no limit.
+    """
+
+    least: float = -math.inf
+    most: float = math.inf
+    open_below: bool = False
+    open_above: bool = False
+    infinite: bool = False
+
+    def __contains__(self, number: float) -> bool:
+        """Whether a number keeps to the bounds; NaN never does."""
+        if not _is_finite(number):
+            return self.infinite and number == math.inf
+        above = number > self.least if self.open_below else number >= self.least
+        below = number < self.most if self.open_above else number <= self.most
+        return above and below
+
+    def __str__(self) -> str:
+        """In words, after "must be"."""
+        lower, upper = math.isfinite(self.least), math.isfinite(self.most)
+        if lower and upper and not (self.open_below or self.open_above):
+            return f"from {_show(self.least)} to {_show(self.most)}{' or inf' if self.infinite else ''}"
+        ends = []
+        if lower and self.open_below:
+            ends.append("positive" if self.least == 0 else f"above {_show(self.least)}")
+        elif lower:
+            ends.append(f"at least {_show(self.least)}")
+        if upper:
+            ends.append(f"{'below' if self.open_above else 'at most'} {_show(self.most)}")
+        return " and ".join(ends) or "a finite number"
+
+
+ANY = Within()
+POSITIVE = Within(0.0, open_below=True)
+Positive = Annotated[float, POSITIVE]
+Share = Annotated[float, Within(0.0, 1.0)]
+Count = Annotated[int, Within(1)]
+Range = tuple[float, float]
+"""(low, high), from which something is drawn or between which it lies."""
+
+
+def check_bounds(config: Any, path: str = "") -> None:
+    """Refuse a dataclass with a number out of bounds; those in it are looked at, too.
+
+    Args:
+        config: an instance.
+        path: what its fields' names are preceded by in messages, `control.`; empty for none. If that begins as a flag
+            does, `--operator.`, they are written as flags.
+
+    Raises:
+        UserError: one line that names the first such field, its bounds, and its value.
+    """
+    hints = typing.get_type_hints(type(config), include_extras=True)
+    for field in dataclasses.fields(config):
+        value, name = getattr(config, field.name), f"{path}{field.name}"
+        name = name.replace("_", "-") if path.startswith("--") else name
+        if dataclasses.is_dataclass(value):
+            check_bounds(value, f"{name}.")
+            continue
+        annotation = hints[field.name]
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
+            continue
+        bounds = _bounds(annotation)
+        for number in numbers:
+            if number not in bounds:
+                endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
+                raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
+        if _is_range(annotation) and not value[0] <= value[1]:
+            raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
+
+
+def _bounds(annotation: Any) -> Within:
+    """The bounds that an annotation declares, of an optional one or a tuple's entries as well."""
+    if get_origin(annotation) is Annotated:
+        inner, *remarks = get_args(annotation)
+        found = [remark for remark in remarks if isinstance(remark, Within)]
+        return found[0] if found else _bounds(inner)
+    for member in get_args(annotation):
+        found = _bounds(member)
+        if found is not ANY:
+            return found
+    return ANY
+
+
+def _is_range(annotation: Any) -> bool:
+    if get_origin(annotation) is Annotated:
+        return _is_range(get_args(annotation)[0])
+    return annotation in (Range, Range | None)
+
+
+def _is_finite(number: float) -> bool:
+    """Whether a float is finite, or an integer of at most 64 bits."""
+    return -(2**63) <= number < 2**63 if isinstance(number, int) else math.isfinite(number)
+
+
+def _show(number: float) -> str:
+    """A number for a message: an integer of hundreds of digits is no help."""
+    if isinstance(number, int):
+        return str(number) if abs(number) < 10**30 else "a huge integer"
+    return f"{number:g}"

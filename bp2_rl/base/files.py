@@ -1,0 +1,264 @@
+"""Files that are whole or not there, and strangers' files that are looked at before use.
+
+Everything that the package keeps is written by these functions, and everything that it reads back goes through
+`read_json` and `read_npz`: whatever such a file holds, it ends in the value wanted or in one line that says what is
+wrong with it. Folders are in `folders.py`.
+"""
+
+import contextlib
+import io
+import json
+import math
+import os
+import stat
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from bp2_rl.base.errors import UserError
+
+LARGEST_FILE = 4 << 30
+LARGEST_TEXT = 64 << 20
+"""Bytes of the largest file, and of the largest JSON file, that is read: ours are far smaller."""
+LARGEST_ARRAYS = 1 << 30
+"""Bytes that the arrays of one .npz file may have unless the reader says otherwise."""
+DEEPEST = 50
+"""Levels of lists and objects within each other in a JSON value that is read."""
+
+
+class BadFileError(UserError):
+    """A file that is not there, cannot be read, or does not hold what it should; the line begins with its path."""
+
+
+# --- Writing -------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def new_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to fill, which takes the place of `path` when the block ends, whole and on disk, or not at all.
+
+    Raises:
+        OSError: the disk is full, or the folder not ours; what was there before still is.
+    """
+    path = Path(path)
+    temporary = _temporary(path, os.getpid())  # another process may write the same file
+    try:
+        with temporary.open("wb") as file:
+            yield file
+            flush(file)
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+    sync(path.parent)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all; raises as `new_file`."""
+    with new_file(path) as file:
+        file.write(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """The same for text, in UTF-8."""
+    write_bytes(path, text.encode())
+
+
+def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
+    """The same for named arrays, by `np.savez` or `np.savez_compressed`."""
+    with new_file(path) as file:
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)
+
+
+def _temporary(path: Path, process: int) -> Path:
+    return path.with_name(f".{path.name}.{process}.tmp")
+
+
+def flush(file: IO[Any] | io.IOBase) -> None:
+    """Until what has been written to an open file is on disk."""
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def sync(path: Path) -> None:
+    """Until a file's content, or a folder's names, are on disk; Windows, which opens no folders, is left to itself."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def require_name(path: Path) -> None:
+    """Raise `UserError` unless a file or a folder can be written under this name, whether there is one or not."""
+    try:
+        str(path).encode()
+        for name in (Path(path), _temporary(Path(path), 10**7)) if Path(path).name else (path,):
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+                os.stat(name)
+    except (OSError, ValueError) as error:  # too long; a NUL; bytes that are not UTF-8
+        name = ascii(str(path))
+        name = name if len(name) <= 60 else f"{name[:57]}..."
+        what = error.strerror if isinstance(error, OSError) else "it holds a NUL or bytes that are not UTF-8"
+        raise UserError(f"no file or folder can be called {name}: {what}") from error
+
+
+# --- Reading -------------------------------------------------------------------------------------------------
+
+
+def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
+    """A file's content.
+
+    Raises:
+        BadFileError: it is not there, cannot be read, is no regular file, or is larger than `largest` bytes.
+    """
+    path = Path(path)
+    try:
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise BadFileError(f"{path} is a folder, not a file")
+        if not stat.S_ISREG(about.st_mode):
+            raise BadFileError(f"{path} is a device or a pipe, not a file")
+        if about.st_size > largest:
+            raise BadFileError(f"{path} has {about.st_size:,} bytes, {largest:,} at most are read")
+        return path.read_bytes()
+    except OSError as error:
+        raise BadFileError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def read_json(path: Path) -> Any:
+    """The JSON value in a file.
+
+    Raises:
+        BadFileError: as `read_bytes` and `parse_json`.
+    """
+    return parse_json(read_bytes(path, LARGEST_TEXT), str(path))
+
+
+def parse_json(content: bytes | str, source: str) -> Any:
+    """The JSON value that a file's content stands for.
+
+    Raises:
+        BadFileError: it is not JSON in UTF-8, or nested too deeply; `source` stands before the line.
+    """
+    try:
+        value = json.loads(content if isinstance(content, str) else content.decode())
+        _check_json(value)
+    except RecursionError as error:
+        raise BadFileError(f"{source} is no JSON file of ours: it is nested too deeply") from error
+    except ValueError as error:  # JSON, UTF-8 and endless integers alike
+        raise BadFileError(f"{source} is damaged or not JSON: {error}") from error
+    return value
+
+
+def _check_json(value: Any) -> None:
+    """Raise RecursionError or ValueError where a JSON value is nested too deeply or holds half a character."""
+    level = [value]
+    for _ in range(DEEPEST):
+        for text in (entry for entry in level if isinstance(entry, str)):
+            text.encode()
+        inner = [(list(entry) + list(entry.values()) if isinstance(entry, dict) else entry) for entry in level
+                 if isinstance(entry, dict | list)]  # fmt: skip
+        level = [entry for entries in inner for entry in entries]
+        if not level:
+            return
+    raise RecursionError
+
+
+class ArraySpec(NamedTuple):
+    """What an array of an .npz file must be: NumPy's dtype (or a kind of them, `np.floating`) and a shape.
+
+    A name in the shape is a size that must be the same wherever it stands; None is any size.
+    """
+
+    dtype: Any
+    shape: tuple[int | str | None, ...]
+
+
+def read_npz(
+    path: Path, wanted: Mapping[str, ArraySpec], *, content: bytes | None = None, largest: int = LARGEST_ARRAYS
+) -> dict[str, np.ndarray]:
+    """The arrays `wanted` of an .npz file, and nothing else of it: pickles and further arrays are never unpacked.
+
+    Names, types, shapes and sizes are compared with the headers before an array is read, so that a small file cannot
+    fill the memory.
+
+    Args:
+        path: of the file, for its content and for the message.
+        wanted: what must be there, by name.
+        content: the file's bytes, where they have been read already.
+        largest: bytes that the arrays may have together, unpacked.
+
+    Raises:
+        BadFileError: the file is missing, damaged, or holds anything else under these names.
+    """
+    content = read_bytes(path) if content is None else content
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+            sizes: dict[str, int] = {}
+            total = 0
+            for name, spec in wanted.items():
+                if name not in members:
+                    raise BadFileError(f"{path} lacks the array {name}")
+                with archive.open(members[name]) as member:
+                    shape, _, dtype = _read_header(member)
+                if not _fits(dtype, shape, spec, sizes):
+                    raise BadFileError(
+                        f"{path} holds {name} as {dtype}{list(shape)}, expected {_describe(spec, sizes)}"
+                    )
+                total += dtype.itemsize * math.prod(shape)
+            if total > largest:
+                raise BadFileError(f"{path} holds {total:,} bytes of arrays, {largest:,} at most are read")
+            arrays = {}
+            for name in wanted:
+                with archive.open(members[name]) as member:
+                    arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
+                    if member.read(1):
+                        raise BadFileError(f"{path} is damaged: {name} is longer than it says")
+            return arrays
+    except UserError:
+        raise
+    except _DAMAGE as error:
+        raise BadFileError(f"{path} is damaged or no .npz file ({type(error).__name__}: {error})") from error
+
+
+# What zipfile, zlib and NumPy raise for bytes that are not theirs; found by flipping bits of every file we write.
+_DAMAGE = (
+    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, OverflowError, MemoryError, RecursionError,
+    NotImplementedError, RuntimeError, SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+
+
+def _read_header(member: Any) -> tuple[tuple[int, ...], bool, np.dtype]:
+    if (version := np.lib.format.read_magic(member)) != (1, 0):  # later ones may have headers of gigabytes
+        raise ValueError(f"array format {version}")
+    return np.lib.format.read_array_header_1_0(member)
+
+
+def _fits(dtype: np.dtype, shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]) -> bool:
+    """Whether an array is as wanted; the sizes that `spec` names are set by their first appearance."""
+    kind = isinstance(spec.dtype, type) and issubclass(spec.dtype, np.generic)
+    right_type = np.issubdtype(dtype, spec.dtype) if kind else dtype == spec.dtype
+    if not right_type or dtype.hasobject or len(shape) != len(spec.shape):
+        return False
+    for size, expected in zip(shape, spec.shape, strict=True):
+        limit = sizes.setdefault(expected, size) if isinstance(expected, str) else expected
+        if limit is not None and size != limit:
+            return False
+    return True
+
+
+def _describe(spec: ArraySpec, sizes: Mapping[str, int]) -> str:
+    name = spec.dtype.__name__ if isinstance(spec.dtype, type) else str(spec.dtype)
+    shape = [sizes.get(size, size) if isinstance(size, str) else "any" if size is None else size for size in spec.shape]
+    return f"{name}[{', '.join(map(str, shape))}]"

@@ -1,0 +1,178 @@
+"""Folders that are replaced whole or not at all, and folders that belong to one piece of work."""
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import require_name, sync
+
+LOCK = ".lock"
+"""The file in a folder that `lock_folder` locks; it stays there."""
+
+
+# --- Replaced whole -----------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to fill, which takes the place of `path` when the block ends, whole or not at all.
+
+    Killed at any moment, either the old folder or the new one is there under its name, or the old one is complete
+    under `.NAME.old`, where `find_folder` finds it and from where `restore_folder` brings it back.
+
+    Raises:
+        OSError: as `write_bytes`.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    restore_folder(path)
+    fresh, old = _aside(path, "new"), _aside(path, "old")
+    for leftover in (fresh, old):
+        if leftover.exists():
+            shutil.rmtree(leftover)
+    fresh.mkdir()
+    try:
+        yield fresh
+        for file in fresh.iterdir():
+            sync(file)
+        sync(fresh)
+        if path.exists():
+            path.rename(old)
+        fresh.rename(path)
+        sync(path.parent)
+    except BaseException:
+        restore_folder(path)
+        shutil.rmtree(fresh, ignore_errors=True)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def remove_folder(path: Path) -> None:
+    """Remove a folder so that, killed half-way, nothing of it is left under its name."""
+    doomed = _aside(Path(path), "gone")
+    Path(path).rename(doomed)
+    shutil.rmtree(doomed)
+
+
+def find_folder(path: Path) -> Path:
+    """Where the folder is that `new_folder` calls `path`: there, or set aside by a process that was killed."""
+    path = Path(path)
+    return path if path.exists() or not _aside(path, "old").is_dir() else _aside(path, "old")
+
+
+def folder_names(parent: Path) -> set[str]:
+    """Names of the folders in a folder, of those with an own name and those that `find_folder` finds aside."""
+    names = {entry.name for entry in Path(parent).iterdir() if entry.is_dir()}
+    asides = {name: match for name in names if (match := _ASIDE.fullmatch(name))}
+    return names - asides.keys() | {match[1] for match in asides.values() if match[2] == "old"}
+
+
+def restore_folder(path: Path) -> None:
+    """Undo what a process left that was killed between the two renames of `new_folder`."""
+    old = _aside(Path(path), "old")
+    if old.is_dir() and not Path(path).exists():
+        old.rename(path)
+
+
+def tidy(parent: Path) -> None:
+    """Bring back, or else remove, what killed `new_folder`s and `remove_folder`s have left in a folder."""
+    for entry in list(Path(parent).iterdir()):
+        match = _ASIDE.fullmatch(entry.name)
+        if match and entry.is_dir():
+            if match[2] == "old":
+                restore_folder(entry.with_name(match[1]))
+            if entry.exists():
+                shutil.rmtree(entry)
+
+
+def _aside(path: Path, kind: str) -> Path:
+    return path.with_name(f".{path.name}.{kind}")
+
+
+_ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
+
+
+# --- Somebody's ------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path, busy: str) -> Iterator[int]:
+    """Keep other processes from working in an existing folder meanwhile; gives the lock's file descriptor.
+
+    A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the lock as well, so that it is not
+    free while one of them still works. It ends with the last of them, however that ends.
+
+    Args:
+        folder: of the work.
+        busy: the line for whoever comes second.
+
+    Where the system or the file system knows no such locks, as Windows and some clusters, there is none.
+
+    Raises:
+        UserError: another process holds it, or the folder cannot be written.
+    """
+    try:
+        file = (Path(folder) / LOCK).open("w")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
+    with file:
+        _lock(file, busy)
+        yield file.fileno()
+
+
+def _lock(file: IO[str], busy: str) -> None:
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UserError(busy) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+            raise
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, before anything is computed for it.
+
+    Raises:
+        UserError: it cannot be made, or cannot be written.
+    """
+    require_name(folder)
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise UserError(f"cannot write to {folder}: choose another folder")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error
+
+
+def open_report(folder: Path, mark: str, what: str) -> None:
+    """Make a report's folder, before anything is measured for it.
+
+    Args:
+        folder: what --out names.
+        mark: the file by which an old report is known, which may be replaced.
+        what: the kind of report, for the message.
+
+    Raises:
+        UserError: it cannot be made or written, or holds anything but such a report.
+    """
+    require_name(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not (folder / mark).is_file():
+            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}")
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error

@@ -1,0 +1,364 @@
+"""Configs are frozen dataclasses; this is how they become JSON and how JSON becomes them again, strictly.
+
+What may stand in a config: float, int, bool, str, None, `pathlib.Path`, tuples, Literals, nested dataclasses,
+Optionals and unions of those, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the
+dataclass is refused with the path of the key at fault, never patched up.
+"""
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import json
+import math
+import types
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+import bp2_rl
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import BadFileError, read_json, write_text
+from bp2_rl.base.folders import make_folder
+
+Config = TypeVar("Config")
+
+# JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
+_NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
+# Names the dataclass where a union leaves a choice between several.
+_TAG = "type"
+
+
+class ConfigError(UserError):
+    """A config file or value that does not fit its dataclass."""
+
+
+def to_json(config: Any) -> dict[str, Any]:
+    """The JSON object of a dataclass. Floats are written as floats (1 becomes 1.0), non-finite ones as strings.
+
+    Raises:
+        ConfigError: a field holds a value of another type than the one declared.
+    """
+    return _encode(type(config), config, "")
+
+
+def from_json(cls: type[Config], data: Any) -> Config:
+    """The `cls` that `data`, an object as `to_json` makes it, describes: `from_json(cls, to_json(c)) == c`.
+
+    Fields with a default may be absent. An integer is a fine float; nothing else is converted.
+
+    Raises:
+        ConfigError: an unknown key, a missing one, a wrong type, or a value that the dataclass itself refuses.
+    """
+    return _decode(cls, data, "")
+
+
+def flatten(data: Any, path: str = "") -> dict[str, Any]:
+    """The values of a JSON object by their dotted names."""
+    if not isinstance(data, dict):
+        return {path: data}
+    return {
+        name: value for key, inner in data.items() for name, value in flatten(inner, f"{path}.{key}".strip(".")).items()
+    }
+
+
+def merge(before: Config, changed: Config, after: Config) -> Config:
+    """`after`, with what `changed` sets otherwise than `before`: three dataclasses of one type, field by field."""
+
+    def field(old: Any, mine: Any, new: Any) -> Any:
+        nested = dataclasses.is_dataclass(old) and type(old) is type(mine) is type(new)
+        return merge(old, mine, new) if nested else new if mine == old else mine
+
+    names = (f.name for f in dataclasses.fields(typing.cast(Any, before)))
+    values = {name: field(*(getattr(c, name) for c in (before, changed, after))) for name in names}
+    return dataclasses.replace(typing.cast(Any, after), **values)
+
+
+def config_hash(config: Any) -> str:
+    """Twelve hex digits that are equal for equal configs, on every machine and in every process."""
+    return _sha256(to_json(config))[:12]
+
+
+def seal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A JSON object with a checksum of all its values, under `name`."""
+    return {**data, name: _sha256(data)}
+
+
+def unseal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The object that `seal` was given. One without a checksum is taken as it is: made before there was any.
+
+    Raises:
+        ConfigError: it is not what was sealed.
+    """
+    rest = {key: value for key, value in data.items() if key != name}
+    if name in data and data[name] != _sha256(rest):
+        raise ConfigError(f"damaged or edited: {name} is the checksum of something else")
+    return rest
+
+
+def _sha256(data: Mapping[str, Any]) -> str:
+    """The checksum of a JSON object, however it is laid out in a file."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def save_config(path: Path, config: Any) -> None:
+    """Write `config` to `path` as readable JSON; the file is either the old one or the whole new one."""
+    write_text(path, json.dumps(to_json(config), indent=2, allow_nan=False) + "\n")
+
+
+def load_config(cls: type[Config], path: Path, *, upgrade: Callable[[Any], Any] = lambda data: data) -> Config:
+    """Read the `cls` that `save_config` wrote to `path`; `upgrade` makes this version's JSON of an older one's.
+
+    Raises:
+        ConfigError: the file is missing, is not JSON, or does not describe a `cls`.
+    """
+    try:
+        return from_json(cls, upgrade(read_json(path)))
+    except BadFileError as error:
+        raise ConfigError(str(error)) from error
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
+    """Make a folder, and make it that of `settings`, so that work which goes on in it later is the same work.
+
+    Args:
+        folder: of the work.
+        card: the file in it that holds the settings.
+        settings: a config.
+        what: the work, with its article, for the message.
+
+    Raises:
+        UserError: the folder cannot be made or written, or belongs to other settings.
+    """
+    make_folder(folder)
+    path = folder / card
+    if not path.is_file():
+        save_config(path, settings)
+        return
+    old = load_config(type(settings), path)
+    changed = [f.name for f in dataclasses.fields(old) if getattr(old, f.name) != getattr(settings, f.name)]
+    if changed:
+        raise UserError(
+            f"{folder} holds {what} with another {' and '.join(changed)} (see {path}): "
+            "choose another folder, or remove it"
+        )
+
+
+def package_versions() -> dict[str, str]:
+    """The versions that a result depends on, to be written beside it."""
+    others = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "numpy")
+    return {"bp2_rl": bp2_rl.__version__} | {name: importlib.metadata.version(name) for name in others}
+
+
+# --- Encoding -------------------------------------------------------------------------------------------------
+def _encode(annotation: Any, value: Any, path: str) -> Any:
+    """The JSON value of `value`, which is declared as `annotation` at `path`."""
+    annotation = _bare(annotation)
+    if _is_union(annotation):
+        member = _member_of_value(annotation, value, path)
+        encoded = _encode(member, value, path)
+        return {_TAG: member.__name__, **encoded} if len(_dataclass_members(annotation, path)) > 1 else encoded
+    if dataclasses.is_dataclass(annotation):
+        _require(type(value) is annotation, annotation, value, path)
+        hints = _hints(annotation)
+        return {
+            field.name: _encode(hints[field.name], getattr(value, field.name), _join(path, field.name))
+            for field in dataclasses.fields(annotation)
+            if field.init
+        }
+    if annotation is float:
+        _require(isinstance(value, int | float) and not isinstance(value, bool), annotation, value, path)
+        number = float(value)
+        return number if math.isfinite(number) else str(number)
+    if annotation is Path:
+        _require(isinstance(value, Path), annotation, value, path)
+        return value.as_posix()
+    if get_origin(annotation) is tuple:
+        _require(isinstance(value, tuple), annotation, value, path)
+        return [
+            _encode(item, entry, _item(path, index))
+            for index, (item, entry) in enumerate(_zip_items(annotation, value, path))
+        ]
+    if get_origin(annotation) is dict:
+        _require(isinstance(value, Mapping), annotation, value, path)
+        return {key: _encode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in value.items()}
+    return _plain(annotation, value, path)
+
+
+# --- Decoding -------------------------------------------------------------------------------------------------
+def _decode(annotation: Any, data: Any, path: str) -> Any:
+    """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
+    annotation = _bare(annotation)
+    if _is_union(annotation):
+        return _decode_union(annotation, data, path)
+    if dataclasses.is_dataclass(annotation):
+        return _decode_dataclass(annotation, data, path)
+    if annotation is float:
+        if isinstance(data, str) and data in _NON_FINITE:
+            return _NON_FINITE[data]
+        _require(isinstance(data, int | float) and not isinstance(data, bool), annotation, data, path)
+        try:
+            return float(data)
+        except OverflowError as error:  # an integer of hundreds of digits
+            raise _mismatch(annotation, data, path) from error
+    if annotation is Path:
+        _require(isinstance(data, str), annotation, data, path)
+        return Path(data)
+    if get_origin(annotation) is tuple:
+        _require(isinstance(data, list | tuple), annotation, data, path)
+        return tuple(
+            _decode(item, entry, _item(path, index))
+            for index, (item, entry) in enumerate(_zip_items(annotation, data, path))
+        )
+    if get_origin(annotation) is dict:
+        _require(isinstance(data, dict), annotation, data, path)
+        return {key: _decode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in data.items()}
+    return _plain(annotation, data, path)
+
+
+def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
+    _require(isinstance(data, dict), cls, data, path)
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    for key in data:
+        if key not in fields:
+            raise ConfigError(f"{_join(path, key)}: unknown key; {cls.__name__} has {', '.join(fields) or 'none'}")
+    hints = _hints(cls)
+    values = {}
+    for name, field in fields.items():
+        if name in data:
+            values[name] = _decode(hints[name], data[name], _join(path, name))
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise ConfigError(f"{_join(path, name)}: missing, and {cls.__name__} has no default for it")
+    try:
+        return cls(**values)
+    except (ValueError, ArithmeticError) as error:  # the dataclass's own checks, in __post_init__
+        raise ConfigError(f"{path}: {error}" if path else str(error)) from error
+
+
+def _decode_union(union: Any, data: Any, path: str) -> Any:
+    choices = {member.__name__: member for member in _dataclass_members(union, path)}
+    if len(choices) > 1 and isinstance(data, dict):
+        tag = data.get(_TAG)
+        if not isinstance(tag, str) or tag not in choices:
+            raise ConfigError(f"{_join(path, _TAG)}: expected one of {', '.join(choices)}, got {tag!r}")
+        return _decode(choices[tag], {key: value for key, value in data.items() if key != _TAG}, path)
+    members = _members(union)
+    structured = [m for m in members if dataclasses.is_dataclass(m) or get_origin(m) in (tuple, dict)]
+    if len(structured) == 1 and isinstance(data, dict | list):
+        return _decode(structured[0], data, path)  # the only one it can be: let it say what is wrong inside
+    for member in members:
+        try:
+            return _decode(member, data, path)
+        except ConfigError:
+            continue
+    raise _mismatch(union, data, path)
+
+
+# --- What both ways share -------------------------------------------------------------------------------------
+def _plain(annotation: Any, value: Any, path: str) -> Any:
+    """Values that are the same in Python and in JSON."""
+    if get_origin(annotation) is Literal:
+        _require(any(value == choice and type(value) is type(choice) for choice in get_args(annotation)),
+                 annotation, value, path)  # fmt: skip
+        return value
+    if annotation is None or annotation is type(None):
+        _require(value is None, annotation, value, path)
+        return value
+    if annotation is Any:
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{path}: not a JSON value ({error})") from error
+        return value
+    if annotation in (int, bool, str):
+        _require(type(value) is annotation, annotation, value, path)
+        return value
+    raise TypeError(f"{path}: a config cannot hold fields of type {annotation}")
+
+
+def _member_of_value(union: Any, value: Any, path: str) -> Any:
+    """The member of a union that `value` is an instance of."""
+    if dataclasses.is_dataclass(value) and type(value) in _members(union):
+        return type(value)
+    for member in _members(union):
+        try:
+            _encode(member, value, path)
+        except ConfigError:
+            continue
+        return member
+    raise _mismatch(union, value, path)
+
+
+def _members(union: Any) -> list[Any]:
+    """The members of a union, float last: in `float | int`, 1 stays an integer."""
+    return sorted((_bare(member) for member in get_args(union)), key=lambda member: member is float)
+
+
+def _zip_items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any]]:
+    """Pair a tuple's entries with their annotations; `tuple[X, ...]` takes any number."""
+    items = get_args(annotation)
+    if len(items) == 2 and items[1] is Ellipsis:
+        return [(items[0], value) for value in values]
+    if len(items) != len(values):
+        raise ConfigError(f"{path}: expected {len(items)} entries, got {len(values)}")
+    return list(zip(items, values, strict=True))
+
+
+def _bare(annotation: Any) -> Any:
+    """The type without the remarks (`Annotated[X, ...]`) that the command line's parser reads."""
+    while get_origin(annotation) is typing.Annotated:
+        annotation = get_args(annotation)[0]
+    return annotation
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in (Union, types.UnionType)
+
+
+def _dataclass_members(union: Any, path: str) -> list[Any]:
+    classes = [member for member in _members(union) if dataclasses.is_dataclass(member)]
+    if len(classes) > 1 and any(_TAG in (f.name for f in dataclasses.fields(c)) for c in classes):
+        raise TypeError(f"{path}: a dataclass in a union of several cannot have a field named {_TAG!r}")
+    return classes
+
+
+def _hints(cls: Any) -> dict[str, Any]:
+    return typing.get_type_hints(cls, include_extras=True)
+
+
+def _require(fits: bool, annotation: Any, value: Any, path: str) -> None:
+    if not fits:
+        raise _mismatch(annotation, value, path)
+
+
+def _mismatch(annotation: Any, value: Any, path: str) -> ConfigError:
+    shown = repr(value)
+    shown = shown if len(shown) <= 60 else shown[:57] + "..."
+    return ConfigError(f"{path or 'config'}: expected {_name(annotation)}, got {shown}")
+
+
+def _name(annotation: Any) -> str:
+    """The type in a reader's words."""
+    annotation = _bare(annotation)
+    if _is_union(annotation):
+        return " or ".join(_name(member) for member in get_args(annotation))
+    if get_origin(annotation) is Literal:
+        return " or ".join(repr(choice) for choice in get_args(annotation))
+    if annotation is None or annotation is type(None):
+        return "null"
+    plain = {float: "a number", int: "an integer", bool: "true or false", str: "a string", Path: "a path"}
+    if annotation in plain:
+        return plain[annotation]
+    if dataclasses.is_dataclass(annotation):
+        return f"an object ({annotation.__name__})"  # pyright: ignore[reportAttributeAccessIssue]
+    return {tuple: "a list", dict: "an object"}.get(get_origin(annotation), str(annotation))
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _item(path: str, index: int) -> str:
+    return f"{path}[{index}]"

@@ -1,0 +1,92 @@
+"""Worker processes: fresh ones, an interruption ends what has not begun, and none outlives its parent."""
+
+import concurrent.futures
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+from bp2_rl.base.errors import UserError
+
+PARENT = "BP2_PARENT"
+"""The environment variable by which a command is told the process that it is to end with."""
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
+
+
+@contextlib.contextmanager
+def spawned(
+    count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
+) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+    """A pool of `count` processes, spawned: one forked beside JAX's threads can hang. Each begins with `initializer`.
+
+    They are killed when this process ends, however that ends. Linux counts the end of the thread that submitted the
+    first tasks for that: submit from one that outlives the pool. With `abandon` they are killed already when the block
+    ends, whatever they are at; else that is waited for.
+
+    Raises:
+        UserError: fewer than one.
+    """
+    if count < 1:
+        raise UserError(f"workers must be at least 1, got {count}")
+    others = multiprocessing.active_children()
+    spawn = multiprocessing.get_context("spawn")
+    pool = concurrent.futures.ProcessPoolExecutor(
+        count, mp_context=spawn, initializer=_begin, initargs=(os.getpid(), initializer)
+    )
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    finally:
+        if abandon:
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.kill()
+    pool.shutdown()
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def end_with_parent(parent: int, by: signal.Signals) -> None:
+    """From here on this process gets the signal `by` when its parent ends, even if Python never gets to run.
+
+    Args:
+        parent: its process id; where that has ended already, the signal comes now.
+        by: SIGKILL to end at once, SIGTERM to end in good order.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(by), 0, 0, 0)
+        if os.getppid() != parent:
+            os.kill(os.getpid(), by)
+    else:
+        threading.Thread(target=_watch, args=(parent, by), name="parent", daemon=True).start()
+
+
+def end_with_caller() -> None:
+    """`end_with_parent`, by SIGTERM, for a command whose environment names its parent; else nothing."""
+    parent = os.environ.pop(PARENT, "")
+    if parent.isdecimal():
+        end_with_parent(int(parent), signal.SIGTERM)
+
+
+def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
+    end_with_parent(parent, _AT_ONCE)
+    if initializer is not None:
+        initializer()
+
+
+def _watch(parent: int, by: signal.Signals) -> None:
+    """Where Linux's prctl is not: look every second."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os.kill(os.getpid(), by)

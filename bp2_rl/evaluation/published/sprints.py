@@ -1,0 +1,108 @@
+"""How fast people run 100 m: world record, the paper's race, and the standards of its Table S2."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Annotated
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.bounds import Within
+from bp2_rl.base.errors import UserError
+from bp2_rl.evaluation.published.table import Heading, read_table
+from bp2_rl.robot import specs
+
+TABLE_S2 = "published/standards.csv"
+TRACK = 100.0  # m
+MARKS = tuple(range(10, 101, 10))  # m, of the splits
+
+BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
+"""Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world record, Berlin 2009 (Graubner and
+Nixdorf, Biomechanical analysis of the sprint and hurdles events at the 2009 IAAF World Championships in Athletics, New
+Studies in Athletics 26, 2011)."""
+BOLT_REACTION = 0.146  # s, likewise
+LYLES_TIME, LYLES_REACTION = 9.784, 0.178  # s, Paris 2024 (World Athletics, results of the final)
+TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1  # s, paper, Results, Hundred-meter sprint benchmark
+
+BOLT, LYLES, TRAINED, UNTRAINED = "Bolt, Berlin 2009", "Lyles, Paris 2024", "trained sprinter", "untrained adults"
+PAPER_BP2 = "BP2, paper"
+TIMES = {  # s over 100 m
+    BOLT: BOLT_SPLITS[-1],
+    LYLES: 9.78,
+    TRAINED: TRAINED_TIME,
+    PAPER_BP2: specs.SPRINT_100M_TIME,
+    UNTRAINED: UNTRAINED_TIME,
+}
+LAUNCHES = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: specs.LAUNCH_ACCELERATION}
+"""Mean acceleration over the first 5 m, m/s2, whatever that is: paper, likewise."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Standard:
+    """One row of the paper's Table S2: what a national level of China takes over 100 m."""
+
+    category: str
+    level: Annotated[int, Within(1, 9)]  # 1 is the highest
+    time: Annotated[float, Within(1.0, 100.0), Heading("time [s]")]
+    source: str
+
+
+@dataclasses.dataclass(frozen=True)
+class SplitRow:
+    """One row of a user's table of splits."""
+
+    athlete: str
+    distance: Annotated[float, Within(0.0, TRACK, open_below=True), Heading("distance [m]")]
+    time: Annotated[float, Within(0.0, 1000.0, open_below=True), Heading("time [s]")]  # from the gun
+    reaction: Annotated[float | None, Within(0.0, 1.0), Heading("reaction [s]")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Athlete:
+    """Somebody's race, as far as it is published."""
+
+    name: str
+    time: float  # s over 100 m, from the gun
+    reaction: float | None  # s, from the gun to the first push; None if not published
+    distances: tuple[float, ...] = ()  # m, of the splits
+    splits: tuple[float, ...] = ()  # s, from the gun
+
+
+def read_standards() -> tuple[Standard, ...]:
+    """The paper's Table S2, in its order."""
+    return read_table(asset_path(TABLE_S2), Standard)
+
+
+def best_level(time: float, category: str) -> int | None:
+    """The highest level of a category that a time over 100 m (s) meets; None if it meets none."""
+    met = [standard.level for standard in read_standards() if standard.category == category and time <= standard.time]
+    return min(met, default=None)
+
+
+def read_athletes(path: Path) -> tuple[Athlete, ...]:
+    """The races in a user's table of splits, in its order.
+
+    Raises:
+        UserError: as `read_table`, or where an athlete's splits are no race over 100 m.
+    """
+    rows = read_table(path, SplitRow)
+    by_name: dict[str, list[SplitRow]] = {}
+    for row in rows:
+        by_name.setdefault(row.athlete, []).append(row)
+    return tuple(_athlete(f"{path}: {name}", splits) for name, splits in by_name.items())
+
+
+def _athlete(place: str, rows: list[SplitRow]) -> Athlete:
+    first, last = rows[0], rows[-1]
+    if len(rows) < 3 or last.distance != TRACK:
+        raise UserError(f"{place} needs three splits at least, the last at {TRACK:g} m")
+    if any(after.distance <= row.distance or after.time <= row.time for row, after in itertools.pairwise(rows)):
+        raise UserError(f"{place}: distance and time must rise from split to split")
+    if any(row.reaction != first.reaction for row in rows) or (first.reaction or 0.0) >= first.time:
+        raise UserError(f"{place}: the reaction must be the same on each line, and end before the first split")
+    return Athlete(
+        first.athlete,
+        last.time,
+        first.reaction,
+        tuple(row.distance for row in rows),
+        tuple(row.time for row in rows),
+    )

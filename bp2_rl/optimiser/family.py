@@ -1,0 +1,325 @@
+"""One smooth family of trajectories over speed: the library that serves as reference motion.
+
+At each speed alone, neighbouring optima can differ by a lot: below 9 m/s several families of nearly equal cost exist,
+with other postures, periods and springs that bounce in swing. The library follows one of them. It begins with the best
+trajectory at the anchor's speed and walks from there to both ends, each step from its neighbour and, by a term beside
+the cost, near to it. What that costs is in the provenance: `cost` is without the term.
+
+A fast trot slowed down like that goes on flying: at 0.5 m/s it hopped on straight legs with its feet at its belly. So
+the slow end is asked for the form of a slow trot as well, by limits that grow tighter from a speed on downwards.
+
+The motions leave feedback something to work with: a tenth of the motors' torque and speed, and some friction.
+
+How a library is written is the gait's business, `gait.collocation.file`; here a family becomes its arrays and
+provenance, and these a family again.
+"""
+
+import concurrent.futures
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base import serialization as config
+from bp2_rl.base.bounds import Range, Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.problem import MOST_SPEEDS, Form, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
+from bp2_rl.optimiser.solution import (
+    ARRAYS,
+    Facts,
+    Motion,
+    NotSolved,
+    Solution,
+    array_specs,
+    is_saved,
+    load_solution,
+    save_solution,
+    speed_name,
+    versions,
+)
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+
+RESERVED = HardwareSpec(peak_torque=0.9 * specs.PEAK_TORQUE, friction=0.7)
+"""BP2 with what the library leaves to feedback taken away; its speed margin is in `FamilyConfig.problem`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits(Form):
+    """What a trot is limited to at a speed; lengths are for BP2's own leg and scale with the robot's."""
+
+    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5  # these three as the problem's, if they are tighter
+    speed_margin: Annotated[float, Within(0.01, 10.0)] = 10.0
+    torque_rate: Annotated[float, Within(1.0, 1e9)] = 1e9
+
+    def on(self, problem: Problem) -> Problem:
+        """The problem within these limits."""
+        form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
+        size = problem.hardware.leg_length / specs.THIGH_LENGTH
+        lengths = {name: size * form[name] for name in ("highest_trunk", "highest_step")}
+        tighter = {
+            name: min(getattr(self, name), getattr(problem, name))
+            for name in ("pitch_limit", "speed_margin", "torque_rate")
+        }
+        return dataclasses.replace(problem, form=Form(**form | lengths), **tighter)
+
+
+@dataclasses.dataclass(frozen=True)
+class SlowEnd:
+    """The form of slow trots: its limits go along straight lines between two speeds. Faster ones have none.
+
+    All ASSUMED: at the upper speed nearly what the motion there has anyway; at the lower one and below, a trot that a
+    robot can fall into from standing at 0.56 m with its feet below its hips.
+    """
+
+    speeds: Annotated[Range, Within(0.01, 100.0)] = (1.0, 5.0)  # m/s
+    lower: Limits = Limits(
+        least_duty=0.48,  # a file's strides have a flight: 10 ms of it
+        longest_period=0.44,
+        highest_trunk=0.57,
+        highest_step=0.10,
+        hardest_landing=1.0,
+        greatest_share=0.54,
+        pitch_limit=0.02,
+        speed_margin=0.5,
+        torque_rate=1e3,  # legs at leisure swing their toes to and fro on the springs
+    )
+    upper: Limits = Limits(
+        least_duty=0.26,
+        longest_period=0.384,
+        highest_trunk=0.629,
+        highest_step=0.355,
+        hardest_landing=5.6,
+        greatest_share=0.56,
+        pitch_limit=0.033,
+        speed_margin=0.9,
+        torque_rate=6e3,
+    )
+    proximity: Annotated[float, Within(0.0, 1e6)] = 1.0  # as the family's, of trots that have to change
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "slow.")
+
+    def limit(self, problem: Problem) -> Problem:
+        """The problem within the limits of its speed."""
+        if problem.speed >= self.speeds[1]:
+            return problem
+        ends = {name: (slow, getattr(self.upper, name)) for name, slow in vars(self.lower).items()}
+        limits = {name: float(np.interp(problem.speed, self.speeds, pair)) for name, pair in ends.items()}
+        return Limits(**limits).on(problem)
+
+
+@dataclasses.dataclass(frozen=True)
+class FamilyConfig:
+    """Which speeds the library has, and how it walks from one to the next."""
+
+    slowest: Speed = 0.5  # m/s
+    fastest: Speed = 15.0  # m/s
+    step: SpeedStep = 0.5  # m/s
+    anchor: Speed = 10.0  # m/s, where the walk begins
+    starts: Starts = 3  # guesses at the anchor
+    coarse: Intervals = 8  # intervals a segment, for those
+    proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
+    problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike, but for `slow`
+    slow: SlowEnd = SlowEnd()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self)
+        if not self.slowest <= self.anchor <= self.fastest:
+            raise UserError(
+                f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order"
+            )
+        if (self.fastest - self.slowest) / self.step > MOST_SPEEDS:
+            raise UserError(f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one")
+        if self.problem.stride.cycles != 0.5:
+            raise UserError("the library is of trots, as left and right change places after half a cycle")
+
+    @property
+    def speeds(self) -> list[float]:
+        """All speeds, ascending, m/s."""
+        return sorted({*self._walk(self.slowest), *self._walk(self.fastest)})
+
+    def at(self, speed: float) -> Problem:
+        """What is asked for at a speed, m/s."""
+        return self.slow.limit(self.problem.at(speed))
+
+    def walks(self) -> list[list[float]]:
+        """The speeds from the anchor to the slowest and to the fastest, anchor included."""
+        return [self._walk(self.slowest), self._walk(self.fastest)]
+
+    def _walk(self, end: float) -> list[float]:
+        count = round(abs(end - self.anchor) / self.step + 0.4999)  # the last step may be shorter
+        steps = [self.anchor + (1 if end > self.anchor else -1) * self.step * i for i in range(count)]
+        return [round(speed, 9) for speed in [*steps, end]]
+
+
+# --- Building -------------------------------------------------------------------------------------------------
+
+
+def build_family(
+    settings: FamilyConfig, folder: Path, *, workers: int = 2, report: Callable[[int, int], None] | None = None
+) -> list[Solution]:
+    """Solve and verify the family, a file for each speed in `folder`; those that are there already are kept.
+
+    Args:
+        settings: which family.
+        folder: of the solutions; made if need be. One that holds a family of other settings is refused.
+        workers: processes; the two walks are independent, so a third has nothing to do.
+        report: called with (speeds done, speeds in all) now and then.
+
+    Returns:
+        The solutions, slowest first, each with verify's figures as its checks.
+
+    Raises:
+        NotSolved: IPOPT found no way on, even by smaller steps.
+        UserError: the folder belongs to another family.
+    """
+    config.claim_folder(folder, "family.json", settings, "a family")
+    with spawned(min(workers, 2)) as pool:
+        _solve_anchor(settings, folder)
+        walks = [pool.submit(_walk, settings, folder, speeds) for speeds in settings.walks()]
+        while True:
+            waiting = concurrent.futures.wait(walks, timeout=0.5, return_when="FIRST_EXCEPTION")
+            if report is not None:
+                report(sum(is_saved(_path(folder, speed)) for speed in settings.speeds), len(settings.speeds))
+            if not waiting.not_done or any(walk.exception() for walk in waiting.done):
+                break
+        for walk in walks:
+            walk.result()
+    return [_load(settings, folder, speed) for speed in settings.speeds]
+
+
+def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
+    from bp2_rl.optimiser.collocation import refine, solve_best  # CasADi only where something is solved
+
+    if is_saved(_path(folder, settings.anchor)):
+        return
+    problem = settings.at(settings.anchor)
+    best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
+    _keep(folder, refine(best, problem.intervals))
+
+
+def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
+    """Solve one speed after the other, each from the one before."""
+    from bp2_rl.optimiser.collocation import solve
+
+    def step(here: Solution, speed: float, halvings: int) -> Solution:
+        near = settings.slow.proximity if speed < settings.slow.speeds[1] else settings.proximity
+        try:
+            return solve(settings.at(speed), here.motion, proximity=near)
+        except NotSolved:
+            if halvings == 0:
+                raise
+        between = step(here, (here.problem.speed + speed) / 2.0, halvings - 1)
+        return step(between, speed, halvings - 1)
+
+    here = _load(settings, folder, speeds[0])
+    for speed in speeds[1:]:
+        if is_saved(_path(folder, speed)):
+            here = _load(settings, folder, speed)
+        else:
+            here = step(here, speed, halvings=2)
+            _keep(folder, here)
+
+
+def _keep(folder: Path, solution: Solution) -> None:
+    from bp2_rl.optimiser.verify import verify  # MuJoCo, likewise
+
+    save_solution(_path(folder, solution.problem.speed), dataclasses.replace(solution, checks=verify(solution)))
+
+
+def _load(settings: FamilyConfig, folder: Path, speed: float) -> Solution:
+    return load_solution(_path(folder, speed), settings.at(speed))
+
+
+def _path(folder: Path, speed: float) -> Path:
+    return folder / speed_name(speed)
+
+
+# --- As arrays ------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Provenance:
+    """Where a library comes from."""
+
+    settings: FamilyConfig
+    solutions: tuple[Facts, ...]  # by speed
+    versions: dict[str, str]
+    schema: str
+
+
+def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
+    """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions."""
+    motions = {name: np.stack([getattr(solution.motion, name) for solution in family]) for name in ARRAYS}
+    return {"speeds": np.array([solution.problem.speed for solution in family]), **motions}
+
+
+def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:
+    """Where these arrays come from, as a JSON object."""
+    schema = (
+        "axes: speed, segment of half a gait cycle, point (equally spaced in time), then coordinate. See "
+        "bp2_rl/reference/library/file.py."
+    )
+    facts = tuple(solution.facts for solution in family)
+    return config.to_json(_Provenance(settings=settings, solutions=facts, versions=versions(), schema=schema))
+
+
+def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
+    """The family that `arrays_of` and `provenance_of` made them from.
+
+    Raises:
+        UserError: one line that says what does not fit.
+    """
+    origin = config.from_json(_Provenance, provenance)
+    if len(origin.solutions) != len(arrays["speeds"]):
+        raise UserError(f"{len(arrays['speeds'])} speeds, and facts of {len(origin.solutions)}")
+    for name, spec in array_specs(origin.settings.problem).items():
+        if arrays[name].shape[1:] != spec.shape:
+            raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
+    return [
+        Solution(
+            origin.settings.at(float(speed)),
+            Motion(**{name: arrays[name][i] for name in ARRAYS}),
+            **vars(facts),
+        )
+        for i, (speed, facts) in enumerate(zip(arrays["speeds"], origin.solutions, strict=True))
+    ]
+
+
+# --- How smooth it is -----------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps:
+    """How two neighbours of a family differ."""
+
+    speed: float  # m/s, of the faster
+    period: float  # relative change
+    joints: float  # rad, root mean square over phase, of the joint that changes most
+
+
+def steps_of(family: list[Solution]) -> list[Steps]:
+    """How smooth a family is."""
+    return [
+        Steps(
+            faster.problem.speed,
+            faster.period / slower.period - 1.0,
+            _joint_distance(slower, faster),
+        )
+        for slower, faster in itertools.pairwise(family)
+    ]
+
+
+def _joint_distance(one: Solution, other: Solution) -> float:
+    motors = motor_coordinates(one.problem.stride.legs)
+    away = (one.motion.q - other.motion.q)[..., motors]
+    share = np.stack([s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]).mean(axis=0)
+    return float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))

@@ -1,0 +1,51 @@
+"""Where a solve begins that has nothing to begin with. No CasADi in here."""
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, Stride
+from bp2_rl.optimiser.solution import Motion
+from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import planar_joint_angles
+
+
+def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
+    """A trunk at constant speed, feet on arcs, forces like half a sine; with a seed, all of that varied."""
+    vary = (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
+    stride, speed, L = problem.stride, problem.speed, problem.hardware.leg_length
+    stance = vary(0.8, 1.25) * min(0.6 / speed, 0.25)
+    flight = vary(0.8, 1.25) * 0.12 * speed / (speed + 2.0)
+    height, lift = vary(0.95, 1.05) * 1.42 * L, vary(0.7, 1.5) * 0.12
+    durations = np.array([stance if feet else flight for feet in stride.standing])
+    starts = np.concatenate([[0.0], np.cumsum(durations)])
+    cycle = starts[-1] / stride.cycles
+    mean_force = problem.hardware.mass_scale * specs.QUARTER_MASS * specs.GRAVITY * cycle / stance
+
+    q = np.zeros((len(durations), len(problem.points), stride.nq))
+    force = np.zeros((*q.shape[:2], 2 * len(stride.legs)))
+    for i, feet in enumerate(stride.standing):
+        t = starts[i] + durations[i] * problem.points
+        q[i, :, 0], q[i, :, 1] = speed * t, height
+        for leg, name in enumerate(stride.legs):
+            since = t - starts[i] if name in feet else (t - _landing(stride, name, starts)) % cycle
+            s = np.clip((since - stance) / (cycle - stance), 0.0, 1.0)
+            back = np.minimum(since, stance) - stance / 2.0
+            x = speed * (stance * s**2 * (3.0 - 2.0 * s) - back)
+            z = 16.0 * lift * (s * (1.0 - s)) ** 2 - height
+            pulse = np.sin(np.pi * since / stance) if name in feet else np.zeros_like(since)
+            force[i, :, 2 * leg + 1] = np.pi / 2.0 * mean_force * pulse
+            compression = np.clip(force[i, :, 2 * leg + 1] / problem.hardware.spring_stiffness, 0.0, 0.4 * L)
+            block = TRUNK + PER_LEG * leg
+            q[i, :, block], q[i, :, block + 1] = planar_joint_angles(x, z, L, L - compression)
+            q[i, :, block + 2] = compression
+    v = np.stack([np.gradient(x, T * problem.points, axis=0) for x, T in zip(q, durations, strict=True)])
+    nothing = np.zeros_like(force)
+    return Motion(durations, q, v, np.zeros_like(v), nothing, force, nothing[:, 0])
+
+
+def _landing(stride: Stride, leg: str, starts: Float[np.ndarray, " edges"]) -> float:
+    """Time of a leg's first touchdown, s; in the next stride if it does not stand in this one."""
+    for i in range(len(stride.standing)):
+        if leg in stride.standing[i]:
+            return float(starts[i])
+    return float(starts[-1]) + _landing(stride, stride.then[stride.legs.index(leg)], starts)

@@ -1,0 +1,82 @@
+"""What a machine does to torque and motion between its battery and the road, as the judge has it: in NumPy, from
+`HardwareSpec` alone, with no line of code in common with `sagittal`, `collocation` and the simulation.
+
+Speeds qd (rad/s) and motor torques tau (Nm, before the gear's loss) are of the joints with a motor, the last axis;
+`share` is the share of the robot that the model is.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.optimiser.problem import GEAR_ROUNDING, JOINT_ROUNDING, SLIDE_ROUNDING
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+
+Motors = Float[np.ndarray, "... motors"]
+Each = Float[np.ndarray, "..."]
+
+
+def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
+    """What reaches the joints of the motors' torque, Nm: less by the gear's loss, dry and viscous friction."""
+    losses = hardware.losses
+    in_gear = tau * (1.0 - losses.gear_efficiency) * _smooth_sign(tau, GEAR_ROUNDING)
+    return tau - (in_gear + losses.joint_friction) * _smooth_sign(qd, JOINT_ROUNDING) - losses.joint_viscosity * qd
+
+
+def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:
+    """Force of the air on a trunk that moves at `forward` m/s, N; half the dynamic pressure's area for half a robot."""
+    wind = forward + hardware.losses.headwind
+    pressure = 0.5 * specs.AIR_DENSITY * wind**2
+    return -np.sign(wind) * pressure * hardware.losses.drag_area * share
+
+
+def slide_friction(hardware: HardwareSpec, rate: Each) -> Each:
+    """Force of a spring's slide, N, at a rate of compression, m/s."""
+    return -hardware.losses.spring_friction * _smooth_sign(rate, SLIDE_ROUNDING)
+
+
+def bus_power(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Each:
+    """What the motors take from the bus, W: what they deliver, and their windings' heat.
+
+    A motor that stalls at full voltage turns all of its power, stall torque times no-load speed, into heat; heat goes
+    with the square of torque.
+    """
+    stall, no_load = _stall(hardware, hardware.joint_no_load_speed), hardware.joint_no_load_speed
+    return np.sum(tau * qd, axis=-1) + np.sum((tau / stall) ** 2, axis=-1) * stall * no_load
+
+
+def bus_excess(hardware: HardwareSpec, share: float, power: Each) -> float:
+    """Largest power beyond what the bus gives or takes back, W; 0 within."""
+    losses = hardware.losses
+    over = np.maximum(power - share * losses.bus_power_out, -power - share * losses.bus_power_in)
+    return float(np.max(over, initial=0.0))
+
+
+def torque_excess(hardware: HardwareSpec, share: float, qd: Motors, tau: Motors) -> float:
+    """Largest torque beyond the motors' envelope, Nm; 0 within.
+
+    The peak either way; driving, a line from the stall torque to the no-load speed, both in proportion to the voltage;
+    braking, a like line to the braking speed, where there is one.
+    """
+    peak, no_load, brake = hardware.joint_peak_torque, hardware.joint_no_load_speed, hardware.joint_braking_speed
+    drawn = np.maximum(bus_power(hardware, qd, tau), 0.0) / share  # W, of a whole robot
+    voltage = 1.0 - hardware.losses.bus_sag * drawn[..., None] / 1e3
+    over = [np.abs(tau) - peak]
+    for sense in (-1.0, 1.0):  # torque and speed in this sense of turning
+        torque, speed = sense * tau, sense * qd
+        driving = _stall(hardware, no_load) * (voltage - speed / no_load)
+        over.append(torque - np.maximum(driving, -peak))
+        if np.isfinite(brake):
+            braking = _stall(hardware, brake) * np.maximum(1.0 + speed / brake, 0.0)
+            over.append(np.where(speed < 0.0, torque - braking, 0.0))
+    return float(max(np.max(excess, initial=0.0) for excess in over))
+
+
+def _stall(hardware: HardwareSpec, zero: float) -> float:
+    """Torque at standstill of the line that passes the corner of the envelope and is zero at the speed `zero`, Nm."""
+    return hardware.joint_peak_torque * zero / (zero - hardware.joint_corner_speed)
+
+
+def _smooth_sign(x: Each, over: float) -> Each:
+    """The sign of x, which goes from -1 to 1 mostly within `over` of 0: 1 - 2 / (exp(2 x / over) + 1)."""
+    return 1.0 - 2.0 / (np.exp(np.clip(2.0 * x / over, -50.0, 50.0)) + 1.0)

@@ -1,0 +1,217 @@
+"""BP2 in the sagittal plane as a MuJoCo model: the same mechanics as `sagittal`, with no line of code in common.
+
+    M(q) a + h(q, v) = B u(tau, v) + tau_p(q, v) + J(q)^T F,        h = C + G
+
+MuJoCo gives M, h, the feet's Jacobian J and the derivative of it; the passive forces tau_p of springs, stops and air,
+and what reaches the joints of the motors' torque, u, are closed forms. Coordinates, contact coordinates phi and the
+orders of all of them are those of `sagittal`.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.optimiser import machine
+from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+
+Y_AXIS = (0.0, 1.0, 0.0)
+
+
+class Terms(NamedTuple):
+    """What the equations of motion are made of, in one state; n coordinates, c contact coordinates."""
+
+    mass: Float[np.ndarray, "n n"]  # M
+    bias: Float[np.ndarray, " n"]  # h = C + G
+    passive: Float[np.ndarray, " n"]  # tau_p: springs, their damping, friction and stops, and drag
+    contact: Float[np.ndarray, " c"]  # phi, m: (x, z) of each foot
+    jacobian: Float[np.ndarray, "c n"]  # J
+    convective: Float[np.ndarray, " c"]  # dJ/dt v, m/s2
+
+
+class PlanarModel:
+    """A trunk made of as many of Table S3's quarters as there are legs, and those legs.
+
+    Args:
+        legs: names; those that begin with F are at the front, the others behind.
+        hardware: the parameters of the body.
+        foot_radius: m; 0 for a point.
+        rotor_coupling: whether rotors turn with the links that hold them, too.
+    """
+
+    def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float, rotor_coupling: bool = False):
+        self.hardware, self.foot_radius = hardware, foot_radius
+        self.share = len(legs) / len(specs.LEGS)  # of the robot that the model is
+        self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
+        self._model = _build_spec(legs, hardware, rotor_coupling).compile()
+        self._data = mujoco.MjData(self._model)
+        self._toes = [self._model.body(f"{leg}_toe").id for leg in legs]
+        self.weight = float(np.sum(self._model.body_mass)) * specs.GRAVITY  # N
+
+    @classmethod
+    def of(cls, problem: Problem) -> "PlanarModel":
+        """The model that a problem is about."""
+        return cls(problem.stride.legs, problem.hardware, problem.foot_radius, problem.rotor_coupling)
+
+    def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
+        """The terms at coordinates `q` and velocities `v`."""
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        phi, J, Jdot = (np.concatenate(parts) for parts in zip(*map(self._foot, self._toes), strict=True))
+        return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
+
+    def passive(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """tau_p: linear springs and dampers, slides, one-sided rounded stops at both ends of travel, and drag."""
+        hardware, s, rate = self.hardware, q[self.springs], v[self.springs]
+        force = np.zeros_like(q)
+        force[:1] = machine.drag(hardware, self.share, v[:1])
+        force[self.springs] = (
+            hardware.rebound_stiffness * _hinge(-s)
+            - hardware.spring_stop_stiffness * _hinge(s - hardware.spring_travel)
+            - hardware.spring_stiffness * s
+            - self.damping(s) * rate
+            + machine.slide_friction(hardware, rate)
+        )
+        return force
+
+    def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
+        """Of springs at compressions s, N s/m: their own, and at no compression the rebound stop's."""
+        return self.hardware.spring_damping + self.hardware.rebound_damping * _hinge(-s) / np.hypot(s, STOP_ROUNDING)
+
+    def dissipation(
+        self, q: Float[np.ndarray, "k n"], v: Float[np.ndarray, "k n"], tau: Float[np.ndarray, "k motors"]
+    ) -> Float[np.ndarray, " k"]:
+        """Power that springs, slides, gears, joints and the air take, W, in k states; headwind may give some."""
+        rate, qd = v[:, self.springs], v[:, self.motors]
+        springs = self.damping(q[:, self.springs]) * rate**2 - machine.slide_friction(self.hardware, rate) * rate
+        joints = (tau - machine.joint_torque(self.hardware, qd, tau)) * qd
+        air = -machine.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
+        return np.sum(springs, axis=1) + np.sum(joints, axis=1) + air
+
+    def accelerate(
+        self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], tau: Float[np.ndarray, " motors"], rows: list[int]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
+        """Acceleration, and forces (N) that keep the contact coordinates `rows` unaccelerated.
+
+        [M  -J^T] [a]   [B u + tau_p - h]
+        [J   0  ] [F] = [    -dJ/dt v     ]
+        """
+        terms = self.terms(q, v)
+        push = terms.passive - terms.bias
+        push[self.motors] += machine.joint_torque(self.hardware, v[self.motors], tau)
+        return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
+
+    def land(
+        self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], rows: list[int]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
+        """Velocity after an inelastic impact, and the impulses (N s) that stop the contact coordinates `rows`.
+
+        [M  -J^T] [ v+   ]   [M v-]
+        [J   0  ] [Lambda] = [ 0  ]
+        """
+        terms = self.terms(q, v)
+        return _solve_with_contact(terms.mass, terms.jacobian[rows], terms.mass @ v, np.zeros(len(rows)))
+
+    def _foot(self, toe: int) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
+        """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the derivative of that."""
+        model, data, r = self._model, self._data, self.foot_radius
+        centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - specs.TOE_LENGTH)
+        point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))
+        mujoco.mj_jac(model, data, point, rotation, centre, toe)
+        mujoco.mj_jacDot(model, data, point_rate, None, centre, toe)
+        roll = r * rotation[1]  # all axes are y: alpha is a sum of coordinates
+        phi = np.array([centre[0] - roll @ data.qpos, centre[2] - r])
+        return phi, np.stack([point[0] - roll, point[2]]), point_rate[[0, 2]]
+
+
+def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: bool) -> mujoco.MjSpec:
+    """Trunk on two slides and a hinge; from it thighs, shanks and toes with masses of Table S3."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = np.array([0.0, 0.0, -specs.GRAVITY])
+    # A rotor is an armature of its joint, or, if it turns with the link that holds it, of a tendon along its own angle.
+    armature = 0.0 if rotor_coupling else hardware.reflected_inertia
+    quarters = len(legs)
+    mass, inertia = quarters * hardware.trunk_quarter_mass, quarters * hardware.trunk_pitch_inertia / len(specs.LEGS)
+    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, mass, inertia, 0.0)
+    thigh_mass, toe_mass = hardware.thigh_mass, hardware.toe_mass
+    thigh_inertia, toe_inertia = (
+        thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
+        toe_mass / specs.TOE_MASS * specs.TOE_INERTIA,
+    )
+    _add_slide(trunk, "x", (1.0, 0.0, 0.0))
+    _add_slide(trunk, "z", (0.0, 0.0, 1.0))
+    _add_hinge(trunk, "pitch", 0.0)
+    for leg in legs:
+        fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
+        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, thigh_mass, thigh_inertia, -specs.THIGH_COM)
+        shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
+        shank = _add_body(
+            thigh, f"{leg}_shank", 0.0, -hardware.leg_length, specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
+        )
+        spring_end = specs.TOE_LENGTH - hardware.leg_length
+        toe_com = -specs.TOE_LENGTH - specs.TOE_COM
+        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, toe_mass, toe_inertia, toe_com)
+        _add_hinge(thigh, f"{leg}_hip", armature)
+        _add_hinge(shank, f"{leg}_knee", armature)
+        _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
+        if rotor_coupling:
+            _add_rotor(spec, hardware, f"{leg}_hip", ("pitch",))
+            _add_rotor(spec, hardware, f"{leg}_knee", ("pitch", f"{leg}_hip"))
+    for body in spec.bodies[1:]:
+        body.mass *= hardware.mass_scale
+        body.inertia = np.asarray(body.inertia) * hardware.mass_scale
+    if rotor_coupling:  # a link's inertia in Table S3 is that of its rotor, too
+        for body in spec.bodies[1:]:
+            held = quarters if body.name == "trunk" else int(body.name.endswith("thigh"))
+            body.inertia = np.asarray(body.inertia) - held * hardware.rotor_inertia
+    return spec
+
+
+def _add_body(
+    parent: mujoco.MjsBody, name: str, x: float, z: float, mass: float, inertia: float, com: float
+) -> mujoco.MjsBody:
+    """A body at (x, z) of its parent, its centre of mass at (0, `com`) of itself; inertia about y, others idle."""
+    return parent.add_body(
+        name=name, pos=(x, 0.0, z), mass=mass, inertia=(inertia,) * 3, ipos=(0.0, 0.0, com), explicitinertial=True
+    )
+
+
+def _add_slide(body: mujoco.MjsBody, name: str, axis: tuple[float, float, float]) -> None:
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+
+
+def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=Y_AXIS, armature=armature)
+
+
+def _add_rotor(spec: mujoco.MjSpec, hardware: HardwareSpec, joint: str, held: tuple[str, ...]) -> None:
+    """A rotor whose angle is that of the link which holds it, the sum of the joints `held`, plus gear times joint."""
+    tendon = spec.add_tendon(name=f"{joint}_rotor", armature=hardware.rotor_inertia)
+    tendon.wrap_joint(joint, hardware.gear_ratio)
+    for angle in held:
+        tendon.wrap_joint(angle, 1.0)
+
+
+def _solve_with_contact(
+    mass: Float[np.ndarray, "n n"],
+    jacobian: Float[np.ndarray, "held n"],
+    push: Float[np.ndarray, " n"],
+    contact: Float[np.ndarray, " held"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " held"]]:
+    """x and multiplier f with M x = push + J^T f and J x = contact."""
+    nothing = np.zeros((len(jacobian), len(jacobian)))
+    system = np.block([[mass, -jacobian.T], [jacobian, nothing]])
+    found = np.linalg.solve(system, np.concatenate([push, contact]))
+    return found[: len(mass)], found[len(mass) :]
+
+
+def _hinge(u: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
+    """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
+    return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

@@ -1,0 +1,214 @@
+"""What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
+
+import dataclasses
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
+
+TRUNK = 3  # coordinates of the trunk: x, z, pitch
+PER_LEG = 3  # coordinates of a leg: hip, knee, spring
+STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
+# Friction changes sign with the speed, and a gear's loss has a corner at no torque. A mesh cannot follow that, so both
+# go smoothly, by a tanh, over a small share of the 21 rad/s, the 8 m/s and the 120 Nm that occur. All three halved or
+# doubled change the greatest speed of a robot with friction and gear by less than 1e-3 m/s.
+JOINT_ROUNDING = 0.5  # rad/s, ASSUMED
+SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
+GEAR_ROUNDING = 2.0  # Nm, ASSUMED
+
+Scheme = Literal["hermite-simpson", "trapezoid", "paper"]
+Gait = Literal["trot", "two-leg", "pronk", "half-bound", "gallop"]
+Speed = Annotated[float, Within(0.01, 100.0)]
+"""m/s; files name speeds in this range in their order."""
+SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
+MOST_SPEEDS = 1000
+"""More of them are a slip of the pen: at a minute each they take a day."""
+Intervals = Annotated[int, Within(2, 500)]
+Starts = Annotated[int, Within(1, 1000)]
+
+
+def motor_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " motors"]:
+    """Indices into q that have a motor: hip and knee of each leg in turn."""
+    return np.array([TRUNK + PER_LEG * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
+
+
+def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
+    """Indices into q that are a spring's compression."""
+    return TRUNK + PER_LEG * np.arange(len(legs)) + 2
+
+
+def contact_rows(legs: tuple[str, ...], feet: tuple[str, ...]) -> list[int]:
+    """Indices into contact coordinates and forces, (x, z) of each leg in turn, that belong to `feet`."""
+    return [2 * legs.index(foot) + axis for foot in feet for axis in (0, 1)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Stride:
+    """Which feet stand in each segment, and what follows the last one: the first again, with `then` as its legs."""
+
+    legs: tuple[str, ...]
+    standing: tuple[tuple[str, ...], ...]
+    then: tuple[str, ...]
+
+    @property
+    def nq(self) -> int:
+        """Coordinates of the model: trunk, then hip, knee and spring of each leg."""
+        return TRUNK + PER_LEG * len(self.legs)
+
+    @property
+    def cycles(self) -> float:
+        """Share of a gait cycle that the segments cover."""
+        return 1.0 if self.then == self.legs else 0.5
+
+    def stands(self, leg: str, segment: int) -> bool:
+        """Whether a leg is on the ground in a segment; those before the first and after the last are other strides'."""
+        strides, segment = divmod(segment, len(self.standing))
+        # The next stride's feet have other names; at most left and right change places, so also on the way back.
+        name = self.then[self.legs.index(leg)] if strides % 2 else leg
+        return name in self.standing[segment]
+
+    def touchdowns(self, segment: int) -> tuple[str, ...]:
+        """Feet that land as a segment begins."""
+        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment - 1))
+
+    def liftoffs(self, segment: int) -> tuple[str, ...]:
+        """Feet that leave the ground as a segment ends."""
+        return tuple(leg for leg in self.standing[segment] if not self.stands(leg, segment + 1))
+
+    @property
+    def next_coordinates(self) -> Int[np.ndarray, " nq"]:
+        """The stride's final q at these indices is the next stride's initial q (but for x)."""
+        blocks = [TRUNK + PER_LEG * self.legs.index(leg) for leg in self.then]
+        return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(PER_LEG))])
+
+    @property
+    def next_motors(self) -> Int[np.ndarray, " motors"]:
+        """Likewise for the motors, and for contact coordinates and forces."""
+        return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
+
+
+STRIDES: dict[Gait, Stride] = {
+    # Half a cycle of the whole robot, then left and right change sides.
+    "trot": Stride(specs.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
+    # The paper's words taken literally: half a robot on one fore and one hind limb, half a cycle apart.
+    "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
+    # All legs at once: half a robot, too.
+    "pronk": Stride(("F", "H"), (("F", "H"), ()), ("F", "H")),
+    # The whole robot, which is no mirror image of itself half a cycle later. A foot takes over as another leaves.
+    "half-bound": Stride(specs.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), specs.LEGS),
+    "gallop": Stride(specs.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), specs.LEGS),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
+
+    power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
+    load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f
+    smoothness: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_s, on changes within `smoothness_time`
+    force: Annotated[float, Within(1.0, 1e6)] = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
+    smoothness_time: Annotated[float, Within(0.0, 1.0)] = specs.CONTROL_STEP  # s
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "weights.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Form:
+    """What a stride has to look like beyond what physics asks of it; by default like nothing in particular."""
+
+    least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
+    longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle
+    highest_trunk: Annotated[float, Within(0.25, 2.0)] = 2.0  # m, its centre above the ground at any time
+    highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole
+    hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
+    """m/s, of a sole before touchdown, downwards as well as along"""
+    greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
+    """of the mean vertical force of a stance, that one of its feet bears"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "form.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A trajectory to find: speed, robot, gait, limits, cost and mesh."""
+
+    speed: Speed = 10.0  # m/s
+    gait: Gait = "trot"
+    scheme: Scheme = "hermite-simpson"
+    intervals: Intervals = 16  # of each segment
+    hardware: HardwareSpec = IDEAL
+    foot_radius: Annotated[float, Within(0.0, specs.TOE_LENGTH)] = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
+    rotor_coupling: bool = False
+    """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 % of what couples hip and knee"""
+    clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
+    # Largest joint speed, as a share of the no-load speed.
+    speed_margin: Annotated[float, Within(0.01, 10.0)] = 1.0
+    torque_rate: Annotated[float, Within(1.0, 1e9)] = 15e3  # Nm/s, ASSUMED
+    force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
+    pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
+    form: Form = Form()
+    weights: Weights = Weights()
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self)
+        held, thigh = (
+            self.hardware.rotor_inertia,
+            self.hardware.mass_scale * self.hardware.thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
+        )
+        if self.rotor_coupling and held >= thigh:
+            raise UserError(
+                f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "
+                f"a rotor, {thigh:g} kg m2"
+            )
+
+    @property
+    def stride(self) -> Stride:
+        """The sequence of segments."""
+        return STRIDES[self.gait]
+
+    @property
+    def share(self) -> float:
+        """Share of the robot that the model is: what the robot has once, its legs share."""
+        return len(self.stride.legs) / len(specs.LEGS)
+
+    @property
+    def points(self) -> Float[np.ndarray, " points"]:
+        """Where a segment's points are, as shares of its duration."""
+        return np.linspace(0.0, 1.0, 2 * self.intervals + 1 if self.scheme == "hermite-simpson" else self.intervals + 1)
+
+    @property
+    def quadrature(self) -> Float[np.ndarray, " points"]:
+        """Weights of the mean over a segment's points: Simpson's rule, the trapezoidal one, or, as the paper's scheme
+        takes forces for velocities, the left ends."""
+        weights = np.ones(len(self.points))
+        if self.scheme == "hermite-simpson":
+            weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+        elif self.scheme == "trapezoid":
+            weights[1:-1] = 2.0
+        else:
+            weights[-1] = 0.0
+        return weights / np.sum(weights)
+
+    def at(self, speed: float) -> "Problem":
+        """The same at another speed, m/s."""
+        return dataclasses.replace(self, speed=speed)
+
+    def on(self, **hardware: float) -> "Problem":
+        """The same with other hardware parameters."""
+        return dataclasses.replace(self, hardware=dataclasses.replace(self.hardware, **hardware))
+
+    def on_mesh(self, intervals: int) -> "Problem":
+        """The same with another number of intervals in each segment."""
+        return dataclasses.replace(self, intervals=intervals)

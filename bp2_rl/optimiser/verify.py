@@ -1,0 +1,318 @@
+"""The judge of a solution: figures that know nothing of how it was found, and the limits they must keep.
+
+The model is `planar`'s, built in MuJoCo, and time runs through the stride between the mesh's points as well:
+
+    at the points        do the equations of motion, contacts, impacts and the cycle's closing hold?
+    between the points   forces that push, feet that clear the ground, motors within their envelope
+    over the stride      energy in = energy out, and the ground carries the weight
+    simulated again      the solution's torques from its first state, by an error-controlled integrator
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from scipy.integrate import solve_ivp
+
+from bp2_rl.optimiser import machine
+from bp2_rl.optimiser.planar import PlanarModel
+from bp2_rl.optimiser.problem import Problem, contact_rows
+from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
+
+UNITS = {
+    "speed": "m/s",
+    "dynamics_residual": "N or Nm",
+    "foot_speed": "m/s",
+    "foot_drift": "m",
+    "impact_residual": "N s or N m s",
+    "position_jump": "m or rad",
+    "velocity_jump": "m/s or rad/s",
+    "energy_residual": "of the positive motor work",
+    "impulse_residual_x": "of the weight's impulse",
+    "impulse_residual_z": "of the weight's impulse",
+    "stance_force_min": "N",
+    "swing_clearance_min": "m",
+    "torque_excess": "Nm",
+    "bus_excess": "W",
+    "joint_speed_max": "rad/s",
+    "friction_use": "of the friction cone",
+    "position_error": "m or rad",
+    "velocity_error": "m/s or rad/s",
+}  # of the figures of `verify`, in its order
+RESIMULATED = (4.0, 13.2)  # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
+LATER = {"bus_excess": 0.0}  # figures that older files lack, and what they were: there was no bus
+LEAST = ("stance_force_min", "swing_clearance_min")  # figures that must not be below their limit; others not above
+
+FINER = 10  # samples between two points of the mesh
+QUADRATURE = 8  # Gauss points an interval
+LIGHT = 0.01  # of the weight: a force below says nothing about friction
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerances:
+    """The limit of each figure of the same name, in its unit.
+
+    The first four are what the program makes zero, so what IPOPT's tolerance leaves of it; the others are what
+    stands between a discretised stride and a true one.
+    """
+
+    dynamics_residual: float = 1e-3
+    impact_residual: float = 1e-5
+    position_jump: float = 1e-6
+    velocity_jump: float = 1e-5
+    energy_residual: float = 1e-3
+    impulse_residual_x: float = 1e-4
+    impulse_residual_z: float = 1e-4
+    stance_force_min: float = -1.0
+    swing_clearance_min: float = -1e-3
+    torque_excess: float = 1.0
+    bus_excess: float = 50.0
+    position_error: float = 1e-3
+    velocity_error: float = 0.05
+
+
+def verify(solution: Solution) -> dict[str, float]:
+    """The figures named in `UNITS`.
+
+    dynamics_residual    largest |M a + h - B u - tau_p - J^T F| at the mesh's points (paper, Eq. continuous_dynamics)
+    foot_speed           largest |J v| of a standing foot at the points
+    foot_drift           largest distance of a standing foot, at the points, from where it landed, or from the ground
+    impact_residual      largest |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid)
+    position_jump        largest step of a coordinate from segment to segment, around the cycle
+    velocity_jump        likewise of a velocity, where no foot lands
+    energy_residual      |W_motor - W_lost - impact losses| / positive motor work, over the stride; W_lost in springs,
+                         slides, gears, joints and air
+    impulse_residual_x   |impulse of the contact forces and of the air| / (m g T)
+    impulse_residual_z   |impulse of the contact forces - m g T| / (m g T)
+    stance_force_min     least vertical force of a standing foot, between the points as at them
+    swing_clearance_min  likewise, least height of a swinging foot
+    torque_excess        likewise, largest torque beyond the motors' envelope; 0 within
+    bus_excess           likewise, largest power beyond what the bus gives or takes back; 0 within
+    joint_speed_max      likewise, fastest joint
+    friction_use         likewise, largest |F_x| / (mu F_z), impulses included
+    position_error       largest |q - q_simulated| at the points
+    velocity_error       largest |v - v_simulated| at the points
+    """
+    model = PlanarModel.of(solution.problem)
+    return {
+        "speed": solution.problem.speed,
+        **_at_points(model, solution),
+        **_at_events(model, solution),
+        **_over_stride(model, solution),
+        **_between_points(model, solution),
+        **_against(resimulate(solution), solution),
+    }
+
+
+def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
+    """A line for each figure that is beyond its limit; none if the solution is sound.
+
+    NaN is beyond, and so is a figure that is not there, unless it came `LATER`.
+    """
+    lines = []
+    speed = figures.get("speed", math.nan)
+    for figure, limit in dataclasses.asdict(tolerances).items():
+        if figure in ("position_error", "velocity_error") and (speed < RESIMULATED[0] or speed > RESIMULATED[1]):
+            continue
+        value, least = figures.get(figure, LATER.get(figure, math.nan)), figure in LEAST
+        if not (value >= limit if least else value <= limit):
+            side = "below" if least else "above"
+            lines.append(f"{figure} is {value:.3g} {UNITS[figure]}, {side} its limit of {limit:g}")
+    return lines
+
+
+def resimulate(
+    solution: Solution, rtol: float = 1e-9
+) -> tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]]:
+    """q and v at the mesh's points as its torques and durations make them.
+
+    From the solution's own state after the first impact, standing feet held exactly, every landing a perfectly
+    inelastic impact; DOP853, interval by interval, as torques have corners where intervals meet. NaN from where the
+    integrator gives up.
+    """
+    model, stride = PlanarModel.of(solution.problem), solution.problem.stride
+    q, v = (np.full_like(x, math.nan) for x in (solution.motion.q, solution.motion.v))
+    q_now, v_now = solution.motion.q[0, 0], solution.motion.v[0, 0]
+    for i in range(len(stride.standing)):
+        if i > 0 and (landing := contact_rows(stride.legs, stride.touchdowns(i))):
+            v_now, _ = model.land(q_now, v_now, landing)
+        q[i], v[i] = _simulate_segment(model, solution, i, q_now, v_now, rtol)
+        q_now, v_now = q[i, -1], v[i, -1]
+    return q, v
+
+
+def summarise(solution: Solution) -> dict[str, float]:
+    """What a stride amounts to: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
+    moments = [moment for _, moment in _fine(solution.problem, solution.motion)]
+    return {
+        "period": solution.period,
+        "duty": solution.duty,
+        "peak_torque": float(max(np.max(np.abs(moment.tau)) for moment in moments)),
+        "peak_force": float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
+    }
+
+
+def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    motion, stride = solution.motion, solution.problem.stride
+    residual = speed = drift = 0.0
+    for i, feet in enumerate(stride.standing):
+        rows, feet_at = contact_rows(stride.legs, feet), []
+        for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
+            terms = model.terms(q, v)
+            push = terms.passive + terms.jacobian.T @ force
+            push[model.motors] += machine.joint_torque(model.hardware, v[model.motors], tau)
+            residual = max(residual, np.max(np.abs(terms.mass @ a + terms.bias - push)))
+            speed = max(speed, np.max(np.abs((terms.jacobian @ v)[rows]), initial=0.0))
+            feet_at.append(terms.contact[rows])
+        away = np.array(feet_at)
+        away[:, 0::2] -= away[0, 0::2]
+        drift = max(drift, np.max(np.abs(away), initial=0.0))
+    return {"dynamics_residual": float(residual), "foot_speed": float(speed), "foot_drift": float(drift)}
+
+
+def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    stride = solution.problem.stride
+    impact = step = kick = 0.0
+    for i, (q_before, v_before) in enumerate(_befores(solution)):
+        q, v = solution.motion.q[i, 0], solution.motion.v[i, 0]
+        step = max(step, np.max(np.abs(q - q_before)))
+        if stride.touchdowns(i):
+            terms = model.terms(q, v)
+            residual = terms.mass @ (v - v_before) - terms.jacobian.T @ solution.motion.impulse[i]
+            impact = max(impact, np.max(np.abs(residual)))
+        else:
+            kick = max(kick, np.max(np.abs(v - v_before)))
+    return {"impact_residual": float(impact), "position_jump": float(step), "velocity_jump": float(kick)}
+
+
+def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    problem, motion = solution.problem, solution.motion
+    x, w = np.polynomial.legendre.leggauss(QUADRATURE)
+    shares = (np.arange(problem.intervals)[:, None] + (x + 1.0) / 2.0).ravel() / problem.intervals
+    weights = np.tile(w / 2.0, problem.intervals) / problem.intervals
+    net = positive = lost = 0.0
+    impulse, blown = motion.impulse.sum(axis=0), 0.0
+    for i, (_, v_before) in enumerate(_befores(solution)):
+        moment, dt = sample(problem, motion, i, shares), motion.durations[i] * weights
+        power = moment.tau * moment.v[:, model.motors]
+        net += dt @ power.sum(axis=1)
+        positive += dt @ np.maximum(power, 0.0).sum(axis=1)
+        lost += dt @ model.dissipation(moment.q, moment.v, moment.tau)
+        impulse = impulse + dt @ moment.force
+        blown += dt @ machine.drag(problem.hardware, model.share, moment.v[:, 0])
+        mass = model.terms(motion.q[i, 0], v_before).mass
+        lost += _kinetic(mass, v_before) - _kinetic(mass, motion.v[i, 0])
+    weight = model.weight * np.sum(motion.durations)
+    return {
+        "energy_residual": float(abs(net - lost) / positive),
+        "impulse_residual_x": float(abs(np.sum(impulse[0::2]) + blown) / weight),
+        "impulse_residual_z": float(abs(np.sum(impulse[1::2]) / weight - 1.0)),
+    }
+
+
+def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
+    problem, motion = solution.problem, solution.motion
+    stride, hardware = problem.stride, problem.hardware
+    push, clearance, excess, overload, fastest, friction = math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
+    for i, moment in _fine(problem, motion):
+        standing = contact_rows(stride.legs, stride.standing[i])
+        swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
+        push = min(push, np.min(moment.force[:, standing[1::2]], initial=math.inf))
+        heights = [model.terms(q, v).contact[swinging[1::2]] for q, v in zip(moment.q, moment.v, strict=True)]
+        clearance = min(clearance, np.min(heights, initial=math.inf))
+        qd = moment.v[:, model.motors]
+        excess = max(excess, machine.torque_excess(hardware, model.share, qd, moment.tau))
+        overload = max(overload, machine.bus_excess(hardware, model.share, machine.bus_power(hardware, qd, moment.tau)))
+        fastest = max(fastest, np.max(np.abs(qd)))
+        for along, down, least in (
+            (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),
+            (motion.impulse[i, 0::2], motion.impulse[i, 1::2], 0.0),
+        ):
+            slip = np.abs(along[down > least]) / (hardware.friction * down[down > least])
+            friction = max(friction, np.max(slip, initial=0.0))
+    return {
+        "stance_force_min": float(push),
+        "swing_clearance_min": float(clearance),
+        "torque_excess": float(excess),
+        "bus_excess": overload,
+        "joint_speed_max": float(fastest),
+        "friction_use": float(friction),
+    }
+
+
+def _against(
+    simulated: tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]],
+    solution: Solution,
+) -> dict[str, float]:
+    q, v = simulated
+    return {
+        "position_error": float(np.max(np.abs(q - solution.motion.q))),
+        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
+    }
+
+
+def _simulate_segment(
+    model: PlanarModel,
+    solution: Solution,
+    segment: int,
+    q: Float[np.ndarray, " nq"],
+    v: Float[np.ndarray, " nq"],
+    rtol: float,
+) -> tuple[Float[np.ndarray, "points nq"], Float[np.ndarray, "points nq"]]:
+    """q and v at the points of one segment from its beginning."""
+    problem = solution.problem
+    standing = contact_rows(problem.stride.legs, problem.stride.standing[segment])
+    h = solution.motion.durations[segment] / problem.intervals
+    steps = (len(problem.points) - 1) // problem.intervals
+    states = np.full((len(problem.points), 2 * len(q)), math.nan)
+    states[0] = np.concatenate([q, v])
+    for k in range(problem.intervals):
+        torque = _torque_polynomial(solution, segment, k)
+
+        def rate(t: float, state: np.ndarray, torque: np.ndarray = torque) -> np.ndarray:
+            q, v = np.split(state, 2)
+            a, _ = model.accelerate(q, v, torque @ (1.0, t / h, (t / h) ** 2), standing)
+            return np.concatenate([v, a])
+
+        begin = states[k * steps]
+        if not np.all(np.isfinite(begin)):
+            break
+        run = solve_ivp(rate, (0.0, h), begin, "DOP853", np.linspace(0.0, h, steps + 1), rtol=rtol, atol=rtol)
+        states[k * steps : k * steps + run.y.shape[1]] = run.y.T
+    q, v = np.split(states, 2, axis=1)
+    return q, v
+
+
+def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float[np.ndarray, "motors 3"]:
+    """tau in one interval as coefficients of 1, s and s^2, for s from 0 to 1: no scheme goes beyond."""
+    s = np.array([0.2, 0.5, 0.8])
+    shares = (interval + s) / solution.problem.intervals
+    tau = sample(solution.problem, solution.motion, segment, shares).tau
+    return np.linalg.solve(np.vander(s, increasing=True), tau).T
+
+
+def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
+    """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
+    problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
+    q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
+    q[0] -= problem.speed * np.sum(motion.durations)
+    yield q, v
+    yield from zip(motion.q[:-1, -1], motion.v[:-1, -1], strict=True)
+
+
+def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
+    """Each segment on a grid `FINER` times as fine as the mesh."""
+    shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
+    for segment in range(len(motion.durations)):
+        yield segment, sample(problem, motion, segment, shares)
+
+
+def _series(motion: Motion) -> tuple[Float[np.ndarray, "segments points _"], ...]:
+    return motion.q, motion.v, motion.a, motion.tau, motion.force
+
+
+def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:
+    """Kinetic energy, J."""
+    return float(v @ mass @ v) / 2.0

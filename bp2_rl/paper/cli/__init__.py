@@ -1,0 +1,21 @@
+"""`bp2 paper COMMAND`: what the paper claims, computed again.
+
+A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
+"""
+
+import sys
+from collections.abc import Sequence
+
+from bp2_rl.cli.dispatch import dispatch
+
+COMMANDS = {
+    "figures": "draw the paper's figures of robots and athletes, and the index of all its items",
+    "pendulum": "Huygens' pendulums: energy exchange, sections, torques, and what they say of gaits",
+    "trajectories": "study optimal trajectories: limits, gaits, limbs, schemes, co-design, where torques come from",
+    "eval": "put a policy to the deep benchmarks: endurance, mechanism, efficiency, stability",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
+    return dispatch("bp2 paper", "bp2_rl.paper.cli", COMMANDS, list(sys.argv[1:] if argv is None else argv))

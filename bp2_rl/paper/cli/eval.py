@@ -1,0 +1,41 @@
+"""`bp2 paper eval`: put a policy to the deep benchmarks, with a table and a report as `python eval.py` leaves them."""
+
+import dataclasses
+import shlex
+import sys
+from collections.abc import Sequence
+from typing import Literal
+
+from bp2_rl.cli import app
+from bp2_rl.cli.eval import EvalConfig, evaluate
+from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.robot.specs import MotorHeat
+
+DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
+
+
+@dataclasses.dataclass(frozen=True)
+class DeepEvalConfig(EvalConfig):
+    """Measure what the paper says of a gait on a policy, and leave a report with table, plots and film.
+
+    Without a policy: the one that ships with bp2_rl.
+    """
+
+    benchmark: DeepBenchmarkName = "stability"  # pyright: ignore[reportIncompatibleVariableOverride]
+    """endurance: how long the motors last at 10.74 m/s and at the top speed. mechanism: whose inertia balances whose,
+    at five speeds. efficiency: what running costs, at eight speeds, and where the energy goes. stability: whether the
+    gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after
+    the other."""
+    heat: MotorHeat = MotorHeat()
+    quick: bool = False
+    """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
+    mechanism and efficiency: two speeds. Of stability: 30 strides at 10.74 m/s, no return map, pushes in four
+    directions."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    again = shlex.join(["bp2", "paper", "eval", *words])
+    registry = "bp2_rl.paper.benchmarks.registry"
+    return app.run(lambda: evaluate(app.parse(DeepEvalConfig, words, "bp2 paper eval"), DeepSetup, registry, again))

@@ -1,0 +1,203 @@
+"""`bp2 paper figures --all`: every command with pictures or numbers of an item of the paper, and a page."""
+
+import dataclasses
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import tyro
+
+import bp2_rl
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import read_bytes, read_json, require_name, write_text
+from bp2_rl.base.folders import find_folder, new_folder, open_report
+from bp2_rl.base.serialization import load_config, save_config
+from bp2_rl.cli import app
+from bp2_rl.cli.eval import DEFAULT_POLICY, BenchmarkName
+from bp2_rl.paper.cli.eval import DeepBenchmarkName
+from bp2_rl.paper.figures.registry import FIGURES
+from bp2_rl.paper.index.item import Row, fill
+from bp2_rl.paper.index.items import GROUPS
+from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
+
+FLAG = "--all"
+OUT = Path("reports/figures/all")
+PAGE, METRICS, LOG = "index.html", "metrics.json", "log.txt"
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Make every panel of the paper that can be made, and one page that says of each item what is ours.
+
+    What a command made before is taken as it is, if the policy, the shipped files and the version are the same.
+    """
+
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
+    """of all benchmarks; by default the one that ships"""
+    quick: bool = False
+    """the short versions of the benchmarks that have one"""
+    video: bool = True
+    """film the runs, where a GL library exists"""
+    fresh: bool = False
+    """make everything anew"""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = OUT
+    """the page's folder, with a folder for each command"""
+
+
+@dataclasses.dataclass(frozen=True)
+class IndexReport:
+    """What metrics.json holds."""
+
+    version: str
+    policy: str
+    quick: bool
+    commands: dict[str, str]  # that were run, by name of their folders
+    seconds: dict[str, float]  # that they took
+    missing: dict[str, str]  # why others were not
+    verdicts: dict[str, str]  # by item
+    numbers: dict[str, dict[str, Any]]  # of each item, by SOURCE:PATH
+
+
+class FailedError(Exception):
+    """A command ended otherwise than well; the message is its last line."""
+
+
+def run_all(argv: Sequence[str]) -> int:
+    """The command; returns its exit status."""
+    return app.run(
+        lambda: _make_all(app.parse(Arguments, [word for word in argv if word != FLAG], f"bp2 paper figures {FLAG}"))
+    )
+
+
+def _make_all(chosen: Arguments) -> None:
+    """Run what has to be run, one command after the other, and write the page anew after each."""
+    policy = chosen.policy or asset_path(DEFAULT_POLICY)
+    for name in (policy, chosen.out):
+        require_name(name)
+    if not policy.is_dir():
+        raise UserError(f"--policy {policy} is no folder: name a policy or a training run")
+    _open(chosen.out)
+    choice = Choice(policy, chosen.quick, chosen.video)
+    keys: dict[str, str] = {}
+    missing = {source.name: "not run yet" for source in SOURCES}
+    _write(chosen, missing)
+    for source in SOURCES:
+        keys[source.name] = key = key_of(source, choice, bp2_rl.__version__, keys)
+        try:
+            if others := [name for name in source.runs if name in missing]:
+                raise FailedError(f"left out, as {others[0]} failed")
+            made = _make(source, choice, key, chosen)
+        except FailedError as error:
+            missing[source.name], made = str(error), False
+            print(f"{source.name:14} {error}", flush=True)
+        else:
+            del missing[source.name]
+        if made or source is SOURCES[-1]:
+            _write(chosen, missing)
+    print(f"index: {chosen.out / PAGE}")
+
+
+def _open(folder: Path) -> None:
+    open_report(folder, METRICS, "index")
+    if (folder / METRICS).is_file():
+        try:
+            load_config(IndexReport, folder / METRICS)
+        except UserError:
+            raise UserError(f"--out {folder} holds another report: name another folder") from None
+
+
+def _make(source: Source, choice: Choice, key: str, chosen: Arguments) -> bool:
+    """Let a command leave its report in its folder; whether it had to: not if that is there.
+
+    Raises:
+        FailedError: it cannot be run, or fails; what was in its folder stays.
+    """
+    if not is_known(source):
+        raise FailedError(f"this version has no {source.command}")
+    folder = chosen.out / source.name
+    if not chosen.fresh and is_current(source, folder, key):
+        print(f"{source.name:14} as it was", flush=True)
+        return False
+    print(f"{source.name:14} {source.command} ...", flush=True)
+    begun = time.monotonic()
+    with new_folder(folder) as fresh:
+        words = [*arguments(source, choice, chosen.out), "--out", str(fresh)]
+        # The film's GL library is bound in a process of its own; a command of ours inherits nothing else that counts.
+        ended = subprocess.run(
+            [sys.executable, "-m", "bp2_rl", *words],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        if ended.returncode != 0 or not (fresh / source.numbers).is_file():
+            said = ended.stderr.strip().splitlines() or [f"ended with status {ended.returncode}"]
+            raise FailedError(f"failed: {said[-1]}")
+        write_text(fresh / LOG, ended.stdout)
+        seconds = time.monotonic() - begun
+        save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
+    print(f"{'':14} {seconds:.0f} s", flush=True)
+    return True
+
+
+def is_known(source: Source) -> bool:
+    """Whether this version has the command."""
+    if source.benchmark is not None:
+        return source.benchmark in (*get_args(BenchmarkName), *get_args(DeepBenchmarkName))
+    return source.words[:2] != ("paper", "figures") or source.words[2] in FIGURES
+
+
+def is_current(source: Source, folder: Path, key: str) -> bool:
+    """Whether a folder holds what the command would make: its key, and numbers that nobody has touched since."""
+    folder = find_folder(folder)
+    try:
+        found = load_config(Key, folder / KEY)
+        return found.key == key and found.numbers == _checksum(folder / source.numbers)
+    except UserError:
+        return False
+
+
+def _checksum(file: Path) -> str:
+    return hashlib.sha256(read_bytes(file)).hexdigest()
+
+
+def _write(chosen: Arguments, missing: dict[str, str]) -> None:
+    """The page and its numbers, of what there is."""
+    from bp2_rl.paper.index.page import Made, index_page
+
+    folders = {source.name: find_folder(chosen.out / source.name) for source in SOURCES if source.name not in missing}
+    reports = {
+        source.name: read_json(folders[source.name] / source.numbers) for source in SOURCES if source.name in folders
+    }
+    groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in GROUPS.items()}
+    seconds = {name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()}
+    made = [Made(source, folders[source.name], seconds[source.name]) for source in SOURCES if source.name in folders]
+    commands = {source.name: source.command for source in SOURCES}
+    said = f"bp2_rl {bp2_rl.__version__}; policy {policy_name(chosen)}{', short versions' if chosen.quick else ''}"
+    rows = [row for of_group in groups.values() for row in of_group]
+    report = IndexReport(
+        version=bp2_rl.__version__,
+        policy=policy_name(chosen),
+        quick=chosen.quick,
+        commands={each.source.name: each.source.command for each in made},
+        seconds=seconds,
+        missing=dict(missing),
+        verdicts={row.item.id: row.verdict for row in rows},
+        numbers={row.item.id: _numbers(row) for row in rows if _numbers(row)},
+    )
+    write_text(chosen.out / PAGE, index_page(groups, made, commands, missing, said))
+    save_config(chosen.out / METRICS, report)
+
+
+def policy_name(chosen: Arguments) -> str:
+    """The policy, wherever it lies: the one that ships, or a folder's name."""
+    return "that ships" if chosen.policy is None else chosen.policy.name
+
+
+def _numbers(row: Row) -> dict[str, Any]:
+    return {part.at: part.value for part in (*row.ours, *row.because) if not isinstance(part, str)}

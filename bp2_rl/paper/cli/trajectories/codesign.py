@@ -1,0 +1,42 @@
+"""`bp2 paper trajectories codesign`: hardware and trajectory together."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+from bp2_rl.base.bounds import check_bounds
+from bp2_rl.cli import app
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Find gear ratio, leg length and spring stiffness along with the trajectory, and scan each."""
+
+    settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "codesign"
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _codesign(app.parse(Arguments, argv, "bp2 paper trajectories codesign")))
+
+
+def _codesign(arguments: Arguments) -> None:
+    """Print the study and leave it with its picture; what was solved before is not solved again."""
+    with output.own_folder(arguments.out):
+        from bp2_rl.base.plotting import save_figure
+        from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
+        from bp2_rl.paper.trajectories.codesign.study import study_codesign
+
+        study = study_codesign(arguments.settings, arguments.out, arguments.workers)
+        save_figure(codesign_figure(study), arguments.out / "codesign.png")
+    print(f"study and picture: {arguments.out}")

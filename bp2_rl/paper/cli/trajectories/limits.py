@@ -1,0 +1,72 @@
+"""`bp2 paper trajectories limits`: the greatest speed."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.serialization import save_config
+from bp2_rl.cli import app
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
+from bp2_rl.optimiser.problem import Problem
+
+SPEEDS = "speeds.json"  # what is left in the folder
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Find the greatest speed that has a trajectory at all, for BP2 and with one thing about it changed at a time."""
+
+    problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
+    robot: Robot = "ideal"
+    losses: bool = False
+    """instead, for the robot without its losses, with each alone, with all, and with all but each; needs a robot that
+    loses something, such as --robot built"""
+    workers: Workers = 2
+    """processes"""
+    out: Folder = OUT / "limits"
+    """folder of the file of speeds"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _limits(parse_on_robot(Arguments, argv, "bp2 paper trajectories limits")))
+
+
+def _limits(arguments: Arguments) -> None:
+    """Print the greatest speeds, and leave them in a file."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from bp2_rl.paper.trajectories import limits
+
+    if arguments.losses:
+        order = list(limits.loss_variants(arguments.problem.hardware))
+        search = limits.losses_one_at_a_time
+    else:
+        order, search = [*limits.CHANGES, limits.NO_SPEED_LIMIT], limits.greatest_speeds
+    found = {}
+    with output.own_folder(arguments.out):
+        with output.progress() as progress:
+            task = progress.add_task("variants", total=len(order))
+            for limit in search(arguments.problem, arguments.workers):
+                found[limit.variant] = limit
+                progress.advance(task)
+        solutions = {name: found[name].solution for name in order}
+        speeds = {name: solution and solution.problem.speed for name, solution in solutions.items()}
+        save_config(arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds))
+    table = Table("variant", "greatest speed, m/s", "change", "period, s", "duty")
+    for name, solution in solutions.items():
+        if solution is None:
+            table.add_row(name, "not found", "", "", "")
+            continue
+        base = speeds[found[name].base]
+        change = "" if base is None else f"{solution.problem.speed - base:+.2f}"
+        table.add_row(name, f"{solution.problem.speed:.2f}", change, f"{solution.period:.3f}", f"{solution.duty:.3f}")
+    Console().print(table)
+    print(f"speeds: {arguments.out / SPEEDS}")

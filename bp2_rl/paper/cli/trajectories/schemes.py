@@ -1,0 +1,50 @@
+"""`bp2 paper trajectories schemes`: what a discretisation costs."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.cli import app
+from bp2_rl.cli.trajopt import output
+from bp2_rl.optimiser.problem import Intervals, Problem, Speed
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Compare discretisation schemes over meshes: what each leaves of energy, how far off a re-simulation is."""
+
+    speed: Speed = 10.0
+    """m/s"""
+    meshes: tuple[Intervals, ...] = (8, 16, 32)
+    """intervals a segment"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if not self.meshes or sorted(set(self.meshes)) != list(self.meshes):
+            raise UserError("--meshes: give the coarsest first, as each solve starts from the one before")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    return app.run(lambda: _schemes(app.parse(Arguments, argv, "bp2 paper trajectories schemes")))
+
+
+def _schemes(arguments: Arguments) -> None:
+    """Print the table."""
+    from rich.console import Console
+
+    from bp2_rl.optimiser.collocation import solve
+    from bp2_rl.paper.trajectories.schemes import SCHEMES, compare_schemes, tabulate_schemes
+
+    rows = []
+    try:
+        with output.progress() as progress:
+            task = progress.add_task("solves", total=len(SCHEMES) * len(arguments.meshes))
+            for row in compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes):
+                rows.append(row)
+                progress.advance(task)
+    finally:  # also what there is when a scheme fails on one of the meshes
+        # A number that is cut off is worse than a line that is folded.
+        Console(width=max(Console().width, 110)).print(tabulate_schemes(rows))

@@ -1,0 +1,82 @@
+"""What had to be assumed and how far off it may be, each with the way in which the models take it."""
+
+import dataclasses
+import math
+
+from bp2_rl.optimiser.problem import Problem, Weights
+from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import BUILT
+
+BODY_WEIGHT = Weights().force  # N
+
+
+@dataclasses.dataclass(frozen=True)
+class Assumed:
+    """A positive number; its range is what published machines or the paper's silence leave, ASSUMED like itself."""
+
+    name: str
+    unit: str
+    low: float
+    value: float
+    high: float
+    change: Change | None = None  # of a problem; None: of the motors' heat alone
+    in_analysis: bool = True  # the paper's own model, without losses, has it
+    heat: str = ""  # field of `thermal.Network`
+
+    @property
+    def reach(self) -> float:
+        """Half the range, as a change of the number's logarithm: one unit of the analysis."""
+        return 0.5 * math.log(self.high / self.low)
+
+
+def _force_scale(problem: Problem, factor: float) -> Problem:
+    weights = dataclasses.replace(problem.weights, force=factor * problem.weights.force)
+    return dataclasses.replace(problem, weights=weights)
+
+
+def _foot_radius(problem: Problem, factor: float) -> Problem:
+    return dataclasses.replace(problem, foot_radius=factor * problem.foot_radius)
+
+
+_LOSSES = BUILT.losses
+MECHANICAL = (
+    Assumed("F bar", "N", BODY_WEIGHT, BODY_WEIGHT, 3.0 * BODY_WEIGHT, _force_scale),
+    Assumed("peak torque", "Nm", 100.0, specs.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),  # the text, and Table S1
+    Assumed("corner speed", "rad/s", specs.CORNER_SPEED, specs.CORNER_SPEED, 18.0, LIMITS["corner speed"]),
+    Assumed("rotor inertia", "kg m2", 1e-4, specs.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]),
+    Assumed("leg length", "m", 0.32, specs.THIGH_LENGTH, 0.38, LIMITS["leg length"]),  # for the spring's rest length
+    Assumed("spring travel", "m", 0.10, specs.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]),
+    Assumed("stops' stiffness", "N/m", 15e3, specs.SPRING_STOP_STIFFNESS, 60e3, LIMITS["stops' stiffness"]),
+    Assumed("foot radius", "m", 0.01, specs.FOOT_RADIUS, 0.04, _foot_radius),
+    Assumed("friction", "-", 0.6, specs.FOOT_FRICTION, 1.2, LIMITS["friction"]),
+)
+"""Of the robot and of the objective."""
+
+LOST = tuple(
+    Assumed(name, unit, low, value, high, LOSSES[name], in_analysis=False)
+    for name, unit, low, value, high in (
+        ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
+        ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),
+        ("joint friction", "Nm", 1.0, _LOSSES.joint_friction, 4.0),
+        ("joint viscosity", "Nm s/rad", 0.025, _LOSSES.joint_viscosity, 0.1),
+        ("slide friction", "N", 10.0, _LOSSES.spring_friction, 40.0),
+        ("bus sag", "1/kW", 0.00625, _LOSSES.bus_sag, 0.025),
+        ("bus power", "W", 6e3, _LOSSES.bus_power_out, 10e3),
+    )
+)
+"""What a machine loses; the paper's analysis has none of it."""
+
+HEAT = tuple(
+    Assumed(name, unit, low, value, high, in_analysis=False, heat=field)
+    for name, unit, low, value, high, field in (
+        ("winding's capacity", "J/K", 50.0, specs.WINDING_CAPACITY, 152.0, "winding_capacity"),
+        ("winding to case", "K/W", 0.5, 1.5, 4.5, "winding_to_case"),  # the straightest rise has 1.5 K/W
+        ("case's capacity", "J/K", 200.0, specs.CASE_CAPACITY, 600.0, "case_capacity"),
+        ("case to air", "K/W", 0.5, specs.CASE_TO_AIR, 2.0, "case_to_air"),
+        ("magnets' loss", "1/K", 0.9e-3, specs.MAGNET_LOSS, 1.2e-3, "magnet_loss"),
+    )
+)
+"""Of the motors' heat."""
+
+ASSUMED = (*MECHANICAL, *LOST, *HEAT)

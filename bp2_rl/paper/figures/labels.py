@@ -1,0 +1,84 @@
+"""Names beside the points of a scatter, where they cover neither each other nor a point."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox, BboxBase
+
+from bp2_rl.base.plotting import QUIET
+
+CLEAR = 3.5  # points of the page around a mark
+FAR = 9.0  # points of the page: a name that is farther from its mark has a line to it
+HALO = withStroke(linewidth=2.0, foreground="white")  # keeps a name readable on a line
+RADII = (6.0, 10.0, 16.0, 24.0, 34.0, 46.0, 60.0)  # points of the page
+DIRECTIONS = np.deg2rad((0, 180, 35, -35, 145, -145, 70, -70, 110, -110, 90, -90))
+
+
+def label(axes: Axes, points: Sequence[tuple[float, float]], names: Sequence[str], colors: Sequence[str]) -> None:
+    """Write each name as near to its point as there is room; call it when the axes have their final place and limits.
+
+    Args:
+        axes: that hold the points.
+        points: in data coordinates.
+        names: of the points; an empty one only keeps its point clear.
+        colors: of the names.
+    """
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    scale = figure.dpi / 72.0
+    marks = axes.transData.transform(np.asarray(points, dtype=float))
+    taken = [Bbox.from_bounds(x - CLEAR * scale, y - CLEAR * scale, 2 * CLEAR * scale, 2 * CLEAR * scale)
+             for x, y in marks]  # fmt: skip
+    page = axes.get_window_extent(renderer)
+    for (x, y), name, color in zip(points, names, colors, strict=True):
+        if not name:
+            continue
+        text = axes.annotate(name, (x, y), (0, 0), textcoords="offset points", fontsize=7.5, color=color, zorder=4)
+        text.set_path_effects([HALO])
+        best, least = None, np.inf
+        for radius in RADII:
+            for angle in DIRECTIONS:
+                right, up = float(np.cos(angle)), float(np.sin(angle))
+                text.set_position((radius * right, radius * up))
+                text.set_horizontalalignment("left" if right > 0.2 else "right" if right < -0.2 else "center")
+                text.set_verticalalignment("bottom" if up > 0.8 else "top" if up < -0.8 else "center")
+                box = text.get_window_extent(renderer).padded(0.6 * scale)
+                bad = sum(_overlap(box, other) for other in taken) + _outside(box, page)
+                if bad < least:
+                    best, least = (
+                        (
+                            radius,
+                            angle,
+                            text.get_position(),
+                            text.get_horizontalalignment(),
+                            text.get_verticalalignment(),
+                            box,
+                        ),
+                        bad,
+                    )
+            if least == 0.0:
+                break
+        assert best is not None
+        radius, _, place, across, along, box = best
+        text.set(position=place, horizontalalignment=across, verticalalignment=along)
+        taken.append(box)
+        if radius > FAR:
+            line = {"arrowstyle": "-", "color": QUIET, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 3.0}
+            axes.annotate("", (x, y), place, textcoords="offset points", arrowprops=line, zorder=3.5)
+
+
+def _overlap(one: BboxBase, other: BboxBase) -> float:
+    """The area that two boxes share, pixels."""
+    wide = min(one.x1, other.x1) - max(one.x0, other.x0)
+    high = min(one.y1, other.y1) - max(one.y0, other.y0)
+    return wide * high if wide > 0 and high > 0 else 0.0
+
+
+def _outside(box: BboxBase, page: BboxBase) -> float:
+    """The area of a box that is not on the page, pixels."""
+    return box.width * box.height - _overlap(box, page)

@@ -1,0 +1,118 @@
+"""Table S4 of the paper: base coefficients in both stages, ours beside them, and the schedule over speed."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from bp2_rl.base.plotting import FALL, FRONT, QUIET, WIDTH, styled
+from bp2_rl.env.rewards import speed_schedule
+from bp2_rl.evaluation.benchmarks.outcome import Table
+from bp2_rl.paper.figures.drawn import Comparison, Drawn
+from bp2_rl.paper.figures.settings import RewardsSettings
+from bp2_rl.settings.training import OURS, PAPER
+
+STAGES = ("imitation", "relaxed")
+ROWS = {
+    "Body height": "height",
+    "Body attitude": "attitude",
+    "Imitation, c_J": "imitation",
+    "Velocity tracking, c_V": "tracking",
+    "Torque": "torque",
+    "Power": "power",
+    "Action smoothness": "smoothness",
+    "Straight-running symmetry": "symmetry",
+    "Terminal": "terminal",
+}
+"""Rows of Table S4, and the fields of `RewardConfig` that hold their coefficients."""
+
+LINES: dict[str, dict[str, Any]] = {
+    "text": {"color": FRONT, "linewidth": 2.2, "label": "by the text: tracking gains"},
+    "literal": {"color": FALL, "linestyle": (0, (3, 1.5)), "label": "to the letter of Table S4"},
+}
+"""How the readings of the schedule are drawn; the weight of imitation is what is left of c_J + c_V."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """The weight of tracking in the imitation stage by one reading of the schedule."""
+
+    at_rest: float
+    at_half: float
+    at_top: float
+
+
+@dataclasses.dataclass(frozen=True)
+class RewardsNumbers:
+    """All that the figure shows."""
+
+    paper: dict[str, dict[str, float]]  # coefficients, by stage and row
+    ours: dict[str, dict[str, float]]
+    literal: Reading  # Table S4 to the letter
+    text: Reading  # what the text says
+
+
+def rewards(settings: RewardsSettings) -> Drawn:
+    """The figure, the table, and what comes of the schedule."""
+    numbers = measure()
+    head = ("Term", *(f"{whose}, {stage}" for whose in ("paper", "ours") for stage in STAGES))
+    lines = [
+        (row, *(f"{column[stage][row]:g}" for column in (numbers.paper, numbers.ours) for stage in STAGES))
+        for row in ROWS
+    ]
+    loses = numbers.literal.at_top < numbers.literal.at_rest
+    said = Comparison(
+        "tracking gains weight with speed (text)",
+        f"to the letter of Table S4 its weight goes from {numbers.literal.at_rest:.1f} to "
+        f"{numbers.literal.at_top:.1f} in "
+        f"the imitation stage; by the text from {numbers.text.at_rest:.1f} to {numbers.text.at_top:.1f}",
+        "differs" if loses else "same",
+        "with c_J > c_V the table's formula turns about; we go by the text (--env.reward.schedule)",
+    )
+    return Drawn(
+        numbers, (Table("Table S4, base coefficients", head, lines),), (said,), {"rewards": rewards_figure(settings)}
+    )
+
+
+def measure() -> RewardsNumbers:
+    """Both columns of the table, ours, and both readings of the schedule."""
+    paper, ours = (
+        {stage: {row: float(getattr(column[stage], field)) for row, field in ROWS.items()} for stage in STAGES}
+        for column in (PAPER, OURS)
+    )
+    return RewardsNumbers(paper, ours, _reading("literal"), _reading("text"))
+
+
+def weights(stage: str, schedule: str, share: Float[np.ndarray, " N"]) -> Float[np.ndarray, "2 N"]:
+    """c_m and c_v of the paper's coefficients over the commanded speed as a share of the greatest."""
+    config = PAPER[stage]  # pyright: ignore[reportArgumentType]
+    pairs = [
+        speed_schedule(np.asarray(at), 1.0, config.imitation, config.tracking, schedule)  # pyright: ignore
+        for at in share
+    ]
+    return np.array(pairs, dtype=float).T
+
+
+def _reading(schedule: str) -> Reading:
+    return Reading(*(float(value) for value in weights("imitation", schedule, np.array([0.0, 0.5, 1.0]))[1]))
+
+
+@styled
+def rewards_figure(settings: RewardsSettings) -> Figure:
+    """Weights over speed, a panel a stage."""
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    share = np.linspace(0.0, 1.0, 121)
+    for axes, stage in zip(figure.subplots(1, 2, sharey=True), STAGES, strict=True):
+        for schedule, line in LINES.items():
+            axes.plot(settings.speed * share, weights(stage, schedule, share)[1], **line)
+        axes.set(
+            title=f"{stage.capitalize()} stage, paper's coefficients", xlabel="Commanded speed [m/s]", ylim=(0.0, 0.7)
+        )
+        axes.set_xlim(0.0, settings.speed)
+        axes.axhline(0.0, color=QUIET, linewidth=0.8)
+    figure.axes[0].set_ylabel("Weight of tracking, c_v")
+    handles = figure.axes[0].get_lines()[: len(LINES)]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=2.2)
+    return figure

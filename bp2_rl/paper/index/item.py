@@ -1,0 +1,140 @@
+"""A row of the index: an item of the paper, the command that makes ours, and what has to hold for "same"."""
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+from bp2_rl.base.errors import UserError
+
+Verdict = Literal["same", "differs", "not comparable", "needs hardware", "not run"]
+Stated = Literal["same", "differs", "not comparable", "needs hardware"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """A number of ours that has to lie between two of the paper's, or words that have to be the paper's."""
+
+    at: str  # SOURCE:PATH
+    least: float = -math.inf
+    most: float = math.inf
+    words: str | None = None
+
+    def holds(self, value: Any) -> bool:
+        """Whether it does; what was not measured does not."""
+        if self.words is not None:
+            return value == self.words
+        return isinstance(value, int | float) and self.least <= value <= self.most
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """One item of the paper. Numbers in `ours` and `because` stand as {SOURCE:PATH|FORMAT}, and come from its file."""
+
+    id: str  # fig-4-a, table-s1, eq-3, movie-s2
+    number: str  # as the paper has it
+    shows: str  # in our words
+    source: str | None = None  # the command whose picture and numbers are ours; None where there is none
+    picture: str | None = None  # file in its folder
+    command: str = ""  # where it is no source's
+    ours: str = ""
+    checks: tuple[Check, ...] = ()  # all hold: same; else: differs
+    stated: Stated | None = None  # where no number decides
+    because: str = ""  # what makes the difference, or why it cannot be said
+
+
+class Number(NamedTuple):
+    """A number of the page, and where it comes from."""
+
+    text: str  # as shown
+    value: Any  # as in the file
+    at: str  # SOURCE:PATH
+
+
+class Row(NamedTuple):
+    """An item with its numbers filled in."""
+
+    item: Item
+    verdict: Verdict
+    ours: tuple[str | Number, ...]
+    because: tuple[str | Number, ...]
+
+
+Reports = Mapping[str, Any]
+"""What is in the files of numbers, by source; those that were not run are not in it."""
+_NUMBER = re.compile(r"\{(\w+:[^|{}]+)\|([^{}]*)\}")
+
+
+def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> Row:
+    """The item's row.
+
+    Args:
+        item: of the paper.
+        reports: what is in the files of numbers.
+        missing: why a source has none, by name.
+
+    Raises:
+        UserError: a report lacks a number that the item shows.
+    """
+    needed = {item.source} if item.source else set()
+    needed |= {at.partition(":")[0] for at in (*places(item), *(check.at for check in item.checks))}
+    lacking = sorted(needed - reports.keys())
+    if lacking:
+        return Row(item, "not run", (), tuple(f"{name}: {missing.get(name, 'not run')}" for name in lacking[:1]))
+    if item.checks:
+        held = all(check.holds(look_up(reports, check.at)) for check in item.checks)
+        verdict: Verdict = "same" if held else "differs"
+    else:
+        verdict = item.stated or "not comparable"
+    return Row(item, verdict, _filled(item.ours, reports), _filled(item.because, reports))
+
+
+def places(item: Item) -> tuple[str, ...]:
+    """Where the item's numbers come from."""
+    return tuple(match[1] for match in _NUMBER.finditer(f"{item.ours} {item.because}"))
+
+
+def look_up(reports: Reports, at: str) -> Any:
+    """The value at SOURCE:PATH.
+
+    A path's steps are separated by /: a key, a place in a list, or KEY=VALUE for the entry of a list that has it.
+
+    Raises:
+        UserError: there is none.
+    """
+    source, _, path = at.partition(":")
+    value = reports[source]
+    for step in path.split("/"):
+        key, equal, wanted = step.partition("=")
+        if value is None:  # what was not measured has no parts
+            return None
+        try:
+            if equal:
+                value = next(entry for entry in value if _same(entry[key], wanted))
+            else:
+                value = value[int(step)] if isinstance(value, list) else value[step]
+        except (KeyError, IndexError, ValueError, TypeError, StopIteration):
+            raise UserError(f"the report of {source} has no {path}: remove its folder to have it made anew") from None
+    return value
+
+
+def _same(value: Any, wanted: str) -> bool:
+    return value == float(wanted) if isinstance(value, float) else str(value) == wanted
+
+
+def _filled(text: str, reports: Reports) -> tuple[str | Number, ...]:
+    parts: list[str | Number] = []
+    end = 0
+    for match in _NUMBER.finditer(text):
+        parts.append(text[end : match.start()])
+        parts.append(_number(match[1], match[2], reports))
+        end = match.end()
+    return tuple(part for part in (*parts, text[end:]) if part)
+
+
+def _number(at: str, form: str, reports: Reports) -> Number:
+    value = look_up(reports, at)
+    if isinstance(value, str) or value is None:
+        return Number(value or "-", value, at)
+    return Number(format(value, form), value, at)

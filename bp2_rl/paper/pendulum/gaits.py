@@ -1,0 +1,110 @@
+"""From two pendulums to four legs: what a gait's phases leave of the beam's help.
+
+A leg's push on the beam, S th'^2 - C th'', is odd in its angle. So two legs in antiphase cancel, at any amplitude, and
+a gait whose legs come in such pairs leaves the beam at rest.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.paper.pendulum import bp2, exact
+from bp2_rl.paper.pendulum.torque import drive, peak, root_mean_square
+
+GAITS: dict[str, tuple[float, float, float, float]] = {
+    "trot": (0.0, 0.5, 0.5, 0.0),
+    "pace": (0.0, 0.5, 0.0, 0.5),
+    "bound": (0.0, 0.0, 0.5, 0.5),
+    "walk": (0.0, 0.5, 0.75, 0.25),
+    "gallop": (0.0, 0.1, 0.5, 0.6),
+    "gathered gallop": (0.0, 0.1, 0.35, 0.45),
+    "canter": (0.0, 1 / 3, 1 / 3, 2 / 3),
+    "half-bound": (0.0, 0.0, 0.35, 0.5),
+    "pronk": (0.0, 0.0, 0.0, 0.0),
+}
+"""Phases of FR, FL, RR and RL in cycles. All ASSUMED: textbook gaits, evenly timed. In a gathered gallop the hind legs
+come sooner than half a cycle after the fore legs."""
+RANDOM = 400  # gaits, drawn beside those with a name
+
+
+@dataclasses.dataclass(frozen=True)
+class GaitTorque:
+    """What one gait's legs need with the beam free, over what they need with it fixed."""
+
+    gait: str
+    phases: tuple[float, ...]  # cycles
+    mass_ratio: float
+    order: float  # |mean e^(i phi)|: 1 if all legs move as one, 0 if they balance
+    peak: float  # of the leg that needs most
+    least_peak: float  # of the leg that needs least
+    root_mean_square: float  # over time and legs
+    small_swing: float  # that of small swings: it hangs on the order parameter alone
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Gaits with a name, and beside them gaits with any phases: what there could be."""
+
+    named: tuple[tuple[GaitTorque, ...], ...]  # by mass ratio
+    phases: Float[np.ndarray, "gaits legs"]  # cycles, of the random ones
+    order: Float[np.ndarray, " gaits"]
+    peak: Float[np.ndarray, "ratios gaits"]  # of the leg that needs most
+    orders: Float[np.ndarray, " points"]  # of the law's curve
+    law: Float[np.ndarray, "ratios points"]  # root mean square of small swings
+
+    def arrays(self) -> dict[str, Any]:
+        """The points and curves."""
+        return {name: getattr(self, name) for name in ("phases", "order", "peak", "orders", "law")}
+
+
+def order_parameter(phases: Float[np.ndarray, "*many legs"]) -> Float[np.ndarray, "*many"]:
+    """How much legs move as one; phases in cycles."""
+    return np.asarray(np.abs(np.mean(np.exp(2j * np.pi * phases), axis=-1)))
+
+
+def compare_gaits(mass_ratios: Sequence[float], amplitude: float, frequency: float) -> Comparison:
+    """Every gait with a name and `RANDOM` others, on beams of several mass ratios; `frequency` over w0."""
+    # Evenly drawn phases seldom move as one: draw them from an ever greater share of the cycle.
+    phases = np.random.default_rng(0).random((RANDOM, bp2.LEGS)) * np.linspace(0.0, 1.0, RANDOM)[:, None]
+    orders = np.linspace(0.0, 1.0, 101)
+    return Comparison(
+        named=tuple(gait_torques(ratio, amplitude, frequency) for ratio in mass_ratios),
+        phases=phases,
+        order=order_parameter(phases),
+        peak=np.array([_ratios(phases, ratio, amplitude, frequency)[0].max(axis=-1) for ratio in mass_ratios]),
+        orders=orders,
+        law=np.array([exact.small_gait_ratio(orders, frequency, ratio, bp2.LEGS) for ratio in mass_ratios]),
+    )
+
+
+def gait_torques(mass_ratio: float, amplitude: float, frequency: float) -> tuple[GaitTorque, ...]:
+    """Of every gait with a name."""
+    phases = np.array(list(GAITS.values()))
+    ratios, root_mean_squares = _ratios(phases, mass_ratio, amplitude, frequency)
+    order = order_parameter(phases)
+    small = exact.small_gait_ratio(order, frequency, mass_ratio, phases.shape[-1])
+    return tuple(
+        GaitTorque(
+            gait=name,
+            phases=GAITS[name],
+            mass_ratio=mass_ratio,
+            order=float(order[row]),
+            peak=float(ratios[row].max()),
+            least_peak=float(ratios[row].min()),
+            root_mean_square=float(root_mean_squares[row]),
+            small_swing=float(small[row]),
+        )
+        for row, name in enumerate(GAITS)
+    )
+
+
+def _ratios(
+    phases: Float[np.ndarray, "gaits legs"], mass_ratio: float, amplitude: float, frequency: float
+) -> tuple[Float[np.ndarray, "gaits legs"], Float[np.ndarray, " gaits"]]:
+    """Of the torques, free over fixed: of each leg's peak, and of the root mean square over time and legs."""
+    cycle = drive(2.0 * np.pi * phases, np.array(amplitude), np.array(frequency), np.array(mass_ratio))
+    free, fixed = (np.linalg.norm(root_mean_square(torque), axis=-1) for torque in (cycle.free, cycle.fixed))
+    return peak(cycle.free) / peak(cycle.fixed), free / fixed

@@ -1,0 +1,80 @@
+"""Poincare sections of two pendulums on a beam (paper, Fig. model_analysis D).
+
+What is free to swing keeps its energy, and a flow that does so keeps volumes, too (Liouville): no orbit attracts
+others. Yet with the mass ratio the section changes: while the pendulums exchange their swing, both trace one path;
+once the swing is trapped, each has a path of its own.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.distance import directed_hausdorff
+
+from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, Motion, swing
+
+Instant = Literal["beam", "pendulum"]
+INSTANTS: dict[Instant, str] = {
+    "beam": "the beam turns, from left to right",
+    "pendulum": "pendulum 1 passes the vertical, to the right",
+}
+"""When a point of the section is taken."""
+SAMPLES = 100  # of a natural period; a cubic between two is right to 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Path:
+    """What a section shows, in numbers."""
+
+    mass_ratio: float
+    points: int
+    angles: tuple[tuple[float, float], tuple[float, float]]  # rad, least and greatest of each pendulum
+    apart: float | None
+    """Hausdorff's distance between the two pendulums' points in the plane of (th, th'): how far, at most, a point of
+    one is from the other's nearest. Where they share a path, gaps between points are left. None for a section that
+    pins pendulum 1 to the vertical"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """The points of one mass ratio."""
+
+    path: Path
+    theta: Float[np.ndarray, "points 2"]
+    rate: Float[np.ndarray, "points 2"]
+
+
+def sections(amplitude: float, mass_ratios: Sequence[float], periods: float, instant: Instant) -> list[Section]:
+    """Let one of two pendulums go and look at both whenever it is that instant, for each mass ratio."""
+    time = np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * SAMPLES) + 1)
+    released = np.tile((amplitude, 0.0), (len(mass_ratios), 1))
+    motion = swing(released, np.array(mass_ratios), time, tolerance=1e-10)
+    return [_section(motion, system, instant) for system in range(len(mass_ratios))]
+
+
+def _section(motion: Motion, system: int, instant: Instant) -> Section:
+    """Of one of several systems."""
+    beam_acceleration, acceleration = (values[:, system] for values in motion.accelerations)
+    theta, rate = motion.theta[:, system], motion.rate[:, system]
+    if instant == "beam":
+        rising = CubicHermiteSpline(motion.time, motion.beam_rate[:, system], beam_acceleration)
+    else:
+        rising = CubicHermiteSpline(motion.time, theta[:, 0], rate[:, 0])
+    times = rising.roots(extrapolate=False)
+    times = times[rising(times, 1) > 0.0]
+    theta, rate = (CubicHermiteSpline(motion.time, *pair)(times) for pair in ((theta, rate), (rate, acceleration)))
+    one, two = (np.stack((theta[:, k], rate[:, k]), axis=-1) for k in (0, 1))
+    path = Path(
+        mass_ratio=float(motion.mass_ratio[system]),
+        points=len(times),
+        angles=(_ends(one[:, 0]), _ends(two[:, 0])),
+        apart=max(directed_hausdorff(one, two)[0], directed_hausdorff(two, one)[0]) if instant == "beam" else None,
+    )
+    return Section(path, theta, rate)
+
+
+def _ends(values: Float[np.ndarray, " points"]) -> tuple[float, float]:
+    return float(np.min(values)), float(np.max(values))

@@ -1,0 +1,123 @@
+"""Problems that are solved one after another, each from the last one's solution, and kept."""
+
+import contextlib
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import as_completed
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from bp2_rl.base.files import write_text
+from bp2_rl.base.serialization import config_hash
+from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.solution import NotSolved, Solution, load_solution, resample, save_solution
+from bp2_rl.paper.trajectories.codesign.settings import Bounds, Parameter
+
+PATIENCE = 20.0  # s for each interval, several times what a solution takes; what has none would go on for longer
+
+
+@dataclasses.dataclass(frozen=True)
+class Chain:
+    """Problems solved one after another, each from the last solution; the first from a cold guess.
+
+    Free parameters are found within `bounds`, starting from the last solution's, or else from the problem's own.
+    """
+
+    problems: tuple[Problem, ...]
+    free: tuple[Parameter, ...]
+    bounds: Bounds
+    seed: int = 0  # of the cold guess; 0 is the one that is not varied
+
+    @property
+    def before(self) -> "Chain | None":
+        """The chain without its last problem."""
+        return dataclasses.replace(self, problems=self.problems[:-1]) if len(self.problems) > 1 else None
+
+    def then(self, problem: Problem) -> "Chain":
+        """The chain with one more problem."""
+        return dataclasses.replace(self, problems=(*self.problems, problem))
+
+    @property
+    def parts(self) -> list["Chain"]:
+        """The chains that end with the first problem, with the second, and so on."""
+        return [dataclasses.replace(self, problems=self.problems[: i + 1]) for i in range(len(self.problems))]
+
+
+def solve_chain(chain: Chain, folder: Path) -> Solution | None:
+    """The solution of a chain's last problem, read from `folder` or solved and kept there; None where IPOPT failed.
+
+    A problem that cannot be solved is passed over: the next one starts from the last solution before it.
+    """
+    from bp2_rl.optimiser.collocation import solve  # CasADi only where something is solved
+    from bp2_rl.optimiser.guess import cold_guess
+
+    if is_solved(chain, folder):
+        return read_solution(chain, folder)
+    before = chain.before
+    while before is not None and (last := solve_chain(before, folder)) is None:
+        before = before.before
+    problem = chain.problems[-1]
+    if before is None:
+        guess = cold_guess(problem, seed=chain.seed or None)
+    else:
+        problem = problem.on(**{name: getattr(last.problem.hardware, name) for name in chain.free})
+        guess = resample(last.problem, last.motion, problem)
+    path = _path(chain, folder)
+    try:
+        solution = solve(problem, guess, free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals)
+    except NotSolved as failure:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path.with_suffix(".failed"), f"{failure}\n")
+        return None
+    save_solution(path, solution)
+    return solution
+
+
+def is_solved(chain: Chain, folder: Path) -> bool:
+    """Whether it is known already how a chain ends."""
+    path = _path(chain, folder)
+    return path.with_suffix(".json").exists() or path.with_suffix(".failed").exists()
+
+
+def read_solution(chain: Chain, folder: Path) -> Solution | None:
+    """What `solve_chain` left; None where IPOPT failed."""
+    path = _path(chain, folder)
+    return None if path.with_suffix(".failed").exists() else load_solution(path)
+
+
+def _path(chain: Chain, folder: Path) -> Path:
+    return folder / "solutions" / config_hash(chain)
+
+
+def solve_chains(chains: Sequence[Chain], folder: Path, workers: int, title: str, console: Console) -> None:
+    """Solve what is not in `folder` yet in `workers` processes, or in this one if it is one."""
+    missing = [chain for chain in chains if not all(is_solved(part, folder) for part in chain.parts)]
+    if not missing:
+        return
+    parts = {part for chain in chains for part in chain.parts}
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress, contextlib.ExitStack() as stack:
+        task = progress.add_task(title, total=len(parts))
+
+        def show() -> None:
+            progress.update(task, completed=sum(is_solved(part, folder) for part in parts))
+
+        show()
+        if workers == 1:
+            for part in (part for chain in missing for part in chain.parts):
+                solve_chain(part, folder)
+                show()
+            return
+        pool = stack.enter_context(spawned(workers))
+        for future in as_completed([pool.submit(_solve_parts, chain, folder) for chain in missing]):
+            future.result()
+            show()
+
+
+def _solve_parts(chain: Chain, folder: Path) -> None:
+    """In a process of its own, every part of a chain."""
+    for part in chain.parts:
+        solve_chain(part, folder)

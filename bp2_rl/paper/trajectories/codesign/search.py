@@ -1,0 +1,112 @@
+"""The best design: hardware and trajectory found together, from several starts."""
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from bp2_rl.optimiser.problem import motor_coordinates
+from bp2_rl.optimiser.solution import NotSolved, Solution
+from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chains
+from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """The cheapest trajectory under one setting."""
+
+    case: str
+    gear_ratio: float
+    leg_length: float  # m
+    spring_stiffness: float  # N/m
+    cost: float
+    period: float  # s
+    duty: float
+    peak_torque: float  # Nm, of the joints
+    peak_speed: float  # rad/s, likewise
+    speed_share: float  # of the no-load speed behind this gear
+    at_bounds: tuple[str, ...]  # free parameters that a bound holds
+    spread: float  # of the costs from all starts that were solved: dearest over cheapest, less 1
+    solved: int  # starts from which there was a trajectory
+    starts: int
+
+
+def find_designs(
+    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
+) -> list[tuple[Chain, Solution]]:
+    """The optima from every start, cheapest first, on the mesh of `settings.problem`.
+
+    The first start is BP2 and the cold guess; the others have designs drawn from within the bounds, and varied guesses.
+
+    Raises:
+        NotSolved: no start led to a trajectory.
+    """
+    chains = [start_chain(settings, seed) for seed in range(settings.starts)]
+    solve_chains(chains, folder, workers, "designs", console or Console())
+    found = _solved(chains, folder)
+    if not found:
+        raise NotSolved(f"no design for {settings.problem.speed:g} m/s from {settings.starts} starts")
+    return found
+
+
+def optimise_design(
+    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
+) -> Solution:
+    """The cheapest of `find_designs`, solved again on the meshes of `settings.confirm`, the parameters still free.
+
+    Raises:
+        NotSolved: no start led to a trajectory, or the finest mesh lost it.
+    """
+    chain = refined(settings, find_designs(settings, folder, workers, console)[0][0])
+    solve_chains([chain], folder, workers, "finer meshes", console or Console())
+    solution = read_solution(chain, folder)
+    if solution is None:
+        raise NotSolved(f"the design was lost on {chain.problems[-1].intervals} intervals")
+    return solution
+
+
+def refined(settings: CodesignSettings, chain: Chain) -> Chain:
+    """The chain, then its last problem on finer and finer meshes."""
+    return functools.reduce(Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain)
+
+
+def start_chain(settings: CodesignSettings, seed: int) -> Chain:
+    """The free problem by itself, from a start of its own for each seed."""
+    problem = settings.problem
+    if seed > 0:
+        draw = np.random.default_rng(seed).uniform
+        problem = problem.on(**{name: float(draw(*bounds)) for name, bounds in settings.bounds.of(PARAMETERS).items()})
+    return Chain((problem,), PARAMETERS, settings.bounds, seed)
+
+
+def _solved(chains: Iterable[Chain], folder: Path) -> list[tuple[Chain, Solution]]:
+    """The chains that ended in a solution, cheapest first."""
+    ends = [(chain, read_solution(chain, folder)) for chain in chains]
+    return sorted(((chain, end) for chain, end in ends if end is not None), key=lambda pair: pair[1].cost)
+
+
+def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> Row | None:
+    """The cheapest of several ways to the same problem; None where none led there."""
+    found = _solved(chains, folder)
+    if not found:
+        return None
+    chain, best = found[0]
+    hardware, motors = best.problem.hardware, motor_coordinates(best.problem.stride.legs)
+    speed = float(np.max(np.abs(best.motion.v[..., motors])))
+    return Row(
+        case=case,
+        **{name: float(getattr(hardware, name)) for name in PARAMETERS},
+        cost=best.cost,
+        period=best.period,
+        duty=best.duty,
+        peak_torque=float(np.max(np.abs(best.motion.tau))),
+        peak_speed=speed,
+        speed_share=speed / hardware.joint_no_load_speed,
+        at_bounds=chain.bounds.touched(hardware, chain.free),
+        spread=found[-1][1].cost / best.cost - 1.0,
+        solved=len(found),
+        starts=len(chains),
+    )

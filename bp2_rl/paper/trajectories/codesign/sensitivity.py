@@ -1,0 +1,67 @@
+"""The optimum under other settings: which of its numbers are the robot's, and which are the settings'."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bp2_rl.paper.trajectories.codesign.chain import solve_chains
+from bp2_rl.paper.trajectories.codesign.search import Row, cheapest, find_designs, start_chain
+from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
+from bp2_rl.robot import specs
+
+
+def vary_settings(
+    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
+) -> list[Row]:
+    """The optimum under the settings and under each of `variations`; from cold starts and from the settings' optimum.
+
+    Raises:
+        NotSolved: no start led to a trajectory even under the settings themselves.
+    """
+    found = find_designs(settings, folder, workers, console)
+    base = found[0][0]
+    ways = {
+        case: [
+            dataclasses.replace(base, bounds=changed.bounds).then(changed.problem),
+            *(start_chain(changed, seed) for seed in range(settings.starts_elsewhere)),
+        ]
+        for case, changed in variations(settings).items()
+    }
+    every = [chain for chains in ways.values() for chain in chains]
+    solve_chains(every, folder, workers, "sensitivity", console or Console())
+    ways = {"as stated": [start_chain(settings, seed) for seed in range(settings.starts)]} | ways
+    rows = [cheapest(case, chains, folder) for case, chains in ways.items()]
+    return [row for row in rows if row is not None]
+
+
+def variations(settings: CodesignSettings) -> dict[str, CodesignSettings]:
+    """One setting after another changed to another value that could be defended as well; names say value and unit."""
+    problem, weights, hardware = settings.problem, settings.problem.weights, settings.problem.hardware
+    body_weight, inertia = specs.TOTAL_MASS * specs.GRAVITY, hardware.rotor_inertia
+
+    def pose(**changes: Any) -> CodesignSettings:
+        return dataclasses.replace(settings, problem=dataclasses.replace(problem, **changes))
+
+    def weigh(**changes: float) -> CodesignSettings:
+        return pose(weights=dataclasses.replace(weights, **changes))
+
+    def build(**changes: float) -> CodesignSettings:
+        return pose(hardware=dataclasses.replace(hardware, **changes))
+
+    def limit(longest: float) -> CodesignSettings:
+        leg_length = (settings.bounds.leg_length[0], longest)
+        return dataclasses.replace(settings, bounds=dataclasses.replace(settings.bounds, leg_length=leg_length))
+
+    cases = {f"F bar {share:g} body weights": weigh(force=round(share * body_weight)) for share in (1, 2, 3, 4)}
+    for name in ("power", "load", "smoothness"):
+        scaled = [factor * getattr(weights, name) for factor in (0.25, 4.0)]
+        cases |= {f"{name} weight {value:g}": weigh(**{name: value}) for value in scaled}
+    cases |= {f"rotor {x * inertia * 1e4:g}e-4 kg m2": build(rotor_inertia=x * inertia) for x in (0.5, 2.0, 4.0)}
+    cases |= {f"speed margin {margin:g}": pose(speed_margin=margin) for margin in (0.5, 0.65, 0.8, 1.0)}
+    cases |= {f"corner speed {speed:g} rad/s": build(corner_speed=speed) for speed in (0.0, specs.CORNER_SPEED)}
+    cases |= {f"peak torque {torque:g} Nm": build(peak_torque=torque) for torque in (100.0, specs.PEAK_TORQUE)}
+    cases |= {f"foot radius {radius:g} m": pose(foot_radius=radius) for radius in (0.0, specs.FOOT_RADIUS)}
+    cases |= {f"leg up to {longest:g} m": limit(longest) for longest in (0.36, 0.45)}
+    return {case: changed for case, changed in cases.items() if changed != settings}

@@ -1,0 +1,100 @@
+"""What co-design looks for, and within which bounds."""
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from typing import Annotated, Literal, get_args
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.optimiser.problem import Intervals, Problem, Starts, Weights
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+
+Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
+PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
+Others = Literal["BP2", "free"]
+UNITS: dict[Parameter, str] = {"gear_ratio": "1", "leg_length": "m", "spring_stiffness": "N/m"}
+AT_BOUND = 1e-3  # of a parameter's range: closer than this, the bound made the value
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Least and greatest values of the parameters; the shortest leg holds shank, toe and the spring's travel."""
+
+    gear_ratio: tuple[float, float] = (5.0, 14.0)
+    leg_length: tuple[float, float] = (0.29, specs.HIP_FORE_AFT)  # m; see CodesignSettings
+    spring_stiffness: tuple[float, float] = (2500.0, 15000.0)  # N/m
+
+    def __post_init__(self) -> None:
+        """Refuse bounds between which there is no design, or one that cannot be built."""
+        for name in PARAMETERS:
+            low, high = getattr(self, name)
+            if not (math.isfinite(low) and math.isfinite(high) and 0.0 < low < high):
+                raise UserError(f"bounds.{name} must be two numbers with 0 < low < high, got {low:g} and {high:g}")
+            for value, ends in ((low, "begins too low"), (high, "ends too high")):
+                try:
+                    HardwareSpec(**{name: value})
+                except UserError as error:
+                    raise UserError(f"bounds.{name} {ends}: {error}") from error
+
+    def of(self, names: Iterable[str]) -> dict[str, tuple[float, float]]:
+        """The bounds of some parameters.
+
+        Raises:
+            UserError: a name that is no parameter's.
+        """
+        return {name: getattr(self, known_parameter(name)) for name in names}
+
+    def touched(self, hardware: HardwareSpec, names: Iterable[str] = PARAMETERS) -> tuple[str, ...]:
+        """Which of the parameters the hardware has at a bound."""
+        return tuple(
+            name
+            for name, (low, high) in self.of(names).items()
+            if min(getattr(hardware, name) - low, high - getattr(hardware, name)) <= AT_BOUND * (high - low)
+        )
+
+
+def known_parameter(name: str) -> Parameter:
+    """`name`, if it is a parameter's.
+
+    Raises:
+        UserError: it is not.
+    """
+    for parameter in PARAMETERS:
+        if name == parameter:
+            return parameter
+    raise UserError(f"{name!r} is no design parameter: choose among {', '.join(PARAMETERS)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class CodesignSettings:
+    """What is optimised, within which bounds, and how hard it is looked for.
+
+    Cost and dynamics alone do not decide the design: a leg weighs nothing more for being longer, long legs move their
+    joints slower, and slow joints allow any gear. Unbounded, length and gear run away together, to 0.45 m and 14. What
+    holds them here is stated, and ASSUMED:
+
+    - Leg length up to 0.35 m, half the distance between the hips: then a fore and a hind thigh cannot meet. The length
+      found is this bound; at BP2's gear legs of 0.37 to 0.42 m are cheaper by 2 %.
+    - Joint speeds up to 0.6 of the no-load speed. The same motors run 13.2 m/s, and do so on a battery that may sag to
+      0.8 of its voltage: 10 / 13.2 x 0.8 = 0.61. This margin sets the gear, all but in proportion: 7.2 for 0.5, 8.5
+      for 0.6, 9.2 for 0.65, 11.2 for 0.8, 13.7 for 1.
+    - F bar of three body weights, the largest force of a foot at 10 m/s; so forces, like torques, are shares of their
+      greatest. It sets the stiffness: 3.6, 4.7, 6.1 and 6.1 kN/m for 1, 2, 3 and 4 body weights.
+    """
+
+    problem: Problem = Problem(
+        intervals=8, speed_margin=0.6, weights=Weights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
+    )
+    bounds: Bounds = Bounds()
+    # Where scans go; free parameters keep to `bounds`. Behind higher gears the speed margin leaves no gait.
+    scanned: Bounds = Bounds(gear_ratio=(5.5, 10.0), leg_length=(0.29, 0.45))
+    starts: Starts = 4  # of the optimum
+    starts_elsewhere: Annotated[int, Within(0, 1000)] = 1  # of every other setting, besides the optimum itself
+    grid: Annotated[int, Within(3, 1000)] = 7  # values in a scan
+    confirm: tuple[Intervals, ...] = (16, 24, 32, 48)  # on which the optimum is solved again, one after another
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self)

@@ -1,0 +1,145 @@
+"""Robots or gaits beside each other in the plane: what each costs over speed, and how fast each gets.
+
+The objective counts every segment alike, and gaits have different numbers of them. So they are set beside each other
+by the mean over time of its running cost.
+"""
+
+import concurrent.futures
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from bp2_rl.base import serialization as config
+from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.solution import NotSolved, Solution, is_saved, load_solution, save_solution, speed_name
+from bp2_rl.paper.trajectories.described import Gait as Described
+from bp2_rl.paper.trajectories.described import describe
+
+GREATEST = "greatest"  # name of the file
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """One of those that are compared."""
+
+    name: str
+    folder: str  # of its solutions
+    problem: Problem
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A variant at a speed."""
+
+    name: str
+    speed: float | None  # m/s, asked for or, of the greatest, found
+    greatest: bool
+    described: Described | None  # None where no trajectory was found
+    pitch: tuple[float, float] | None  # rad, least and greatest; nose down is positive
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    """A whole comparison."""
+
+    problem: Problem
+    speeds: tuple[float, ...]  # m/s
+    rows: tuple[Row, ...]
+
+
+def compare(
+    problem: Problem, variants: Sequence[Variant], speeds: Sequence[float], folder: Path, *, what: str, workers: int = 1
+) -> Iterator[list[Row]]:
+    """The rows of each variant, for each speed and for its greatest, in their order, as they are found.
+
+    Each is the cheaper of two searches, from the cold guess and from the speed before; a greatest speed is the better
+    of what the last two speeds lead to. Solutions are kept in `folder`, and what is there is not solved again.
+
+    Args:
+        problem: what the variants are of.
+        variants: of it.
+        speeds: m/s, the slowest first.
+        folder: of the solutions.
+        what: is compared, for the message that says that the folder holds something else.
+        workers: processes; 1: this one.
+
+    Raises:
+        UserError: the folder holds such of another problem.
+    """
+    config.claim_folder(folder, "problem.json", problem, what)
+    if workers == 1:
+        yield from (_rows(variant, speeds, folder) for variant in variants)
+        return
+    with spawned(workers) as pool:
+        searches: list[concurrent.futures.Future[list[Row]]] = [
+            pool.submit(_rows, variant, speeds, folder) for variant in variants
+        ]
+        yield from (search.result() for search in searches)
+
+
+def _rows(variant: Variant, speeds: Sequence[float], folder: Path) -> list[Row]:
+    from bp2_rl.optimiser.collocation import fastest, solve  # CasADi, where something is solved
+
+    found: list[Solution] = []
+    rows = []
+    for speed in speeds:
+        asked = variant.problem.at(speed)
+        starts = [None, *(solution.motion for solution in found[-1:])]
+        tries = [lambda start=start, asked=asked: solve(asked, start) for start in starts]
+        solution = _kept(folder / variant.folder / speed_name(speed), tries, lambda solution: -solution.cost)
+        found += [] if solution is None else [solution]
+        rows.append(_row(variant.name, speed, solution, greatest=False))
+    tries = [lambda start=start: fastest(start) for start in found[-2:]]
+    top = _kept(folder / variant.folder / GREATEST, tries, lambda solution: solution.problem.speed)
+    return [*rows, _row(variant.name, None if top is None else top.problem.speed, top, greatest=True)]
+
+
+def _kept(path: Path, tries: Sequence[Callable[[], Solution]], worth: Callable[[Solution], float]) -> Solution | None:
+    """The solution that is kept there, or else the worthiest of the tries, which is then kept; None of none."""
+    if is_saved(path):
+        return load_solution(path)
+    found = []
+    for solve_it in tries:
+        try:
+            found.append(solve_it())
+        except NotSolved:
+            continue
+    best = max(found, key=worth, default=None)
+    if best is not None:
+        save_solution(path, best)
+    return best
+
+
+def _row(name: str, speed: float | None, solution: Solution | None, *, greatest: bool) -> Row:
+    if solution is None:
+        return Row(name, speed, greatest, None, None)
+    pitch = solution.motion.q[..., 2]
+    return Row(name, speed, greatest, describe(solution), (float(np.min(pitch)), float(np.max(pitch))))
+
+
+def tabulate(rows: Sequence[Row]) -> Table:
+    """A line for each row."""
+    table = Table("", "m/s", "R", "work / m g d", "period", "duty", "peak torque", "RMS", "force", "pitch")
+    for row in rows:
+        speed = "greatest" if row.speed is None else f"{row.speed:.2f}, greatest" if row.greatest else f"{row.speed:g}"
+        gait = row.described
+        if gait is None or row.pitch is None:
+            table.add_row(row.name, speed, "not found")
+            continue
+        table.add_row(
+            row.name,
+            speed,
+            f"{gait.running_cost:.2f}",
+            f"{gait.positive:.3f}",
+            f"{gait.period:.3f} s",
+            f"{gait.duty:.3f}",
+            f"{gait.peak_torque:.0f} Nm",
+            f"{gait.rms_torque:.0f} Nm",
+            f"{gait.peak_force:.0f} N",
+            f"{np.rad2deg(row.pitch[0]):+.1f} to {np.rad2deg(row.pitch[1]):+.1f} deg",
+        )
+    return table

@@ -1,0 +1,65 @@
+"""A gait in a few numbers that do not hang on how its trajectory was found: to set gaits beside each other."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
+from bp2_rl.optimiser.problem import Weights, motor_coordinates
+from bp2_rl.optimiser.solution import Solution
+from bp2_rl.optimiser.verify import summarise
+from bp2_rl.robot.specs import HardwareSpec
+
+
+@dataclasses.dataclass(frozen=True)
+class Gait:
+    """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along the track and up."""
+
+    speed: float  # m/s
+    period: float  # s
+    duty: float
+    peak_torque: float  # Nm
+    rms_torque: float  # Nm
+    peak_force: float  # N, vertical, of a foot
+    positive: float  # cost of transport: the motors' positive work
+    running_cost: float  # mean over time of the optimiser's R without its smoothness
+
+
+def describe(solution: Solution) -> Gait:
+    """A solution's, as a whole robot's: of half a robot, the running cost counts twice."""
+    cycle, stride = whole_cycle(solution), summarise(solution)
+    motion, weights = cycle.motion, cycle.weights / cycle.period
+
+    def mean(values: Float[np.ndarray, "segments points"]) -> float:
+        return float(np.sum(weights * values))
+
+    qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
+    R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
+    return Gait(
+        speed=solution.problem.speed,
+        period=stride["period"],
+        duty=stride["duty"],
+        peak_torque=stride["peak_torque"],
+        rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),
+        peak_force=stride["peak_force"],
+        positive=cost_of_transport(solution),
+        running_cost=mean(R) / solution.problem.share,
+    )
+
+
+def running_cost(
+    torque: Float[np.ndarray, "... motors"],
+    qd: Float[np.ndarray, "... motors"],
+    force: Float[np.ndarray, "... contacts"],
+    hardware: HardwareSpec,
+    weights: Weights,
+) -> Float[np.ndarray, "..."]:
+    """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and forces as shares of the greatest."""
+    tau, load = torque / hardware.joint_peak_torque, force / weights.force
+    power = tau * qd / hardware.joint_no_load_speed
+    return weights.power * _squares(power) + weights.load * (_squares(tau) + _squares(load))
+
+
+def _squares(values: Float[np.ndarray, "... k"]) -> Float[np.ndarray, "..."]:
+    return np.sum(values**2, axis=-1)

@@ -1,0 +1,115 @@
+"""A family of motions over speed."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bp2_rl.base.plotting import QUIET, WIDTH, styled
+from bp2_rl.optimiser.cycle import cost_of_transport, robot_mass
+from bp2_rl.optimiser.figure_style import LEFT, RIGHT, finely, letter
+from bp2_rl.optimiser.problem import PER_LEG, TRUNK
+from bp2_rl.optimiser.solution import Solution
+from bp2_rl.paper.trajectories.decomposition import comparable
+from bp2_rl.robot import specs
+
+
+@dataclasses.dataclass(frozen=True)
+class _Figures:
+    """What a solution is, in numbers."""
+
+    period: float  # s
+    duty: float
+    force: float  # N, peak vertical ground reaction of a foot
+    torque: tuple[float, float]  # Nm, peak at a hip and at a knee
+    compression: float  # m, peak
+    transport: float
+    height: tuple[float, float]  # m, least and greatest
+    pitch: tuple[float, float]  # rad, likewise
+
+
+@styled
+def family_figure(solutions: Sequence[Solution]) -> Figure:
+    """What changes with speed in a family of motions: times, loads, effort and the trunk's posture.
+
+    Raises:
+        UserError: there are no solutions, or they differ in gait or hardware.
+    """
+    solutions = comparable(solutions)
+    problem = solutions[0].problem
+    speeds = [solution.problem.speed for solution in solutions]
+    rows = [_in_numbers(solution) for solution in solutions]
+    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
+    panels = figure.subplots(4, 2, sharex=True).ravel().tolist()
+
+    def line(axes: Axes, values: Sequence[float] | Float[np.ndarray, " speeds"], **style: Any) -> None:
+        axes.plot(speeds, values, "o-", ms=3.5, **{"color": LEFT, **style})
+
+    line(panels[0], [1e3 * row.period for row in rows])
+    line(panels[1], [row.duty for row in rows])
+    line(panels[2], [row.force for row in rows])
+    for joint, (name, color) in enumerate((("hip", LEFT), ("knee", RIGHT))):
+        line(panels[3], [row.torque[joint] for row in rows], label=name, color=color)
+    line(panels[4], [1e3 * row.compression for row in rows])
+    line(panels[5], [row.transport for row in rows])
+    for axes, extent in (
+        (panels[6], np.array([row.height for row in rows])),
+        (panels[7], np.rad2deg(np.array([row.pitch for row in rows]))),
+    ):
+        low, high = extent.T
+        axes.fill_between(speeds, low, high, color=LEFT, alpha=0.2, linewidth=0)
+        line(axes, low)
+        line(axes, high)
+    _mark_level(panels[2], robot_mass(problem) * specs.GRAVITY, "body weight")
+    _mark_level(panels[3], problem.hardware.joint_peak_torque, "motor's peak")
+    _mark_level(panels[4], 1e3 * problem.hardware.spring_travel, "stop")
+    panels[3].legend(loc="lower right", ncols=2)
+    titles = (
+        ("Period", "[ms]"),
+        ("Duty factor", "share of the period"),
+        ("Peak vertical force of a foot", "[N]"),
+        ("Peak torque", "[Nm]"),
+        ("Peak spring compression", "[mm]"),
+        ("Cost of transport, mechanical", "work / (m g distance)"),
+        ("Range of the trunk height", "[m]"),
+        ("Range of the pitch, nose down", "[deg]"),
+    )
+    for axes, (title, unit) in zip(panels, titles, strict=True):
+        axes.set(title=title, ylabel=unit)
+    for axes in panels[:6]:
+        axes.set_ylim(bottom=0.0)
+    for axes in panels[-2:]:
+        axes.set_xlabel("Speed [m/s]")
+    letter(panels)
+    return figure
+
+
+def _in_numbers(solution: Solution) -> _Figures:
+    motion = finely(solution).motion
+    legs = len(solution.problem.stride.legs)
+    joints = motion.q[..., TRUNK:].reshape(*motion.q.shape[:2], legs, PER_LEG)
+    torque = np.max(np.abs(motion.tau), axis=(0, 1)).reshape(legs, 2).max(axis=0)
+    height, pitch = motion.q[..., 1], motion.q[..., 2]
+    return _Figures(
+        period=solution.period,
+        duty=solution.duty,
+        force=float(np.max(motion.force[..., 1::2])),
+        torque=(float(torque[0]), float(torque[1])),
+        compression=float(np.max(joints[..., 2])),
+        transport=cost_of_transport(solution),
+        height=(float(np.min(height)), float(np.max(height))),
+        pitch=(float(np.min(pitch)), float(np.max(pitch))),
+    )
+
+
+def _mark_level(axes: Axes, level: float, text: str) -> None:
+    """A dashed line across, with its name, and room above it."""
+    axes.axhline(level, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.set_ylim(top=max(axes.get_ylim()[1], 1.15 * level))
+    box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    at = (0.02, level)
+    axes.annotate(text, at, xycoords=("axes fraction", "data"), ha="left", va="center", color=QUIET, bbox=box)

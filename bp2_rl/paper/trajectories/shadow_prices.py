@@ -1,0 +1,150 @@
+"""What holds a trajectory back: which limits it touches, and what a little more of each would bring.
+
+At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
+
+    d f* / dp = lambda^T (dg/dp - d bound/dp),   the bound that holds
+
+to first order, with nothing solved again (the envelope theorem). Where the speed itself is looked for, f is -haste
+times the speed, but for a cost that does not matter, and the same gives what the greatest speed gains. How p enters
+the cost itself, as the peak torque does by which torques are divided there, is left out: it is no limit.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.optimiser.collocation import HASTE, Optimised, optimise, transcribe
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.solution import Solution
+
+STEP = 1e-4  # relative, of a parameter, to either side
+Change = Callable[[Problem, float], Problem]
+"""A problem with a parameter times a factor."""
+
+
+def _of_hardware(*names: str) -> Change:
+    return lambda problem, factor: problem.on(**{name: factor * getattr(problem.hardware, name) for name in names})
+
+
+def _of_losses(*names: str) -> Change:
+    def change(problem: Problem, factor: float) -> Problem:
+        losses = problem.hardware.losses
+        scaled = dataclasses.replace(losses, **{name: factor * getattr(losses, name) for name in names})
+        return dataclasses.replace(problem, hardware=dataclasses.replace(problem.hardware, losses=scaled))
+
+    return change
+
+
+def _gear_loss(problem: Problem, factor: float) -> Problem:
+    losses = problem.hardware.losses
+    less = dataclasses.replace(losses, gear_efficiency=1.0 - factor * (1.0 - losses.gear_efficiency))
+    return dataclasses.replace(problem, hardware=dataclasses.replace(problem.hardware, losses=less))
+
+
+def _of_problem(name: str) -> Change:
+    return lambda problem, factor: dataclasses.replace(problem, **{name: factor * getattr(problem, name)})
+
+
+LIMITS: dict[str, Change] = {
+    "peak torque": _of_hardware("peak_torque"),
+    "corner speed": _of_hardware("corner_speed"),
+    "no-load speed": _of_hardware("no_load_speed"),
+    "joint speed's limit alone": _of_problem("speed_margin"),
+    "friction": _of_hardware("friction"),
+    "spring travel": _of_hardware("spring_travel"),
+    "stops' stiffness": _of_hardware("spring_stop_stiffness", "rebound_stiffness"),
+    "spring stiffness": _of_hardware("spring_stiffness"),
+    "rotor inertia": _of_hardware("rotor_inertia"),
+    "leg length": _of_hardware("leg_length"),
+    "torque rate": _of_problem("torque_rate"),
+    "force rate": _of_problem("force_rate"),
+    "foot clearance": _of_problem("clearance"),
+    "pitch limit": _of_problem("pitch_limit"),
+}
+"""What a designer or a problem's settings may change, each by a factor."""
+
+LOSSES: dict[str, Change] = {
+    "drag area": _of_losses("drag_area"),
+    "gear loss": _gear_loss,
+    "joint friction": _of_losses("joint_friction"),
+    "joint viscosity": _of_losses("joint_viscosity"),
+    "slide friction": _of_losses("spring_friction"),
+    "bus sag": _of_losses("bus_sag"),
+    "bus power": _of_losses("bus_power_out", "bus_power_in"),
+}
+"""Likewise of a robot that has losses."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+    """An optimum, and what its limits weigh."""
+
+    solution: Solution
+    touched: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
+    prices: dict[str, float]  # d objective / d ln p, by parameter: in units of cost or, where that is looked for, m/s
+
+
+def weigh(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> Weighed:
+    """The optimum next to a solution, what it touches, and what changes of its problem are worth.
+
+    Args:
+        start: where the search begins; a solution that is at its optimum stays there.
+        changes: by name.
+        greatest: look for the greatest speed instead of the least cost.
+
+    Raises:
+        NotSolved: IPOPT lost it.
+    """
+    haste = HASTE if greatest else 0.0
+    optimised = optimise(start.problem, start.motion, haste=haste)
+    unit = -1.0 / HASTE if greatest else 1.0
+    prices = {name: unit * _slope(optimised, change, haste) for name, change in changes.items()}
+    return Weighed(optimised.solution, touched(optimised), prices)
+
+
+def touched(optimised: Optimised) -> dict[str, float]:
+    """By limit, the share of all its instants at which it holds; those that never do are left out.
+
+    One holds where its multiplier exceeds its distance, both scaled: of one of them the solver's tolerance is left.
+    """
+    program, optimum = optimised.program, optimised.optimum
+    conditions = program.conditions(optimum.point)
+    held: dict[str, list[float]] = {}
+    for named, multipliers, values, bounds in (
+        (program.limiting, optimum.on_constraints, conditions.values, conditions.constraints),
+        (program.limited, optimum.on_unknowns, optimum.point, conditions.unknowns),
+    ):
+        distance = np.minimum(values - bounds[0], bounds[1] - values)
+        holds = np.abs(multipliers) > np.maximum(distance, 0.0)
+        for limit, places, share in named:
+            count = held.setdefault(limit, [0.0, 0.0])
+            count[0] += np.count_nonzero(holds[places])
+            count[1] += share * len(places)
+    return {limit: float(holding / of) for limit, (holding, of) in held.items() if holding}
+
+
+def _slope(optimised: Optimised, change: Change, haste: float) -> float:
+    """d f* / d ln p of the objective, by the multipliers."""
+    optimum, sides = optimised.optimum, []
+    for factor in (1.0 - STEP, 1.0 + STEP):
+        problem = change(optimised.solution.problem, factor)
+        program, _ = transcribe(problem, optimised.solution.motion, proximity=0.0, free={}, haste=haste)
+        sides.append(program.conditions(optimum.point))
+    less, more = sides
+    change_of_f = optimum.on_constraints @ (more.values - less.values)
+    change_of_f -= _held(optimum.on_constraints, less.constraints, more.constraints)
+    change_of_f -= _held(optimum.on_unknowns, less.unknowns, more.unknowns)
+    return float(change_of_f / (2.0 * STEP))
+
+
+Sides = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
+
+
+def _held(multipliers: Float[np.ndarray, " k"], less: Sides, more: Sides) -> float:
+    """What moves with the bounds: each bound's shift by the multiplier of the side that holds."""
+    lower, upper = (
+        np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a)) for a, b in zip(less, more, strict=True)
+    )
+    return float(np.sum(multipliers * np.where(multipliers > 0.0, upper, lower)))

@@ -1,0 +1,97 @@
+"""A motion library made ready for interpolation: cubics of trunk, feet and springs, straight lines of torques."""
+
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.polynomials import hermite_coefficients
+from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
+from bp2_rl.robot import kinematics, specs
+
+STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
+ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
+
+
+class Table(NamedTuple):
+    """A library made ready for interpolation; N intervals in each of its two segments.
+
+    A row of 23 is x, height and pitch of the trunk, then for each leg x and z of the foot's centre and the spring's
+    compression, then for each leg the torques of hip and knee.
+    """
+
+    strides: Float[np.ndarray, "S 5"]  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+    cubics: Float[np.ndarray, "2 N S 4 23"]  # coefficients by the share of an interval
+    height: float  # m, least over the speeds of the trunk's mean height
+
+    @property
+    def speeds(self) -> Float[np.ndarray, " S"]:
+        """Ascending, m/s."""
+        return self.strides[:, 0]
+
+
+@functools.lru_cache(maxsize=8)
+def load_table(path: Path, leg_length: float) -> Table:
+    """The table of a library whose standing feet are on the ground with legs of this length."""
+    library = load_library(path)
+    q, v, tau = (array.astype(float) for array in (library.q, library.v, library.tau))
+    places, rates = _with_feet(q, v, leg_length)
+    off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - specs.FOOT_RADIUS)
+    if off.max() > ON_GROUND:
+        raise UserError(
+            f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
+            f"{leg_length} m: make one with `bp2 trajopt library build --problem.hardware.leg-length {leg_length}`, "
+            "and name it by --env.library.path"
+        )
+    durations = library.durations.astype(float)
+    cubics = _cubics(durations, places, rates, tau)
+    middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[:, STANDING_PAIR, 0]
+    mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(axis=1)
+    return Table(
+        strides=np.column_stack([library.speeds.astype(float), durations, middle]),
+        cubics=np.moveaxis(cubics, 0, 2),
+        height=float(mean_height.min()),
+    )
+
+
+def _cubics(
+    durations: Float[np.ndarray, "S 2"],
+    q: Float[np.ndarray, "S 2 K 15"],
+    v: Float[np.ndarray, "S 2 K 15"],
+    tau: Float[np.ndarray, "S 2 K 8"],
+) -> Float[np.ndarray, "S 2 N 4 23"]:
+    """Coefficients in each of the N = K - 1 intervals: Hermite's cubics of q and v, straight lines of tau."""
+    h = (durations / (q.shape[2] - 1))[..., None, None]
+    cubic = hermite_coefficients(h, q[:, :, :-1], q[:, :, 1:], v[:, :, :-1], v[:, :, 1:])
+    line = [tau[:, :, :-1], np.diff(tau, axis=2)]
+    line += [np.zeros_like(line[1])] * 2
+    return np.concatenate([np.stack(cubic, axis=-2), np.stack(line, axis=-2)], axis=-1)
+
+
+def _by_share(cubics: Float[np.ndarray, "... N 4 n"], share: float) -> Float[np.ndarray, "... n"]:
+    """What coefficients say at a share of their segment."""
+    position = share * cubics.shape[-3]
+    interval = min(int(position), cubics.shape[-3] - 1)
+    return np.sum(cubics[..., interval, :, :] * (position - interval) ** np.arange(4)[:, None], axis=-2)
+
+
+def _with_feet(
+    q: Float[np.ndarray, "*points 15"], v: Float[np.ndarray, "*points 15"], leg_length: float
+) -> tuple[Float[np.ndarray, "*points 15"], Float[np.ndarray, "*points 15"]]:
+    """Coordinates and rates with hip and knee replaced by (x, z) of the foot's centre and its rate."""
+    (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
+        np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
+    )
+    place, rate = kinematics.planar_foot(
+        (q[..., 2:3], hip, knee, leg_length - specs.FOOT_RADIUS - spring),
+        (v[..., 2:3], hip_rate, knee_rate, -spring_rate),
+        leg_length,
+    )
+
+    def row(trunk: Float[np.ndarray, "*points 3"], *legs: Float[np.ndarray, "*points 4"]) -> np.ndarray:
+        return np.concatenate([trunk, np.stack(legs, axis=-1).reshape(*trunk.shape[:-1], -1)], axis=-1)
+
+    return row(q[..., :TRUNK], *place, spring), row(v[..., :TRUNK], *rate, spring_rate)

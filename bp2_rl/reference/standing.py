@@ -1,0 +1,38 @@
+"""No gait at all: standing still whatever is commanded, for learning without a reference."""
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from bp2_rl.reference.interface import Reference
+from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.robot.specs import IDEAL, HardwareSpec
+
+CYCLES_PER_SECOND = 3.0  # of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a second
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """The `ReferenceMotion` that stands."""
+
+    hardware: HardwareSpec = IDEAL
+
+    @property
+    def height(self) -> float:
+        """Height of the trunk's centre above the ground, m."""
+        return KinematicGait(hardware=self.hardware).height
+
+    def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Cycles per second."""
+        return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
+
+    def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """1 whatever is commanded: a policy that is to find steps of its own may see the clock."""
+        return jnp.ones(command.shape[:-1])
+
+    def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
+        """The standing pose, with the velocity that is commanded."""
+        pose = KinematicGait(hardware=self.hardware)(jnp.zeros_like(command), phase)
+        planar = jnp.concatenate([command[..., :2], jnp.zeros_like(command[..., :1])], axis=-1)
+        return pose.replace(velocity=planar)

@@ -1,0 +1,74 @@
+"""The settings of the two gaits that can be the reference motion."""
+
+import dataclasses
+import hashlib
+import math
+from pathlib import Path
+from typing import Annotated
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.bounds import Share, Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
+from bp2_rl.robot import kinematics, specs
+
+LIBRARIES = "bp2_trot", "bp2_trot_slow"
+"""Those that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
+MEND = "make it anew with `bp2 trajopt library build`"
+Size = Annotated[float, Within(0.01, 10.0)]
+
+
+@dataclasses.dataclass(frozen=True)
+class KinematicConfig:
+    """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the robot's."""
+
+    height: Size = specs.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
+    slow_stance: Size = 0.22  # s, stance time at low speed
+    sweep: Size = 0.70  # m, path of a foot during stance at high speed
+    swing_time: Size = 0.28  # s
+    flexion: Annotated[float, Within(0.0, 1.5)] = 0.8
+    """rad, of the knee in mid-swing beyond its mean at lift-off and touchdown"""
+    follow_through: Annotated[int, Within(2, 100)] = 7
+    """n: joints shed the speed of lift-off as (1 - s)^n, s in [0, 1] over the swing"""
+    landing: Share = 0.8  # shape of the force in stance: 1 a spring's bounce (parabola), 0 no rate at touchdown
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.2
+    """m/s, the scale on which stepping grows out of standing"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field."""
+        check_bounds(self, "gait.")
+        longest = kinematics.reach()[1]
+        if math.hypot(self.sweep / 2, self.height) > longest:
+            raise UserError(
+                f"gait.height ({self.height}) and gait.sweep ({self.sweep}) exceed the legs' reach of {longest:.3f} m"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class CollocationConfig:
+    """Which motion library is played, and how it grows out of standing."""
+
+    path: str = LIBRARIES[0]  # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
+    stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
+    """m/s, below which steps shrink, to nothing when standing"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values with a line that names the field; the library is read at first use."""
+        check_bounds(self, "library.")
+
+    @property
+    def file(self) -> Path:
+        """Where the library is."""
+        return asset_path(f"reference_motions/{self.path}.npz") if self.path in LIBRARIES else Path(self.path)
+
+    @property
+    def sha256(self) -> str:
+        """Checksum of the library's file, by which a policy knows the motion it was trained on.
+
+        Raises:
+            UserError: the file cannot be read.
+        """
+        try:
+            return hashlib.sha256(read_bytes(self.file, LARGEST_ARRAYS)).hexdigest()
+        except BadFileError as error:
+            raise UserError(f"motion library {error}; {MEND}") from error

@@ -1,0 +1,213 @@
+"""Where a run's energy goes, and what happens under its feet: C MuJoCo looks at every recorded sample again.
+
+For a run on flat ground that was judged at 1 ms. Powers are means over a millisecond: a force times the mean of the
+velocities at its ends, which for MuJoCo's Euler integrator is the exact change of the kinetic energy. What the battery
+gives is what is lost, by cause, plus what is stored:
+
+    bus = copper + gears + joints + slides + dampers + air + ground + stops + legs + stored
+
+`stored` is the change of kinetic energy (rotors included), of height and of the springs, stops included. Every term is
+computed by itself, the left side from the motors alone, so that a loss that was not applied, or applied twice, shows.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.robot import losses, specs
+from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
+from bp2_rl.simulation.machine import JUDGE
+from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics, contacts, touchdowns, window_means
+from bp2_rl.simulation.trajectory import Trajectory
+
+CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
+BURST = 0.05  # s, over which a battery's burst is averaged
+
+
+class Ledger(NamedTuple):
+    """Powers in every millisecond, W."""
+
+    bus: Float[np.ndarray, " N"]
+    lost: dict[str, Float[np.ndarray, " N"]]
+    stored: Float[np.ndarray, " N"]
+    energy: Float[np.ndarray, " N"]  # J, kinetic, of height and of springs, at the start
+    motors: Float[np.ndarray, "N 12"]  # mechanical, of each motor before its gear; below 0 it brakes
+    copper: Float[np.ndarray, "N 12"]  # that each winding turns into heat
+    springs: Float[np.ndarray, "N 4"]  # that each spring with its stops gives its leg; below 0 it is pressed
+
+    @property
+    def error(self) -> Float[np.ndarray, " N"]:
+        """What the balance lacks."""
+        return self.bus - sum(self.lost.values()) - self.stored
+
+
+class Soles(NamedTuple):
+    """The feet's lowest points."""
+
+    height: Float[np.ndarray, "N 4"]  # m, below 0 in the ground
+    velocity: Float[np.ndarray, "N 4 3"]  # m/s, world frame
+
+
+def account(run: Trajectory) -> Account:
+    """Look at a run, or a part of it."""
+    ledger, soles = replay(run)
+    return Account(_power(run, ledger), _ground(run, soles))
+
+
+def replay(run: Trajectory) -> tuple[Ledger, Soles]:
+    """Take every sample but the last through MuJoCo's forward dynamics."""
+    model = load_model(run.hardware, visual=False)
+    JUDGE.apply(model)
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data, feet = mujoco.MjData(model), foot_geom_ids(model)
+    floor = int(model.geom("floor").id)
+    resistance = Resistance.from_hardware(run.hardware)
+    count = len(run) - 1
+    change = np.diff(run.qvel, axis=0)
+    names = "momentum", "bias", "spring", "damper", "ground", "legs", "stops"
+    force = {name: np.zeros((count, NV)) for name in names}
+    soles = Soles(np.zeros((count, 4)), np.zeros((count, 4, 3)))
+    energy, velocity = np.zeros(count), np.zeros(6)
+    against = None if resistance is None else losses.loss(resistance, run.qpos, run.qvel, run.torque)
+    applied = np.zeros_like(run.qvel) if against is None else losses.generalized(against)
+    for k in range(count):
+        data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = (
+            run.qpos[k],
+            run.qvel[k],
+            run.torque[k],
+            applied[k],
+        )
+        mujoco.mj_forward(model, data)
+        energy[k] = np.sum(data.energy)
+        mujoco.mj_mulM(model, data, force["momentum"][k], change[k] / run.dt)
+        force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
+        force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]  # implicit, as the integrator has it
+        split_constraints(model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k])
+        soles.height[k] = data.geom_xpos[feet, 2] - specs.FOOT_RADIUS
+        for leg, geom in enumerate(feet):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
+            soles.velocity[k, leg] = velocity[3:] + np.cross(velocity[:3], (0.0, 0.0, -specs.FOOT_RADIUS))
+
+    mean = run.qvel[:-1] + 0.5 * change
+    powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
+    qd, torque = mean[:, MOTOR_QVEL], run.torque[:-1]
+    motors, copper = torque * qd, winding_heat(Actuator.from_hardware(run.hardware), torque)
+    lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
+        "copper": np.sum(copper, axis=-1),
+        "dampers": -powers["damper"],
+    }
+    legs = mean[:, 6:].reshape(-1, 4, 4)
+    rate = legs[..., 3]
+    if against is not None:
+        lost |= {
+            "gears": -np.sum(against.gear[:-1] * qd, axis=-1),
+            "joints": -np.sum(against.joint[:-1] * qd, axis=-1),
+            "slides": -np.sum(against.slide[:-1] * rate, axis=-1),
+            "air": -np.sum(against.air[:-1] * mean[:, :3], axis=-1),
+        }
+        lost["dampers"] = lost["dampers"] - np.sum(against.rebound[:-1] * rate, axis=-1)
+    nothing = np.zeros(count)
+    return Ledger(
+        bus=np.sum(motors, axis=-1) + lost["copper"],
+        lost={cause: lost.get(cause, nothing) for cause in CAUSES},
+        stored=powers["momentum"] + powers["bias"] - powers["spring"],
+        energy=energy,
+        motors=motors,
+        copper=copper,
+        springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
+    ), soles
+
+
+def split_constraints(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    floor: int,
+    ground: Float[np.ndarray, "22"],
+    legs: Float[np.ndarray, "22"],
+    stops: Float[np.ndarray, "22"],
+) -> None:
+    """The constraints' forces on the coordinates by what exerts them."""
+    if data.nefc == 0:
+        return
+    limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
+    on_floor = np.zeros(data.nefc, bool)
+    rows = np.flatnonzero(~limits)
+    on_floor[rows] = data.contact.geom1[data.efc_id[rows]] == floor
+    for chosen, out in ((on_floor, ground), (limits, stops), (~limits & ~on_floor, legs)):
+        if np.any(chosen):
+            mujoco.mj_mulJacTVec(model, data, out, np.where(chosen, data.efc_force, 0.0))
+
+
+def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
+    terms = np.abs(np.stack([ledger.bus, ledger.stored, *ledger.lost.values()]))
+    beyond = beyond_envelope(run)
+    seconds = (len(run) - 2) * run.dt
+    means = [window_means(ledger.bus, round(span / run.dt)) for span in (BURST, 1.0)]
+    return PowerMetrics(
+        mean=float(np.mean(ledger.bus)),
+        peak=float(np.max(ledger.bus)),
+        burst=float(np.max(means[0])) if len(means[0]) else float(np.mean(ledger.bus)),
+        second=float(np.max(means[1])) if len(means[1]) else None,
+        recharge=max(-float(np.min(ledger.bus)), 0.0),
+        motor_peak=float(np.max(run.torque[:-1] * 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:]))),
+        beyond=float(np.max(beyond)),
+        beyond_share=float(np.mean(beyond > 1.0)),
+        lost={cause: float(np.mean(power)) for cause, power in ledger.lost.items()},
+        stored=float(ledger.energy[-1] - ledger.energy[0]) / seconds,
+        integration=float(np.mean(ledger.stored[:-1])) - float(ledger.energy[-1] - ledger.energy[0]) / seconds,
+        closure=float(np.max(np.abs(ledger.error) / np.max(terms, axis=0))),
+    )
+
+
+def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
+    """How far outside the envelope each torque is at the start or the end of its millisecond, Nm, whichever is more.
+
+    The voltage is that of the millisecond. The first sample, before which no torque is known, and the last are left
+    out.
+    """
+    motors = Actuator.from_hardware(run.hardware)
+    voltage = bus_voltage(motors, run.torque[:-2], run.joint_velocity[1:-1])
+    torque, excess = run.torque[1:-1], np.zeros_like(run.torque[1:-1])
+    for qd in (run.joint_velocity[1:-1], run.joint_velocity[2:]):
+        lower, upper = torque_limits(motors, qd, voltage)
+        excess = np.maximum(excess, np.maximum(torque - upper, lower - torque))
+    return excess
+
+
+def _ground(run: Trajectory, soles: Soles) -> GroundMetrics:
+    standing = contacts(run)[:-1]
+    touching = run.foot_force[:-1, :, 2] > 0.0
+    speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)
+    starts = [touchdowns(standing[:, leg]) for leg in range(4)]
+    stances = sum(map(len, starts))
+    landings = np.concatenate([soles.velocity[before_contact(touching[:, leg], starts[leg]), leg] for leg in range(4)])
+    lost = sum(
+        int(np.sum(standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:], axis=0)[leg]) for leg in range(4)
+    )
+    compression, rate = run.spring_compression[:-1], run.qvel[:-1, 6:].reshape(-1, 4, 4)[..., 3]
+    onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
+    limits = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE] * len(specs.LEGS))
+    over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
+    sliding = (standing & touching).any()
+    return GroundMetrics(
+        depth=max(-float(np.min(soles.height)), 0.0),
+        slip=float(np.median(speed[standing & touching])) if sliding else None,
+        slip_95=float(np.quantile(speed[standing & touching], 0.95)) if sliding else None,
+        slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances) if stances else None,
+        breaks=lost / stances if stances else None,
+        landing_down=-float(np.mean(landings[:, 2])) if stances else None,
+        landing_forward=float(np.mean(landings[:, 0])) if stances else None,
+        top_outs=float(np.sum(onto)) / (len(onto) * run.dt),
+        top_out_speed=float(np.max(-rate[1:][onto])) if onto.any() else 0.0,
+        limit_share=float(np.mean(np.any(over > 0.0, axis=-1))),
+        limit_depth=max(float(np.max(over)), 0.0),
+    )
+
+
+def before_contact(touching: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """For each stance, by its first sample, the last sample before its foot touched the ground at all."""
+    return np.array([start - int(np.argmax(~touching[start::-1])) for start in starts], int)

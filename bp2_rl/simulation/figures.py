@@ -1,0 +1,194 @@
+"""Pictures of a run: each function takes a Trajectory and returns a Matplotlib figure, drawn off screen.
+
+Each is drawn at a width in inches: `WIDTH` for a page, `NARROW` for a telephone, where letters keep their size.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+
+from bp2_rl.base.plotting import (
+    FAINT,
+    FALL,
+    FRONT,
+    INK,
+    LEG_COLORS,
+    QUIET,
+    WIDTH,
+    legend_above,
+    mark_level,
+    moving_mean,
+    styled,
+)
+from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.simulation.metrics import RIPPLE, best_window, contacts, steady_window, touchdowns
+from bp2_rl.simulation.trajectory import Trajectory
+
+JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
+CLOSE_UP = 1.2  # s of steady running shown stride by stride
+SMOOTH = 0.01  # s: the mean that takes the chatter of contacts out of a foot's force
+PAIR = "FR", "RL"  # the legs of a trot that swing together; the other two do the same half a stride later
+CELL = 0.5, 4.0  # rad/s and Nm: of the torque-speed plane
+OFTEN = LinearSegmentedColormap.from_list("often", ["#C4DDED", FRONT, "#00223A"])
+
+Draw = Callable[..., Figure]
+
+
+@styled
+def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
+    """Forward speed and command over time, and how well the robot kept its lane."""
+    figure = Figure(figsize=(width, 4.8), layout="constrained")
+    speed, lane = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+
+    forward = run.ground_velocity[:, 0]
+    stride = moving_mean(forward, round(RIPPLE / run.dt))
+    speed.plot(run.time, forward, color=FRONT, alpha=0.25, linewidth=0.7, label="each millisecond", rasterized=True)
+    speed.plot(run.time, stride, color=FRONT, linewidth=1.8, label="0.25-s mean")
+    speed.plot(run.time, run.command[:, 0], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
+    best = best_window(run, 1.0)
+    if best is not None:
+        speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
+        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best second, {best.speed:.2f} m/s")
+    speed.set(ylabel="Speed [m/s]", title="Forward speed", ylim=(min(0.0, float(np.min(forward))), None))
+    if width < WIDTH:
+        speed.legend(loc="lower right", handlelength=1.6)  # below the curve, which rises and stays
+    else:
+        legend_above(speed)
+
+    lane.plot(run.time, run.qpos[:, 1] - run.qpos[0, 1], color=LEG_COLORS["RR"], label="to the left [m]")
+    lane.plot(run.time, run.heading - run.heading[0], color=LEG_COLORS["RL"], label="heading [rad]")
+    lane.axhline(0.0, color=QUIET, linewidth=0.8)
+    lane.set(title="Drift", xlabel="Time [s]", ylabel="[m], [rad]", xlim=(0.0, len(run) * run.dt))
+    legend_above(lane)
+    if run.fell_at is not None:
+        for axes in (speed, lane):
+            axes.axvline(run.fell_at, color=FALL, linewidth=1.6)
+        speed.annotate(
+            "fell ", (run.fell_at, 0.02), xycoords=("data", "axes fraction"), ha="right", va="bottom", color=FALL
+        )
+    return figure
+
+
+@styled
+def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
+    """Where the motors worked: the share of time in each cell of torque and speed, inside the torque-speed envelope."""
+    narrow = width < WIDTH
+    figure = Figure(figsize=(width, 6.6 if narrow else 3.6), layout="constrained")
+    panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
+    motors = Actuator.from_hardware(run.hardware)
+    reach = 1.15 * max(run.hardware.joint_no_load_speed, float(np.nanmax(np.abs(run.joint_velocity))))
+    most = 1.05 * max(run.hardware.joint_peak_torque, float(np.nanmax(np.abs(run.torque))))
+    speeds = np.linspace(-reach, reach, 601)
+    low, high = torque_limits(motors, speeds)
+    edges = [
+        np.arange(-np.ceil(end / cell), np.ceil(end / cell) + 1) * cell
+        for end, cell in zip((reach, most), CELL, strict=True)
+    ]
+    velocity, torque = (x.reshape(-1, 4, 3) for x in (run.joint_velocity, run.torque))
+    counts = [np.histogram2d(velocity[:, :, j].ravel(), torque[:, :, j].ravel(), bins=edges)[0] for j in range(3)]
+    percent = [100.0 * count / (4 * len(run)) for count in counts]
+    norm = LogNorm(100.0 / (4 * len(run)), max(float(np.max(p)) for p in percent))
+    for j, (axes, joint) in enumerate(zip(panels, specs.JOINTS, strict=True)):
+        axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
+        shown = np.ma.masked_equal(percent[j].T, 0.0)
+        axes.pcolormesh(*edges, shown, cmap=OFTEN, norm=norm, rasterized=True)
+        axes.plot(speeds, high, color=INK, linewidth=1.1)
+        axes.plot(speeds, low, color=INK, linewidth=1.1)
+        axes.set(title=JOINT_TITLES[joint], xlim=(-reach, reach), ylim=(-most, most))
+        axes.grid(visible=False)
+        if narrow or j == 0:
+            axes.set_ylabel("Torque [Nm]")
+        if not narrow or j == 2:
+            axes.set_xlabel("Joint speed [rad/s]")
+    scale = ScalarMappable(norm, OFTEN)
+    figure.colorbar(scale, ax=panels, label="Share of time [%]", shrink=0.6 if narrow else 0.9, aspect=24, pad=0.02)
+    return figure
+
+
+@styled
+def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
+    """The last strides, a row a leg: its vertical force without the chatter of contacts, and when it stands."""
+    strides = _last_strides(run)
+    standing = contacts(strides)
+    force = strides.foot_force[:, :, 2]
+    smooth = moving_mean(force, round(SMOOTH / run.dt))
+    figure = Figure(figsize=(width, 6.0), layout="constrained")
+    rows = figure.subplots(4, 1, sharex=True, sharey=True)
+    weight = run.mass * specs.GRAVITY
+    for i, (axes, leg) in enumerate(zip(rows, specs.LEGS, strict=True)):
+        for start, length in _spells(strides, standing[:, i]):
+            axes.axvspan(start, start + length, color=LEG_COLORS[leg], alpha=0.16, linewidth=0)
+        axes.plot(strides.time, smooth[:, i], color=LEG_COLORS[leg], linewidth=1.6)
+        axes.axhline(weight, color=QUIET, linewidth=0.9, linestyle=(0, (4, 2)))
+        axes.set_title(_duty_label(strides, standing, i), fontsize="medium")
+        axes.set_ylabel("Force [N]")
+    rows[-1].set(xlabel="Time [s]", xlim=(strides.time[0], strides.time[-1]), ylim=(0.0, None))
+    return figure
+
+
+@styled
+def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
+    """The last strides of one diagonal pair: hip and knee with the policy's targets, and the springs' travel."""
+    strides = _last_strides(run)
+    angle, target = (np.rad2deg(x).reshape(-1, 4, 3) for x in (strides.joint_position, strides.target))
+    figure = Figure(figsize=(width, 6.0), layout="constrained")
+    hip, knee, spring = figure.subplots(3, 1, sharex=True)
+    for leg in PAIR:
+        i, color = specs.LEGS.index(leg), LEG_COLORS[leg]
+        for axes, j in ((hip, 1), (knee, 2)):
+            axes.plot(strides.time, angle[:, i, j], color=color, label=leg)
+            axes.plot(strides.time, target[:, i, j], color=color, linewidth=0.8, linestyle=(0, (2, 1.5)), alpha=0.8)
+        spring.plot(strides.time, 1e3 * strides.spring_compression[:, i], color=color)
+    hip.set(title="Hip angle", ylabel="Angle [deg]")
+    hip.plot([], [], color=INK, linewidth=0.8, linestyle=(0, (2, 1.5)), label="target")
+    legend_above(hip)
+    knee.set(title="Knee angle", ylabel="Angle [deg]")
+    travel = 1e3 * run.hardware.spring_travel
+    mark_level(spring, travel, "stop")
+    spring.set(title="Spring compression", ylabel="Travel [mm]", xlabel="Time [s]")
+    spring.set(xlim=(strides.time[0], strides.time[-1]))
+    return figure
+
+
+FIGURES: dict[str, tuple[Draw, str]] = {
+    "speed": (speed_figure, "Forward speed with its command, and the drift from the line and heading at the start."),
+    "torque_speed": (
+        torque_speed_figure,
+        "How long the motors worked at each torque and speed, the four legs' together; shaded: what a motor can give.",
+    ),
+    "gait": (
+        gait_figure,
+        "The last strides: vertical foot forces, means over 10 ms; dashed: body weight; shaded: stance, with its "
+        "share of the stride.",
+    ),
+    "joints": (
+        joint_figure,
+        "The last strides of one diagonal pair: joint angles with the policy's targets, and the travel of the springs.",
+    ),
+}
+"""What a report shows of a run, in order, by the name of the file, each with its caption."""
+
+
+def _last_strides(run: Trajectory) -> Trajectory:
+    steady = steady_window(run)
+    end = steady.time[-1] + run.dt
+    return steady.between(end - CLOSE_UP, end)
+
+
+def _spells(run: Trajectory, standing: np.ndarray) -> list[tuple[float, float]]:
+    """(start, length) of every spell of contact, s."""
+    edges = np.diff(np.concatenate(([0], standing.astype(int), [0])))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(float(run.time[a]), float((b - a) * run.dt)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
+    """Leg name, with its share of stance where whole strides are in sight."""
+    starts = touchdowns(standing[:, leg])
+    if len(starts) < 2:
+        return specs.LEGS[leg]
+    return f"{specs.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"

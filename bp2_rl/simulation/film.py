@@ -1,0 +1,189 @@
+"""A film of some seconds of a run, for machines with a GL library; a still of it is its poster.
+
+MuJoCo binds its GL library when it is first imported and a wrong choice can end the process, so the film is made by
+a process of its own: `make_video` starts it once for each library, this module run as a script is that process.
+"""
+
+import dataclasses
+import importlib.util
+import io
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from bp2_rl.base.files import write_bytes
+from bp2_rl.robot.model import load_model
+from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.trajectory import Trajectory
+
+GL_LIBRARIES = ("egl", "osmesa")
+POSTER = ".jpg"  # beside the film, under its name
+SLOW_FRAME = 0.1  # s: a frame that takes longer is drawn by the CPU, and the film is made simpler
+TIME_LIMIT = 300.0  # s, for one library
+SCENE = 90.0  # m: where the film is made, in the midst of the scene's lane lines and metre marks
+CAMERA = "track"
+LAST = 19  # niceness
+
+
+@dataclasses.dataclass(frozen=True)
+class Shot:
+    """What of a run is filmed, and how finely."""
+
+    length: float = 4.0  # s
+    frame_rate: int = 30  # frames/s
+    width: int = 960  # pixels; both multiples of 16, as the codec wants
+    height: int = 544
+    to_the_end: bool = False  # the run's last seconds instead of those around its best one
+    beside: bool = False  # something that goes first: plainly, with the time that everyone else leaves
+
+
+class NoVideo(Exception):
+    """This machine cannot make one; the message says why, and how to mend it, in one line."""
+
+
+def make_video(trajectory: Path, output: Path, gl_library: str | None = None, shot: Shot = Shot()) -> None:
+    """Film the trajectory saved at `trajectory` with the given GL library, or the first that works.
+
+    Beside the film, under its name, lies its poster, a JPEG.
+
+    Raises:
+        NoVideo: no GL library works here.
+    """
+    if importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise NoVideo("no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video")
+    reasons = []
+    for library in (gl_library,) if gl_library else GL_LIBRARIES:
+        error = _film_with(library, trajectory, output, shot)
+        if error is None:
+            return
+        reasons.append(f"{library}: {error}")
+    remedy = "unset MUJOCO_GL" if gl_library else "apt-get install libegl1 libgl1-mesa-dri libosmesa6 (Debian, Ubuntu)"
+    raise NoVideo(f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}, or pass --no-video")
+
+
+def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str | None:
+    """Run this module with one GL library: None when the film is there, else the last line of the complaint."""
+    environment = os.environ | {"MUJOCO_GL": library, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    if library == "egl":
+        environment.setdefault("PYOPENGL_PLATFORM", "egl")
+    command = [sys.executable, "-m", __name__, str(trajectory), str(output)]
+    command.append(json.dumps(dataclasses.asdict(shot)))
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        return f"not done after {TIME_LIMIT:.0f} s"
+    if done.returncode == 0:
+        return None
+    lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+    return lines[-1].strip()
+
+
+def film(run: Trajectory, output: Path, shot: Shot = Shot()) -> None:
+    """Render some seconds from the tracking camera, in real time.
+
+    The scene repeats itself every metre, so the robot is shown by whole metres nearer to its middle than it ran.
+    """
+    model = load_model(run.hardware)
+    data = mujoco.MjData(model)
+    if shot.beside or _seconds_a_frame(model, data, shot) > SLOW_FRAME:
+        model.vis.quality.offsamples = 0
+        model.vis.quality.shadowsize = 1024
+        model.mat_reflectance[:] = 0.0
+    with tempfile.TemporaryDirectory(prefix="bp2-film-") as folder:
+        temporary = Path(folder) / output.name
+        poster = _draw(run, model, data, temporary, shot)
+        write_bytes(output, temporary.read_bytes())
+    write_bytes(output.with_suffix(POSTER), poster)
+
+
+def _draw(run: Trajectory, model: mujoco.MjModel, data: mujoco.MjData, output: Path, shot: Shot) -> bytes:
+    """Draw the frames and write them as they come; the middle one, as a JPEG."""
+    import imageio_ffmpeg  # an evaluation goes without a film where it is missing
+
+    samples, poster = frame_samples(run, shot), io.BytesIO()
+    # The index in front lets a browser begin before it has the whole file.
+    writer = imageio_ffmpeg.write_frames(
+        str(output),
+        (shot.width, shot.height),
+        fps=shot.frame_rate,
+        quality=7,
+        output_params=["-movflags", "+faststart"],
+    )
+    writer.send(None)
+    try:
+        with mujoco.Renderer(model, shot.height, shot.width) as renderer:
+            for i, k in enumerate(samples):
+                data.qpos[:] = run.qpos[k]
+                data.qpos[0] += SCENE - np.floor(data.qpos[0])
+                mujoco.mj_forward(model, data)
+                for _ in range(2 if i == 0 else 1):  # the endless floor is laid out around the camera's last place
+                    renderer.update_scene(data, camera=CAMERA)
+                image = _captioned(renderer.render(), _caption(run, k))
+                writer.send(image.tobytes())
+                if i == len(samples) // 2:
+                    image.save(poster, "JPEG", quality=80)
+    finally:
+        writer.close()
+    return poster.getvalue()
+
+
+def _seconds_a_frame(model: mujoco.MjModel, data: mujoco.MjData, shot: Shot) -> float:
+    with mujoco.Renderer(model, shot.height, shot.width) as renderer:
+        mujoco.mj_forward(model, data)
+        renderer.update_scene(data, camera=CAMERA)
+        renderer.render()  # the first one sets up the scene
+        start = time.perf_counter()
+        renderer.render()
+        return time.perf_counter() - start
+
+
+def frame_samples(run: Trajectory, shot: Shot = Shot()) -> np.ndarray:
+    """Which samples to show: all of a run that is shorter than the shot."""
+    end = len(run) * run.dt
+    best = None if shot.to_the_end else best_window(run, 1.0)
+    middle = best.start + 0.5 if best is not None else end if shot.to_the_end else 0.0
+    start = min(max(middle - shot.length / 2, 0.0), max(end - shot.length, 0.0))
+    times = np.arange(start, min(start + shot.length, end), 1.0 / shot.frame_rate)
+    return np.minimum(np.round(times / run.dt).astype(int), len(run) - 1)
+
+
+def _caption(run: Trajectory, k: int) -> str:
+    """Speed (mean of the last quarter of a second) and time."""
+    recent = run.ground_velocity[max(0, k - round(RIPPLE / run.dt)) : k + 1, 0]
+    return f"{np.mean(recent):.1f} m/s    {run.time[k]:.2f} s"
+
+
+def _captioned(frame: np.ndarray, text: str) -> Image.Image:
+    image = Image.fromarray(frame)
+    size = max(image.height / 22.0, 12.0)
+    place, font = (1.2 * size, image.height - 2.0 * size), ImageFont.load_default(size)
+    ImageDraw.Draw(image).text(
+        place, text, font=font, fill="white", stroke_width=round(size / 12), stroke_fill="#1F2328"
+    )
+    return image
+
+
+def _main() -> int:
+    trajectory, output = map(Path, sys.argv[1:3])
+    shot = Shot(**json.loads(sys.argv[3]))
+    if shot.beside and hasattr(os, "nice"):  # not on Windows
+        os.nice(LAST)
+    try:
+        film(Trajectory.load(trajectory), output, shot)
+    except Exception as error:
+        # What a missing or broken GL library raises depends on the library: the parent only wants to read why.
+        print(f"{type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

@@ -1,0 +1,122 @@
+"""The laws of motors and losses compiled for many robots at once, in float64, whatever each of them is.
+
+Every robot is a row of numbers. One that lacks a part has it at no strength, so that one program serves all.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bp2_rl.robot import losses, specs
+from bp2_rl.robot.actuator import ENDLESS, Actuator, Bus, bus_voltage, joint_torque, torque_limits
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import NQ, NV
+from bp2_rl.simulation.machine import beyond, less, steepness
+
+Row = Float[np.ndarray, " _"]
+JOINT = [
+    "stiffness",
+    "damping",
+    "peak_torque",
+    "corner_speed",
+    "no_load_speed",
+    "braking_speed",
+    "strength",
+    "current_lag",
+    "torque_rate",
+]
+"""Of the motors: a number for each joint, as warm ones have."""
+NO_BUS = Bus(ENDLESS, ENDLESS, 0.0)
+NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
+
+
+def row_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> Row:
+    """A robot, whose motors' torques are computed anew after so many seconds."""
+    by_joint = [np.broadcast_to(np.float64(getattr(motors, name)), specs.NUM_MOTORS) for name in JOINT]
+    rest = (*_fields(motors.bus or NO_BUS), *_fields(resistance or NO_RESISTANCE), seconds)
+    return np.concatenate([*by_joint, np.array(rest, np.float64)])
+
+
+def ask(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
+    """What is asked for: the motors' torque (12) and the losses' forces (22).
+
+    Args:
+        rows: each robot's.
+        arrays: torque before, qpos, qvel, target of joints and its rate.
+    """
+    return _call(_compiled(_ask, (12, NQ, NV, 12, 12)), rows, arrays)
+
+
+def correct(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
+    """What to try next, likewise, and how far the torque was outside the envelope at the step's end (1).
+
+    Args:
+        rows: each robot's.
+        arrays: torque tried, torque before, qpos, qvel, qvel at the end, mobility.
+    """
+    return _call(_compiled(_correct, (12, 12, NQ, NV, NV, 12)), rows, arrays)
+
+
+def rows_of(rows: Sequence[Row]) -> Float[Array, "N _"]:
+    """All of them, as the laws take them."""
+    with jax.enable_x64(True):
+        return jnp.array(np.stack(rows))
+
+
+def _call(law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]) -> np.ndarray:
+    with jax.enable_x64(True):
+        return np.asarray(law(rows, np.concatenate(arrays, axis=-1)))
+
+
+@functools.cache
+def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> Callable[..., Array]:
+    """The law as one program from two arrays to one: half of the time of a call is its arrays."""
+    at = np.cumsum(sizes)[:-1].tolist()
+
+    def packed(row: Array, values: Array) -> Array:
+        return jnp.concatenate(law(*_read(row), *jnp.split(values, at)))
+
+    return jax.jit(jax.vmap(packed))
+
+
+def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
+    joints, rest = jnp.split(row, [len(JOINT) * specs.NUM_MOTORS])
+    named = dict(zip(JOINT, joints.reshape(len(JOINT), specs.NUM_MOTORS), strict=True))
+    bus = len(_fields(NO_BUS))
+    return Actuator(**named, bus=Bus(*rest[:bus])), Resistance(*rest[bus:-1]), rest[-1]
+
+
+def _ask(
+    motors: Actuator, resistance: Resistance, seconds: Any, before: Array, qpos: Array, qvel: Array, q_target: Array,
+    qd_target: Array,
+) -> tuple[Array, ...]:  # fmt: skip
+    q, qd = _of_motors(qpos[7:]), _of_motors(qvel[6:])
+    torque = joint_torque(motors, before, q, qd, q_target, qd_target, seconds)
+    return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+
+
+def _correct(
+    motors: Actuator, resistance: Resistance, seconds: Any, torque: Array, before: Array, qpos: Array, qvel: Array,
+    qvel_after: Array, mobility: Array,
+) -> tuple[Array, ...]:  # fmt: skip
+    qd = _of_motors(qvel[6:])
+    voltage = bus_voltage(motors, before, qd)
+    outside = beyond(motors, torque, _of_motors(qvel_after[6:]), voltage)
+    limits = torque_limits(motors, qd, voltage)
+    next_torque = less(motors, torque, outside, steepness(motors) * seconds * mobility, limits, qd)
+    forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque))
+    return next_torque, forces, jnp.max(jnp.abs(outside), keepdims=True)
+
+
+def _of_motors(coordinates: Float[Array, "16"]) -> Float[Array, "12"]:
+    """The motors' of the legs' coordinates."""
+    return coordinates.reshape(4, 4)[:, :3].reshape(12)
+
+
+def _fields(part: Bus | Resistance) -> tuple[float, ...]:
+    return tuple(vars(part).values())

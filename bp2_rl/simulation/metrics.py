@@ -1,0 +1,421 @@
+"""Figures of merit of a run: pure functions of a Trajectory, each with its definition.
+
+The paper leaves most definitions open; the ones used here are stated in the docstrings and repeated in the report.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bp2_rl.robot import actuator, specs
+from bp2_rl.robot.clearance import Clearance, clearance
+from bp2_rl.simulation.trajectory import Trajectory
+
+HELD = 5.0  # s: a speed kept for so long is held
+RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
+TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
+LIFT_FORCE = 0.02  # ... until it presses less than this
+BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing
+SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
+NEAR_ENVELOPE = 0.01  # of peak torque: closer to a limit counts as on the envelope
+CHUNK = 512  # samples whose clearances are computed at a time: so many stay in a processor's cache
+ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
+
+
+@dataclasses.dataclass(frozen=True)
+class MotorMetrics:
+    """One motor's extremes over the whole run."""
+
+    name: str
+    peak_torque: float  # Nm
+    peak_speed: float  # rad/s
+    peak_power: float  # W, driving
+    on_envelope: float  # share of time within NEAR_ENVELOPE of a torque limit
+
+
+@dataclasses.dataclass(frozen=True)
+class LegMetrics:
+    """One leg: gait over the steady window, extremes over the whole run."""
+
+    name: str
+    duty_factor: float  # stance over stride
+    stride_frequency: float | None  # Hz; None with fewer than two touchdowns
+    peak_force: float  # N, magnitude
+    peak_compression: float  # m, of the spring
+    on_stop: float  # share of time with the spring on its stop
+    stop_hits: int  # times it came onto it
+
+
+@dataclasses.dataclass(frozen=True)
+class PowerMetrics:
+    """The bus, and where its energy went, over the whole of a run or a part of it; W."""
+
+    mean: float  # what flowed out, less what flowed back
+    peak: float  # in any millisecond
+    burst: float  # greatest mean over 50 ms
+    second: float | None  # greatest mean over a second; None in a shorter run
+    recharge: float  # greatest flow back in any millisecond, as a positive number
+    motor_peak: float  # of one motor, mechanical, mean of a millisecond
+    beyond: float  # Nm, furthest that any torque was outside the envelope at either end of a millisecond; 0: never
+    beyond_share: float  # of motor samples, by more than 1 Nm
+    lost: dict[str, float]  # mean, by cause: see `account.CAUSES`
+    stored: float  # mean, in motion, height and springs
+    integration: float  # mean, what steps of a millisecond lose or gain by themselves
+    closure: float  # greatest error of the balance in any millisecond, over the greatest term
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundMetrics:
+    """What happens under the feet, and at the ends of the springs' and the joints' travel."""
+
+    depth: float  # m, deepest that a foot was in the ground
+    slip: float | None  # m/s, median of soles in stance; None without a stance
+    slip_95: float | None  # m/s, which 95 % of the time is not exceeded
+    slip_distance: float | None  # m a stance, mean
+    breaks: float | None  # losses of contact within a stance, mean
+    landing_down: float | None  # m/s, mean of soles just before they touch
+    landing_forward: float | None  # m/s, likewise
+    top_outs: float  # times a second that a spring, all together, comes onto its rebound stop
+    top_out_speed: float  # m/s, greatest at which it does
+    limit_share: float  # share of time with any joint beyond its range
+    limit_depth: float  # rad, furthest
+
+
+@dataclasses.dataclass(frozen=True)
+class Account:
+    """What `account` finds: both of the steady window."""
+
+    power: PowerMetrics
+    ground: GroundMetrics
+
+
+@dataclasses.dataclass(frozen=True)
+class RunMetrics:
+    """Everything the table shows and metrics.json holds.
+
+    The steady window is the schedule's hold phase; for a run that saw less than a second of it, the best second (the
+    whole run, if that is shorter still).
+    """
+
+    name: str
+    backend: str
+    duration: float  # s, to the end or the fall
+    fell_at: float | None  # s
+    steady_from: float  # s
+    steady_to: float  # s
+    hold_time: float  # s of the hold phase run without a fall
+    commanded_speed: float  # m/s, forward, at the end
+    best_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
+    held_speed: float | None  # m/s, best 5-s mean of the hold phase; None where that is shorter
+    slowest_held_speed: float | None  # m/s, slowest 1-s mean of the hold phase; None unless that lasted 1 s
+    mean_speed: float  # m/s, over the steady window
+    tracking_error: float | None  # m/s, mean of |forward speed - command| over the hold phase, likewise
+    distance: float  # m, straight from start to end
+    lateral_drift: float  # m, greatest distance from the line it set out on
+    heading_drift: float  # rad, greatest deviation from the heading it set out on
+    mean_height: float  # m, of the trunk's centre over the steady window
+    mechanical_cost_of_transport: float | None  # positive mechanical work / (m g distance), steady window
+    electrical_cost_of_transport: float | None  # likewise with copper losses, no credit for braking
+    mechanical_power: float  # W, mean positive, steady window
+    electrical_power: float  # W, likewise with copper losses
+    froude_number: float | None  # best_speed^2 / (g h), h = standing height
+    motor_demand: float | None  # m g best_speed / (tau_max omega_max)
+    peak_force: float  # N, of the hardest foot
+    peak_compression: float  # m, of the most compressed spring
+    on_stop: float  # share of time with any spring on its stop
+    stop_hits: int  # times that a spring came onto its stop, all springs together
+    leg_contact: float  # share of time with a leg at or in another leg or the trunk, whether legs are solid or not
+    leg_contact_time: float  # s, likewise
+    leg_depth: float  # m, greatest, of a leg in another leg or the trunk
+    leg_clearance: float  # m, least, between legs; below 0 they overlap
+    trunk_clearance: float  # m, likewise between legs and trunk
+    on_envelope: float  # share of all motors' samples
+    outside_envelope: int  # samples of any motor outside its limits: must be 0
+    motors: tuple[MotorMetrics, ...]
+    legs: tuple[LegMetrics, ...]
+    account: Account | None = None  # where it was asked for
+    half_cycle: float | None = None  # cycles, by which left and right legs are not half a cycle apart; None: no stride
+    uneven: float | None = None  # share of the vertical impulse that one side has more than the other, likewise
+
+
+def measure(run: Trajectory) -> RunMetrics:
+    """All figures of merit of one run."""
+    end = round(len(run) * run.dt, 6)
+    hold = hold_phase(run)
+    best = best_window(run, 1.0)
+    steady = steady_window(run)
+    envelope = envelope_use(run)
+    mechanical, electrical = mean_powers(steady)
+    weight = run.mass * specs.GRAVITY
+    travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
+    joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
+    legs = leg_metrics(run, steady)
+    half_cycle, uneven = evenness(steady, legs)
+    room = leg_room(run)
+    touching = room.least <= 0.0
+    return RunMetrics(
+        name=run.name,
+        backend=run.backend,
+        duration=end,
+        fell_at=run.fell_at,
+        steady_from=float(steady.time[0]),
+        steady_to=float(steady.time[-1]) + run.dt,
+        hold_time=max(end - run.steady_from, 0.0),
+        commanded_speed=float(run.command[-1, 0]),
+        best_speed=best.speed if best is not None else None,
+        held_speed=held_speed(hold) if hold is not None else None,
+        slowest_held_speed=slowest_second(hold) if hold is not None else None,
+        mean_speed=float(np.mean(steady.ground_velocity[:, 0])),
+        tracking_error=tracking_error(hold) if hold is not None else None,
+        distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
+        lateral_drift=lateral_drift(run),
+        heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
+        mean_height=float(np.mean(steady.qpos[:, 2])),
+        mechanical_cost_of_transport=mechanical * joules_per_watt if joules_per_watt is not None else None,
+        electrical_cost_of_transport=electrical * joules_per_watt if joules_per_watt is not None else None,
+        mechanical_power=mechanical,
+        electrical_power=electrical,
+        froude_number=froude_number(best.speed) if best is not None else None,
+        motor_demand=motor_demand(run, best.speed) if best is not None else None,
+        peak_force=max(leg.peak_force for leg in legs),
+        peak_compression=max(leg.peak_compression for leg in legs),
+        on_stop=float(np.mean(on_stop(run).any(axis=-1))),
+        stop_hits=sum(leg.stop_hits for leg in legs),
+        leg_contact=float(np.mean(touching)),
+        leg_contact_time=round(float(np.sum(touching)) * run.dt, 6),
+        leg_depth=max(-float(np.min(room.least)), 0.0),
+        leg_clearance=float(np.min(room.legs)),
+        trunk_clearance=float(np.min(room.trunk)),
+        on_envelope=float(np.mean(envelope.near)),
+        outside_envelope=int(np.sum(envelope.outside)),
+        motors=motor_metrics(run, envelope),
+        legs=legs,
+        half_cycle=half_cycle,
+        uneven=uneven,
+    )
+
+
+# --- Which part of the run --------------------------------------------------------------------------------------
+
+
+def hold_phase(run: Trajectory) -> Trajectory | None:
+    """The part under the schedule's last command, if it was run for at least a second."""
+    held = len(run) * run.dt - run.steady_from
+    return run.between(run.steady_from, math.inf) if held >= 1.0 - 0.5 * run.dt else None
+
+
+def steady_window(run: Trajectory) -> Trajectory:
+    """The part that stands for steady running: the hold phase, or else the best second, or else all."""
+    hold, best = hold_phase(run), best_window(run, 1.0)
+    if hold is not None:
+        return hold
+    return run.between(best.start, best.start + 1.0) if best is not None else run
+
+
+# --- Speed ---------------------------------------------------------------------------------------------------
+
+
+class BestWindow(NamedTuple):
+    """The fastest stretch of a run."""
+
+    start: float  # s
+    speed: float  # m/s, its mean
+
+
+def window_means(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " M"]:
+    """Means over every window of so many samples, by its first sample."""
+    sums = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
+    return (sums[samples:] - sums[:-samples]) / samples
+
+
+def best_window(run: Trajectory, length: float) -> BestWindow | None:
+    """The window of `length` seconds with the highest mean forward speed; None where the run is shorter."""
+    samples = round(length / run.dt)
+    if len(run) < samples:
+        return None
+    means = window_means(run.ground_velocity[:, 0], samples)
+    start = int(np.argmax(means))
+    return BestWindow(start=float(run.time[start]), speed=float(means[start]))
+
+
+def held_speed(hold: Trajectory) -> float | None:
+    """The best mean forward speed over `HELD` seconds of a hold phase, m/s; None where it is shorter."""
+    best = best_window(hold, HELD)
+    return best.speed if best is not None else None
+
+
+def slowest_second(hold: Trajectory) -> float:
+    """The lowest 1-s mean of the forward speed, m/s, of a phase of at least 1 s."""
+    return float(np.min(window_means(hold.ground_velocity[:, 0], round(1.0 / hold.dt))))
+
+
+def tracking_error(hold: Trajectory) -> float:
+    """Mean of |forward speed - commanded forward speed|, m/s; the speed's ripple within a stride counts."""
+    return float(np.mean(np.abs(hold.ground_velocity[:, 0] - hold.command[:, 0])))
+
+
+def lateral_drift(run: Trajectory) -> float:
+    """Greatest distance of the trunk from the straight line through its start along its first heading, m."""
+    yaw = run.heading[0]
+    offset = run.qpos[:, :2] - run.qpos[0, :2]
+    return float(np.max(np.abs(np.cos(yaw) * offset[:, 1] - np.sin(yaw) * offset[:, 0])))
+
+
+def froude_number(speed: float) -> float:
+    """v^2 / (g h) with BP2's standing height: 21.4 at the paper's 10.74 m/s."""
+    return speed**2 / (specs.GRAVITY * specs.STANDING_HEIGHT)
+
+
+def motor_demand(run: Trajectory, speed: float) -> float:
+    """The `power_demand` of the robot that ran."""
+    hardware = run.hardware
+    return power_demand(run.mass, specs.GRAVITY, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed)
+
+
+# --- Motors --------------------------------------------------------------------------------------------------
+
+
+class EnvelopeUse(NamedTuple):
+    """Where the torques lie relative to the limits at their speeds."""
+
+    near: Bool[np.ndarray, "N 12"]  # within NEAR_ENVELOPE of a limit, or outside
+    outside: Bool[np.ndarray, "N 12"]  # beyond a limit by more than ROUNDING
+
+
+def envelope_use(run: Trajectory, motors: actuator.Actuator | None = None) -> EnvelopeUse:
+    """Compare every applied torque with the torque-speed envelope at the same instant.
+
+    `motors` are those of each sample where they changed with time.
+    """
+    motors, qd = motors or actuator.Actuator.from_hardware(run.hardware), run.joint_velocity
+    before = np.concatenate([run.torque[:1], run.torque[:-1]])
+    low, high = actuator.torque_limits(motors, qd, actuator.bus_voltage(motors, before, qd))
+    margin = np.minimum(high - run.torque, run.torque - low)
+    peak = run.hardware.joint_peak_torque
+    return EnvelopeUse(near=margin <= NEAR_ENVELOPE * peak, outside=margin < -ROUNDING * peak)
+
+
+def mean_powers(run: Trajectory) -> tuple[float, float]:
+    """Mean positive mechanical power of all motors, and the electrical power behind it, W.
+
+    Electrical = positive mechanical + copper loss; braking returns nothing.
+    """
+    mechanical = np.maximum(run.torque * run.joint_velocity, 0.0)
+    copper = actuator.winding_heat(actuator.Actuator.from_hardware(run.hardware), run.torque)
+    positive = float(np.mean(np.sum(mechanical, axis=-1)))
+    return positive, positive + float(np.mean(np.sum(copper, axis=-1)))
+
+
+def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics, ...]:
+    """Each motor's peaks and its share of time on the envelope."""
+    torque = np.max(np.abs(run.torque), axis=0)
+    speed = np.max(np.abs(run.joint_velocity), axis=0)
+    power = np.maximum(np.max(run.torque * run.joint_velocity, axis=0), 0.0)
+    near = np.mean(envelope.near, axis=0)
+    return tuple(
+        MotorMetrics(name, float(torque[i]), float(speed[i]), float(power[i]), float(near[i]))
+        for i, name in enumerate(specs.MOTOR_NAMES)
+    )
+
+
+# --- Legs ----------------------------------------------------------------------------------------------------
+
+
+def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
+    """Which feet stand, from their normal forces: with hysteresis, and without bounces and scuffs."""
+    weight = run.mass * specs.GRAVITY
+    force = run.foot_force[:, :, 2]
+    decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
+    decided[0] = True
+    last_decision = np.maximum.accumulate(np.where(decided, np.arange(len(run))[:, None], 0), axis=0)
+    pressing = np.take_along_axis(force > TOUCH_FORCE * weight, last_decision, axis=0)
+    for leg in range(4):
+        pressing[:, leg] = _without_short_spells(pressing[:, leg], False, round(BOUNCE / run.dt))
+        pressing[:, leg] = _without_short_spells(pressing[:, leg], True, round(SCUFF / run.dt))
+    return pressing
+
+
+def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: int) -> Bool[np.ndarray, " N"]:
+    """Flip every spell of `value` that is shorter than so many samples and lies between two others."""
+    bounds = np.flatnonzero(np.diff(states)) + 1
+    states = states.copy()
+    for start, stop in itertools.pairwise(bounds):
+        if states[start] == value and stop - start < samples:
+            states[start:stop] = not value
+    return states
+
+
+def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
+    """Indices of the first samples of the stances (or of any other spells of True) that begin within the run."""
+    return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
+
+
+def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
+    """When each spring presses on its stop at full travel."""
+    return run.spring_compression > run.hardware.spring_travel
+
+
+def leg_room(run: Trajectory) -> Clearance:
+    """How far legs are from each other and from the trunk at every sample, m, each " N"; solid or not."""
+    joints, compression = run.joint_position.reshape(-1, 4, 3), run.spring_compression
+    chunks = (slice(start, start + CHUNK) for start in range(0, len(run), CHUNK))
+    parts = [clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks]
+    return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
+
+
+def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
+    """Duty factor and stride frequency over the steady window's whole strides, and each leg's extremes."""
+    standing = contacts(steady)
+    force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
+    compression = np.max(run.spring_compression, axis=0)
+    stop = on_stop(run)
+    legs = []
+    for i, name in enumerate(specs.LEGS):
+        starts = touchdowns(standing[:, i])
+        strides = standing[starts[0] : starts[-1], i] if len(starts) > 1 else standing[:, i]
+        frequency = (len(starts) - 1) / (len(strides) * run.dt) if len(starts) > 1 else None
+        legs.append(
+            LegMetrics(
+                name=name,
+                duty_factor=float(np.mean(strides)),
+                stride_frequency=frequency,
+                peak_force=float(force[i]),
+                peak_compression=float(compression[i]),
+                on_stop=float(np.mean(stop[:, i])),
+                stop_hits=int(stop[0, i]) + len(touchdowns(stop[:, i])),
+            )
+        )
+    return tuple(legs)
+
+
+def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
+    """Hz, mean of the legs that made a stride; None where none did."""
+    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
+    return sum(frequencies) / len(frequencies) if frequencies else None
+
+
+def evenness(steady: Trajectory, legs: Sequence[LegMetrics]) -> tuple[float | None, float | None]:
+    """How far front and rear legs are from half a cycle between left and right (cycles, the greater of both), and which
+    share of the vertical impulse one side has more than the other.
+
+    A leg's phase is that of its vertical force's centroid on the circle of a stride.
+    """
+    frequency = mean_stride_frequency(legs)
+    if frequency is None:
+        return None, None
+    force = steady.foot_force[:, :, 2]
+    phase = np.angle(np.exp(-2j * np.pi * frequency * steady.time) @ force) / (2.0 * np.pi)
+    right, left = slice(0, None, 2), slice(1, None, 2)
+    apart = np.abs((phase[right] - phase[left]) % 1.0 - 0.5)
+    sides = np.sum(force[:, right]), np.sum(force[:, left])
+    return float(np.max(apart)), float(abs(sides[0] - sides[1]) / (sides[0] + sides[1]))
+
+
+def power_demand(mass: float, gravity: float, speed: float, peak_torque: float, no_load_speed: float) -> float:
+    """m g v / (tau_max omega_max): what is asked of the motors over what one can give (paper, Fig. 1, inset)."""
+    return mass * gravity * speed / (peak_torque * no_load_speed)

@@ -1,0 +1,124 @@
+"""Many runs of one policy on all processors."""
+
+import concurrent.futures
+import contextlib
+import functools
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+from bp2_rl.base.workers import processors, spawned
+from bp2_rl.learning.policy import Policy
+from bp2_rl.simulation.team import Try, rollout_team
+from bp2_rl.simulation.trajectory import Trajectory
+
+Task = TypeVar("Task")
+One = TypeVar("One", bound=Try)
+Result = TypeVar("Result")
+
+_kept: list[concurrent.futures.ProcessPoolExecutor] = []
+
+
+@contextlib.contextmanager
+def keep_workers() -> Iterator[None]:
+    """Within it the workers stay, with all that they have compiled, for one benchmark after the other."""
+    with _workers(processors()) as pool:
+        _kept.append(pool)
+        try:
+            yield
+        finally:
+            _kept.remove(pool)
+
+
+def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
+    """`run(policy, task)` for every task, dealt out in turn: each worker compiles its controller once.
+
+    `run` and all else must be picklable.
+    """
+    count = min(processors(), len(tasks))
+    shares = [list(range(worker, len(tasks), count)) for worker in range(count)]
+    return _share_out(functools.partial(_run_all, run), policy, tasks, shares)
+
+
+def run_team(measure: Callable[[One, Trajectory], Result], policy: Policy, tries: Sequence[One]) -> list[Result]:
+    """`measure(one, its run)` of every try, run side by side on all processors.
+
+    `measure` and all else must be picklable.
+    """
+    return _share_out(functools.partial(_measure_all, measure), policy, tries, dealt(tries, processors()))
+
+
+def dealt(tries: Sequence[Try], workers: int) -> list[list[int]]:
+    """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
+
+    The longest first, as those side by side last as long as the longest of them.
+    """
+    kinds: dict[object, int] = {}
+    alike = sorted(range(len(tries)), key=lambda i: kinds.setdefault(tries[i].hardware, len(kinds)))
+    work = np.array([_work(tries[i]) for i in alike])
+    worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(int)
+    worker = np.minimum(worker, workers - 1)  # where that comes to all of them, by tries that take no time
+    shares = [[i for i, whose in zip(alike, worker, strict=True) if whose == each] for each in range(workers)]
+    return [sorted(share, key=lambda i: -tries[i].schedule.duration) for share in shares if share]
+
+
+def _work(one: Try) -> float:
+    """Torques of a few robots take as long as four of their physics steps."""
+    return one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
+
+
+def _share_out(
+    run_all: Callable[[bytes, list[Task]], list[Result]],
+    policy: Policy,
+    tasks: Sequence[Task],
+    shares: Sequence[Sequence[int]],
+) -> list[Result]:
+    """What comes of every task, in order."""
+    done: dict[int, Result] = {}
+    if not tasks:
+        return []
+    pickled = pickle.dumps(policy)
+    with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
+        hands = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]
+        for share, hand in zip(shares, hands, strict=True):
+            done.update(zip(share, hand.result(), strict=True))
+    return [done[i] for i in range(len(tasks))]
+
+
+def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
+    # When the block ends, nothing that is asked for is left to do; after an interruption nobody wants it.
+    return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]), abandon=True)
+
+
+# What is compiled for a policy is kept by the policy itself, so a worker must not get it anew with every task.
+_unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
+
+
+def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, tries: Sequence[One]) -> list[Result]:
+    policy = _unpickled(pickled)
+    return [measure(one, run) for one, run in zip(tries, rollout_team(policy, policy.card.env, tries), strict=True)]
+
+
+def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:
+    return [run(_unpickled(pickled), task) for task in tasks]
+
+
+def compute_here() -> None:
+    """Have JAX compute on the processor, in the thread that asks; call it before JAX computes anything.
+
+    C MuJoCo's robots ask for a few numbers every millisecond. To hand such a call to another thread takes longer than
+    to answer it, and many times longer where other programs keep the processors busy.
+    """
+    jax.config.update("jax_platforms", "cpu")
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
+def _begin(cache: str | None) -> None:
+    """Make of a worker what the command has made of itself, to which Ctrl-C is left."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    compute_here()
+    jax.config.update("jax_compilation_cache_dir", cache)

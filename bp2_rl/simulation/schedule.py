@@ -1,0 +1,158 @@
+"""What a robot is asked to do: a velocity command over time."""
+
+import dataclasses
+import math
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.bounds import Positive, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.settings.env import ControlConfig, Limit
+
+ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
+
+
+@runtime_checkable
+class Schedule(Protocol):
+    """A velocity command over time."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, s."""
+        ...
+
+    @property
+    def steady_from(self) -> float:
+        """Time from which the command no longer changes, s."""
+        ...
+
+    def command(self, time: float) -> Float[np.ndarray, "3"]:
+        """Forward and leftward velocity (m/s) and yaw rate (rad/s) at a time."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Ramp:
+    """From rest to a target at constant acceleration, or as slowly as a controller tells its policy, then hold.
+
+    Where that limit is the lower one the speed v rises as dv/dt = launching (1 - v / launching_speed), an exponential.
+    """
+
+    target: Command
+    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
+    hold: Positive = 20.0  # s
+    launching: Limit = math.inf  # m/s2, as `ControlConfig` has them
+    launching_speed: Limit = math.inf  # m/s
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        check_bounds(self, "ramp.")
+        if self._speed >= self.launching_speed:
+            raise UserError(
+                f"{self._speed:g} m/s is never reached: the policy's control.launching_speed is "
+                f"{self.launching_speed:g} m/s"
+            )
+
+    def under(self, control: ControlConfig) -> "Ramp":
+        """The same as this controller's policy is told it."""
+        return dataclasses.replace(self, launching=control.launching, launching_speed=control.launching_speed)
+
+    @property
+    def steady_from(self) -> float:
+        """When the target is reached, s; a pure turn has no ramp."""
+        if self._speed <= self._knee:
+            return self._speed / self._rate
+        left = (self.launching_speed - self._speed) / (self.launching_speed - self._knee)
+        return self._knee / self._rate - math.log(left) * self._time_constant
+
+    @property
+    def duration(self) -> float:
+        """Ramp and hold, s."""
+        return self.steady_from + self.hold
+
+    def command(self, time: float) -> Float[np.ndarray, "3"]:
+        """The command at a time."""
+        if time >= self.steady_from:
+            return np.array(self.target)
+        since = time - self._knee / self._rate
+        if since <= 0.0:
+            return time / (self._speed / self._rate) * np.array(self.target)
+        left = (self.launching_speed - self._knee) * math.exp(-since / self._time_constant)
+        return (self.launching_speed - left) / self._speed * np.array(self.target)
+
+    @property
+    def _speed(self) -> float:
+        """m/s."""
+        return math.hypot(*self.target[:2])
+
+    @property
+    def _rate(self) -> float:
+        """m/s2, at first."""
+        return min(self.acceleration, self.launching)
+
+    @property
+    def _knee(self) -> float:
+        """m/s, from which on it is the exponential."""
+        if self.launching == math.inf or self.launching_speed == math.inf:
+            return math.inf
+        return self.launching_speed * (1.0 - self._rate / self.launching)
+
+    @property
+    def _time_constant(self) -> float:
+        """s, of the exponential."""
+        return self.launching_speed / self.launching
+
+
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """A part of a course: to a command, in a straight line from the one before."""
+
+    command: Command
+    seconds: Positive
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        check_bounds(self, "leg.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """From rest through one command after the other: launch, hold, brake, turn."""
+
+    legs: tuple[Leg, ...] = ()
+
+    def to(self, command: Command, seconds: float) -> "Course":
+        """The same, and then to a command in so many seconds."""
+        return Course((*self.legs, Leg(command, seconds)))
+
+    def hold(self, seconds: float) -> "Course":
+        """The same, and then the last command for so many seconds more."""
+        return self.to(self._commands[-1], seconds)
+
+    @property
+    def duration(self) -> float:
+        """All legs, s."""
+        return self._times[-1]
+
+    @property
+    def steady_from(self) -> float:
+        """When the last command is reached, s."""
+        last = len(self.legs)
+        while last > 0 and self._commands[last - 1] == self._commands[-1]:
+            last -= 1
+        return self._times[last]
+
+    def command(self, time: float) -> Float[np.ndarray, "3"]:
+        """The command at a time."""
+        return np.array([np.interp(time, self._times, part) for part in zip(*self._commands, strict=True)])
+
+    @property
+    def _commands(self) -> tuple[Command, ...]:
+        return (0.0, 0.0, 0.0), *(leg.command for leg in self.legs)
+
+    @property
+    def _times(self) -> tuple[float, ...]:
+        return tuple(sum(leg.seconds for leg in self.legs[:k]) for k in range(len(self.legs) + 1))

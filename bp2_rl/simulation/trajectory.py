@@ -1,0 +1,148 @@
+"""What a run leaves to look at: every physics step of one robot, and the facts needed to judge it."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
+from bp2_rl.base.serialization import from_json, to_json
+from bp2_rl.robot.specs import HardwareSpec
+
+FORMAT = "bp2_rl.trajectory/1"
+
+_ARRAYS = {  # field: shape of one sample
+    "time": (),
+    "qpos": (23,),
+    "qvel": (22,),
+    "torque": (12,),
+    "target": (12,),
+    "command": (3,),
+    "foot_force": (4, 3),
+}
+
+
+class TrajectoryError(UserError):
+    """A file that should hold a trajectory does not."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory:
+    """One run, sampled at every physics step.
+
+    Sample k is the state at `time[k]`, with the torque, the target and the command that acted from there to the
+    next sample and the ground's forces under that torque. A run ends with the last sample before a fall.
+    Legs are FR, FL, RR, RL; motors abad, hip, knee of each; a leg's four joints in `qpos` end with its spring.
+    """
+
+    time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
+    qpos: Float[np.ndarray, "N 23"]  # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
+    qvel: Float[np.ndarray, "N 22"]  # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
+    torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
+    target: Float[np.ndarray, "N 12"]  # rad, the policy's joint targets
+    command: Float[np.ndarray, "N 3"]  # m/s forward, m/s to the left, rad/s yaw, as the policy was told
+    foot_force: Float[np.ndarray, "N 4 3"]  # N, world, from the ground on the robot
+    dt: float  # s
+    steady_from: float  # s, when the schedule holds its last command; may lie after the end of a run that fell
+    fell_at: float | None  # s
+    mass: float  # kg, of the robot that ran
+    hardware: HardwareSpec
+    name: str  # what ran, for titles
+    backend: str  # the simulator, for titles
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not belong together."""
+        for field, shape in _ARRAYS.items():
+            expected = (len(self.time), *shape)
+            if getattr(self, field).shape != expected:
+                raise ValueError(f"trajectory.{field} has shape {getattr(self, field).shape}, expected {expected}")
+        if len(self.time) < 2:
+            raise ValueError("a trajectory needs at least two samples")
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.time)
+
+    @property
+    def joint_position(self) -> Float[np.ndarray, "N 12"]:
+        """Motor angles, rad."""
+        return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, :3].reshape(-1, 12)
+
+    @property
+    def joint_velocity(self) -> Float[np.ndarray, "N 12"]:
+        """Motor speeds at the joint, rad/s."""
+        return self.qvel[:, 6:].reshape(-1, 4, 4)[:, :, :3].reshape(-1, 12)
+
+    @property
+    def spring_compression(self) -> Float[np.ndarray, "N 4"]:
+        """How far each leg's spring is pressed in, m."""
+        return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, 3]
+
+    @property
+    def heading(self) -> Float[np.ndarray, " N"]:
+        """Yaw, rad, without jumps: where the trunk's x axis points on the ground."""
+        return np.unwrap(yaw_of(self.qpos[:, 3:7]))
+
+    @property
+    def ground_velocity(self) -> Float[np.ndarray, "N 2"]:
+        """Trunk velocity forward and to the left of its heading, m/s: what the command commands."""
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        vx, vy = self.qvel[:, 0], self.qvel[:, 1]
+        return np.stack((cos * vx + sin * vy, cos * vy - sin * vx), axis=-1)
+
+    def between(self, start: float, stop: float) -> "Trajectory":
+        """The samples with start <= time < stop (s); `fell_at` is kept only if it lies inside."""
+        inside = slice(*np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt)))
+        fell = self.fell_at if self.fell_at is not None and start <= self.fell_at <= stop else None
+        samples = {field: getattr(self, field)[inside] for field in _ARRAYS}
+        return dataclasses.replace(self, fell_at=fell, **samples)
+
+    def save(self, path: Path) -> None:
+        """Write one .npz (never a pickle), whole or not at all."""
+        facts = _Facts(**{field.name: getattr(self, field.name) for field in dataclasses.fields(_Facts)})
+        arrays = {field: getattr(self, field) for field in _ARRAYS}
+        write_npz(path, {"format": np.array(FORMAT), "facts": np.array(json.dumps(to_json(facts))), **arrays})
+
+    @classmethod
+    def load(cls, path: Path) -> "Trajectory":
+        """Read what `save` wrote; raises TrajectoryError for anything else."""
+        if not path.exists():
+            raise TrajectoryError(f"no trajectory at {path}")
+        try:
+            content = read_bytes(path)
+            text = ArraySpec(np.str_, ())
+            told = read_npz(path, {"format": text, "facts": text}, content=content, largest=len(content))
+            if str(told["format"]) != FORMAT:
+                raise TrajectoryError(f"{path} is of format {told['format']}, this version reads {FORMAT}")
+            facts = from_json(_Facts, parse_json(str(told["facts"]), "facts"))
+            wanted = {field: ArraySpec(np.floating, ("N", *shape)) for field, shape in _ARRAYS.items()}
+            arrays = read_npz(path, wanted, content=content, largest=len(content))
+            return cls(**arrays, **{field.name: getattr(facts, field.name) for field in dataclasses.fields(_Facts)})
+        except TrajectoryError:
+            raise
+        except ValueError as error:  # whatever is wrong with files, their arrays and their facts
+            raise TrajectoryError(f"{path} is no trajectory, or not a whole one ({error})") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Facts:
+    """What a trajectory's file holds beside its arrays."""
+
+    dt: float
+    steady_from: float
+    fell_at: float | None
+    mass: float
+    hardware: HardwareSpec
+    name: str
+    backend: str
+
+
+def yaw_of(quaternion: Any) -> Any:
+    """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
+    xp = quaternion.__array_namespace__()
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

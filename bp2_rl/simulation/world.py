@@ -1,0 +1,117 @@
+"""What a robot runs on, and what shoves it: slopes, rough ground, pushes, and what its sensors make of them."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Annotated
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.robot import specs
+from bp2_rl.simulation.trajectory import yaw_of
+
+LENGTH, BREADTH = 130.0, 12.0  # m, of the rough ground: from 5 m behind the start, to both sides of it
+BEHIND = 5.0  # m
+GRID = 0.1  # m, between the points whose heights are drawn
+EVEN = 1.0  # m, around the start: there it is even
+
+
+@dataclasses.dataclass(frozen=True)
+class Push:
+    """A jump of the whole robot's velocity, in the frame of its heading."""
+
+    time: Annotated[float, Within(0.0, 600.0)]  # s
+    forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
+    left: Annotated[float, Within(-10.0, 10.0)]  # m/s
+
+    def __post_init__(self) -> None:
+        """Refuse what no robot is pushed by."""
+        check_bounds(self, "push.")
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """Ground and disturbances; the default is a level, even floor where nothing happens.
+
+    On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and speeds are those over the slope,
+    and sensors are told where the true vertical is. Rough ground is a field of heights drawn evenly, at points `GRID`
+    apart, and straight between them.
+    """
+
+    slope: Annotated[float, Within(-0.5, 0.5)] = 0.0  # rad, by which the ground rises along x
+    roughness: Annotated[float, Within(0.0, 0.2)] = 0.0  # m, from the lowest point to the highest
+    seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of the rough ground
+    pushes: tuple[Push, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run on."""
+        check_bounds(self, "world.")
+
+    def scene(self) -> Callable[[mujoco.MjSpec], None] | None:
+        """What is changed of the scene before it is compiled, if anything is."""
+        return self._lay_rough_ground if self.roughness > 0.0 else None
+
+    def tilt(self, model: mujoco.MjModel) -> None:
+        """Let gravity pull as on the slope."""
+        if self.slope != 0.0:
+            model.opt.gravity[:] = specs.GRAVITY * np.array([-np.sin(self.slope), 0.0, -np.cos(self.slope)])
+
+    def push(self, data: mujoco.MjData, step: int) -> None:
+        """Shove the robot if it is to be shoved at the beginning of this ms."""
+        for push in self.pushes:
+            if round(push.time / specs.PHYSICS_STEP) == step:
+                shove(data, push.forward, push.left)
+
+    def heights(self) -> Float[np.ndarray, "rows columns"]:
+        """Heights of the rough ground, m: rows along y from the right, columns along x from behind."""
+        rows, columns = (round(size / GRID) + 1 for size in (BREADTH, LENGTH))
+        drawn = np.random.default_rng(self.seed).uniform(size=(rows, columns))
+        share = (drawn - drawn.min()) / (drawn.max() - drawn.min()) - 0.5
+        y, x = np.linspace(-BREADTH / 2, BREADTH / 2, rows), np.linspace(-BEHIND, LENGTH - BEHIND, columns)
+        share[(np.abs(y)[:, None] <= EVEN) & (np.abs(x) <= EVEN)] = 0.0
+        return self.roughness * share
+
+    def _lay_rough_ground(self, spec: mujoco.MjSpec) -> None:
+        """In place of the floor."""
+        heights, floor = self.heights(), spec.geom("floor")
+        lowest = -self.roughness / 2
+        spec.add_hfield(
+            name="rough",
+            nrow=heights.shape[0],
+            ncol=heights.shape[1],
+            size=(LENGTH / 2, BREADTH / 2, self.roughness, 1.0),
+            userdata=((heights - lowest) / self.roughness).ravel().tolist(),
+        )
+        floor.type, floor.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "rough"
+        floor.pos = np.array([LENGTH / 2 - BEHIND, 0.0, lowest])
+
+
+LEVEL = World()
+
+
+def shove(data: mujoco.MjData, forward: float, left: float) -> None:
+    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading."""
+    yaw = yaw_of(data.qpos[3:7])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
+
+
+def sensed_pose(qpos: Float[np.ndarray, "23"], world: World, gyro_bias: float, time: float) -> Float[np.ndarray, "23"]:
+    """The state as the robot and its operator know it: upright is against gravity, and a heading strays.
+
+    Args:
+        qpos: the true one, in the frame of the ground.
+        world: what it runs on.
+        gyro_bias: rad/s, of the gyro that the heading is integrated from, since the start.
+        time: s, since then.
+    """
+    if world.slope == 0.0 and gyro_bias == 0.0:
+        return qpos
+    sensed = qpos.copy()
+    for axis, angle in (((0.0, 1.0, 0.0), -world.slope), ((0.0, 0.0, 1.0), gyro_bias * time)):
+        turn, before = np.zeros(4), sensed[3:7].copy()
+        mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
+        mujoco.mju_mulQuat(sensed[3:7], turn, before)
+    return sensed

@@ -1,0 +1,123 @@
+"""What came out of a study: each variant over its seeds, and the table of them."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from bp2_rl.robot import specs
+from bp2_rl.tools.study.judging import Judgement, judgements
+from bp2_rl.tools.study.plan import VARIANTS, Training
+
+GOAL = specs.OUTDOOR_TOP_SPEED  # m/s
+RESAMPLES = 10_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """A variant over its seeds."""
+
+    variant: str
+    seeds: tuple[int, ...]  # those that were trained and judged to the end
+    top_speeds: tuple[float, ...]  # m/s, of the last policies, by seed
+    imitation_top_speeds: tuple[float, ...]  # m/s, of the policies that the relaxed stage began with
+    best_imitation_top_speeds: tuple[float, ...]  # m/s, of the fastest ones before it
+    cruise_costs: tuple[float | None, ...]
+    imitation_cruise_costs: tuple[float | None, ...]
+    steps_to_goal: tuple[int | None, ...]  # control steps of the first saved policy that reaches GOAL
+    seconds_to_goal: tuple[float | None, ...]  # s of wall time until it was saved
+    top_speed: float  # m/s, interquartile mean over seeds
+    top_speed_interval: tuple[float, float]  # m/s, bootstrap, 95 %
+
+
+def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
+    """A variant's outcome, of those seeds of which both stages were judged; None if there is none."""
+    stages = both_stages(folder, variant, seeds)
+    if not stages:
+        return None
+    final = np.array([second[-1].top_speed for _, second in stages.values()])
+    goals = [_goal(*both) for both in stages.values()]
+    firsts = [first for first, _ in stages.values()]
+    return Outcome(
+        variant=variant,
+        seeds=tuple(stages),
+        top_speeds=tuple(final.tolist()),
+        imitation_top_speeds=tuple(first[-1].top_speed for first in firsts),
+        best_imitation_top_speeds=tuple(max(j.top_speed for j in first) for first in firsts),
+        cruise_costs=tuple(second[-1].cruise_cost for _, second in stages.values()),
+        imitation_cruise_costs=tuple(first[-1].cruise_cost for first in firsts),
+        steps_to_goal=tuple(steps for steps, _ in goals),
+        seconds_to_goal=tuple(seconds for _, seconds in goals),
+        top_speed=float(interquartile_mean(final)),
+        top_speed_interval=bootstrap_interval(final),
+    )
+
+
+def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, tuple[list[Judgement], list[Judgement]]]:
+    """The judgements of a variant's imitation and relaxed runs by seed, where there are both."""
+    origin = VARIANTS[variant].imitation or variant
+    stages = {
+        seed: (
+            judgements(folder / Training(origin, seed, "imitation").name),
+            judgements(folder / Training(variant, seed, "relaxed").name),
+        )
+        for seed in seeds
+    }
+    return {seed: both for seed, both in stages.items() if all(both)}
+
+
+def _goal(first: list[Judgement], second: list[Judgement]) -> tuple[int | None, float | None]:
+    """(control steps, wall time) of the first policy of a run and its sequel that reaches GOAL."""
+    whole = first[-1].wall_time
+    for judgement, before in [(j, 0.0) for j in first] + [(j, whole) for j in second]:
+        if judgement.top_speed >= GOAL:
+            here = judgement.wall_time
+            return judgement.control_steps, None if here is None or before is None else before + here
+    return None, None
+
+
+def interquartile_mean(values: Float[np.ndarray, "n ..."]) -> Float[Any, "..."]:
+    """Mean of the middle half along the first axis; with fewer than four values, of all."""
+    return stats.trim_mean(values, 0.25, axis=0)
+
+
+def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """95 % percentile bootstrap interval of the interquartile mean (Agarwal et al. 2021)."""
+    draws = np.random.default_rng(0).choice(values, (len(values), RESAMPLES))
+    low, high = np.percentile(interquartile_mean(draws), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """The outcomes in Markdown."""
+    head = (
+        "variant", "seeds", "top speed [m/s]", "95 %", "by seed", "after imitation", "best of imitation",
+        "cost at 10 m/s", "after imitation", f"M steps to {GOAL} m/s", f"s to {GOAL} m/s",
+    )  # fmt: skip
+    lines = [head, ("---", *("---:",) * (len(head) - 1))]
+    for o in outcomes:
+        low, high = o.top_speed_interval
+        lines.append(
+            (
+                o.variant,
+                ", ".join(map(str, o.seeds)),
+                f"{o.top_speed:.2f}",
+                f"{low:.2f}-{high:.2f}",
+                _each(o.top_speeds, "{:.2f}"),
+                _each(o.imitation_top_speeds, "{:.2f}"),
+                _each(o.best_imitation_top_speeds, "{:.2f}"),
+                _each(o.cruise_costs, "{:.2f}"),
+                _each(o.imitation_cruise_costs, "{:.2f}"),
+                _each([None if s is None else s / 1e6 for s in o.steps_to_goal], "{:.0f}"),
+                _each(o.seconds_to_goal, "{:.0f}"),
+            )
+        )
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _each(values: Sequence[float | None], form: str) -> str:
+    return ", ".join("-" if value is None else form.format(value) for value in values)

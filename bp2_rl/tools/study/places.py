@@ -1,0 +1,227 @@
+"""Where trainings run: as processes of this machine, one on each GPU, or as jobs that submitit hands to a cluster."""
+
+import contextlib
+import datetime
+import os
+import queue
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from bp2_rl import NPROC_IS_OURS
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import lock_folder
+from bp2_rl.base.workers import PARENT
+from bp2_rl.learning.exports import POLICIES
+from bp2_rl.settings.jobs import JobsConfig
+
+TRAIN = ("-m", "bp2_rl", "train")
+GRACE = 120
+"""s that a job has to save before the scheduler ends it."""
+OFTEN = 1000
+"""Times that a job may be queued again because its time was over."""
+POLL = 0.5  # s
+
+
+@runtime_checkable
+class Place(Protocol):
+    """Where trainings run, several at a time."""
+
+    slots: int
+
+    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
+        """Train a run, anew by train.py's `arguments` or from where it was stopped; whether it came to its end.
+
+        Waits for it; called from as many threads as there are slots.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Ask all trainings to save and end, and begin no other."""
+        ...
+
+
+def begin(
+    arguments: Sequence[str],
+    run_dir: Path,
+    *,
+    train: Sequence[str] = TRAIN,
+    gpu: str | None = None,
+    keep: Sequence[int] = (),
+) -> "subprocess.Popen[bytes]":
+    """Start train.py for a run in a process that ends with this one, and saves first; it writes to RUN.txt.
+
+    Args:
+        arguments: for a new run; one that has a checkpoint is resumed.
+        run_dir: the run's folder.
+        train: what Python runs.
+        gpu: the only one that it is to see; None for all.
+        keep: file descriptors that it inherits.
+
+    Raises:
+        UserError: another process trains the run.
+    """
+    from bp2_rl.learning.checkpoint import latest_step
+
+    if latest_step(run_dir) is not None:
+        arguments = ["--resume", str(run_dir)]
+    elif run_dir.exists() and not (run_dir / POLICIES).exists():
+        with lock_folder(run_dir, f"{run_dir.name}: another process trains it"):
+            shutil.rmtree(run_dir)  # killed before its first checkpoint: nothing to go on from
+    environment = os.environ | {PARENT: str(os.getpid())}
+    if NPROC_IS_OURS:
+        environment.pop("NPROC", None)  # it sets its own
+    if gpu is not None:
+        environment["CUDA_VISIBLE_DEVICES"] = gpu
+    with run_dir.with_suffix(".txt").open("a") as log:
+        log.write(f"{datetime.datetime.now(datetime.UTC).isoformat()} {' '.join(arguments)}\n")
+        log.flush()
+        command = [sys.executable, *train, *arguments]
+        return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT, pass_fds=tuple(keep))
+
+
+class Here:
+    """One process on each GPU at a time; without GPUs one at a time, on what JAX finds.
+
+    Args:
+        gpus: as CUDA_VISIBLE_DEVICES names them.
+        lock: a file descriptor that the processes hold as long as they live.
+        say: takes lines of progress.
+    """
+
+    def __init__(self, gpus: Sequence[str], lock: int, say: Callable[[str], None]):
+        self.slots = len(gpus) or 1
+        self._lock, self._say = lock, say
+        self._gpus: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        for gpu in gpus or (None,):
+            self._gpus.put(gpu)
+        self._processes: set[subprocess.Popen[bytes]] = set()
+        self._stopped = threading.Event()
+
+    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
+        """See `Place`."""
+        if self._stopped.is_set():
+            return False
+        gpu = self._gpus.get()
+        try:
+            process = begin(arguments, run_dir, gpu=gpu, keep=(self._lock,))
+        except UserError as busy:
+            self._say(str(busy))
+            self._gpus.put(gpu)
+            return False
+        self._processes.add(process)
+        try:
+            if self._stopped.is_set():  # since it was looked at above
+                process.terminate()
+            return process.wait() == 0
+        finally:
+            self._processes.discard(process)
+            self._gpus.put(gpu)
+
+    def stop(self) -> None:
+        """See `Place`."""
+        self._stopped.set()
+        for process in list(self._processes):
+            process.terminate()
+
+
+class Jobs:
+    """Jobs of a cluster, by submitit; each trains a run and judges its policies. Their logs are in `folder`/jobs.
+
+    Args:
+        config: which cluster, and what of it a job gets.
+        folder: of the study, on a file system that the cluster's machines share.
+        say: takes lines of progress.
+    """
+
+    def __init__(self, config: JobsConfig, folder: Path, say: Callable[[str], None]):
+        import submitit
+
+        self.slots, self._say = config.most, say
+        self._lock = threading.Lock()  # submitit is not made for threads
+        self._jobs: set[Any] = set()
+        self._stopped = threading.Event()
+        try:
+            self._executor = submitit.AutoExecutor(
+                folder / "jobs", cluster=config.executor, slurm_max_num_timeout=OFTEN
+            )
+        except RuntimeError as error:
+            raise UserError(f"--jobs.executor {config.executor}: {error}") from error
+        slurm = {"slurm_partition": config.partition, "slurm_account": config.account}
+        self._executor.update_parameters(
+            name="bp2",
+            timeout_min=round(60 * config.hours),
+            gpus_per_node=config.gpus,
+            cpus_per_task=config.cpus,
+            slurm_signal_delay_s=GRACE,
+            **{name: value for name, value in slurm.items() if value is not None},
+        )
+
+    def train(self, arguments: Sequence[str], run_dir: Path) -> bool:
+        """See `Place`."""
+        with self._lock:
+            if self._stopped.is_set():
+                return False
+            job = self._executor.submit(Job(arguments, run_dir))
+            self._jobs.add(job)
+        self._say(f"{run_dir.name}: job {job.job_id}")
+        while not self._stopped.wait(POLL):
+            with self._lock:
+                if not job.done():
+                    continue
+                self._jobs.discard(job)
+                failure = job.exception()
+                if failure is not None:
+                    self._say(f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}")
+                return failure is None and job.result()
+        return False
+
+    def stop(self) -> None:
+        """See `Place`; Slurm tells the trainings to save."""
+        self._stopped.set()
+        with self._lock:
+            for job in self._jobs:
+                job.cancel(check=False)
+
+
+class Job:
+    """One training as a cluster's machine runs it; submitit pickles it."""
+
+    def __init__(self, arguments: Sequence[str], run_dir: Path):
+        self._arguments, self._run_dir = tuple(arguments), run_dir.resolve()
+        self._train = TRAIN
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __call__(self) -> bool:
+        """Train and judge; whether the training came to its end."""
+        self._process = begin(self._arguments, self._run_dir, train=self._train)
+        # Not `wait`, which holds a lock that `checkpoint` could not get past.
+        os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
+        if self._process.wait() != 0:
+            return False
+        self._process = None
+        from bp2_rl.tools.study.judging import judge
+        from bp2_rl.tools.study.training import on_the_processor
+
+        on_the_processor()
+        judge(self._run_dir)
+        return True
+
+    def checkpoint(self) -> Any:
+        """The scheduler wants the machine back: let the training save, and be queued again as it is.
+
+        submitit calls this from a signal's handler, in the middle of `__call__`.
+        """
+        from submitit.helpers import DelayedSubmission
+
+        if self._process is not None:
+            with contextlib.suppress(ProcessLookupError, ChildProcessError):
+                os.kill(self._process.pid, signal.SIGTERM)
+                os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
+            self._process = None
+        return DelayedSubmission(self)

@@ -1,0 +1,121 @@
+"""What a study consists of: variants of the recipe, and the trainings of each."""
+
+import dataclasses
+from pathlib import Path
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.robot.specs import RobotName
+from bp2_rl.settings.training import Preset, Stage, make_config
+
+STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """The recipe with one thing changed."""
+
+    meaning: str
+    flags: tuple[str, ...] = ()  # of train.py, in the imitation stage; the relaxed stage inherits what they set
+    relaxed: tuple[str, ...] = ()  # further ones, in the relaxed stage
+    imitation: str = ""  # the variant whose imitation runs it goes on from; empty: its own
+
+
+def _both(meaning: str, *flags: str) -> Variant:
+    """A variant whose flags the relaxed stage does not take from its parent: rewards, and how PPO learns."""
+    return Variant(meaning, flags, flags)
+
+
+VARIANTS: dict[str, Variant] = {
+    "ours": Variant("the recipe"),
+    "kinematic": Variant("the kinematic gait as reference", ("--reference", "kinematic")),
+    "none": Variant("no reference: standing still", ("--reference", "none")),
+    "standing": Variant("all episodes start at rest", ("--env.reset.standing-fraction", "1")),
+    "paper": Variant("relaxed stage with Table S4's weights", relaxed=("--weights", "paper"), imitation="ours"),
+    "published": Variant(
+        "kinematic gait, absolute actions, Table S4's weights",
+        ("--reference", "kinematic", "--env.control.mode", "absolute", "--weights", "paper"), ("--weights", "paper"),
+    ),
+    "ordinary": Variant("ordinary networks", ("--ppo.no-symmetric",)),
+    "momentary": _both("weights of the moment, not their average", "--ppo.averaging", "0"),
+    "hopping": Variant("slow trots that hop", ("--env.library.path", "bp2_trot")),
+    "forgetful": Variant("no history in the observation", ("--env.control.history",)),
+    "flat": _both(
+        "the paper's tracking kernel", "--env.reward.kernel.floor", "1", "--env.reward.kernel.width", "inf",
+        "--env.reward.kernel.tail", "0", "--env.reward.kernel.yaw-width", "1", "--env.reward.kernel.yaw-reach", "1",
+        "--env.reward.kernel.memory", "0",
+    ),
+    "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
+    "crooked": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
+    "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
+    "hasty": Variant(
+        "commands told as steeply as they are asked for",
+        ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
+    ),
+    "restless": Variant("no reward for standing still", relaxed=("--env.reward.stand", "0"), imitation="ours"),
+    "ready": Variant(
+        "no wait before the first launch", relaxed=("--env.reset.standing-time", "0", "0"), imitation="ours"
+    ),
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """One run of a study."""
+
+    variant: str
+    seed: int
+    stage: Stage
+
+    @property
+    def name(self) -> str:
+        """Its folder's name."""
+        return f"{self.variant}-{self.seed}-{self.stage}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a study consists of."""
+
+    variants: tuple[str, ...]
+    seeds: tuple[int, ...]
+    preset: Preset
+    steps: tuple[int, int]  # control steps of the imitation and of the relaxed stage
+    robot: RobotName = "built"
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        for name in self.variants:
+            if name not in VARIANTS:
+                raise UserError(f"no variant {name!r}; there are {', '.join(VARIANTS)}")
+        for name, values in (("variant", self.variants), ("seed", self.seeds)):
+            if not values or len(set(values)) < len(values):
+                raise UserError(f"a study needs at least one {name}, and each once")
+
+    @property
+    def chains(self) -> list[list[Training]]:
+        """Runs that need each other: an imitation run, and the relaxed ones that go on from it."""
+        chains: dict[tuple[str, int], list[Training]] = {}
+        for seed in self.seeds:
+            for name in self.variants:
+                origin = VARIANTS[name].imitation or name
+                chain = chains.setdefault((origin, seed), [Training(origin, seed, "imitation")])
+                chain.append(Training(name, seed, "relaxed"))
+        return list(chains.values())
+
+    def command(self, training: Training, folder: Path) -> list[str]:
+        """The arguments of train.py."""
+        variant, steps = VARIANTS[training.variant], self.steps[STAGES.index(training.stage)]
+        words = ["--stage", training.stage, "--preset", self.preset, "--out", str(folder / training.name)]
+        if training.stage == "imitation":
+            words += ["--robot", self.robot, *variant.flags]
+        else:
+            origin = Training(variant.imitation or training.variant, training.seed, "imitation")
+            words += ["--from", str(folder / origin.name), *variant.relaxed]
+        # The study judges what is saved, in its own way.
+        return [*words, "--run.judged", "0", "--run.seed", str(training.seed), "--run.steps", str(steps)]
+
+
+def default_steps(preset: Preset) -> tuple[int, int]:
+    """What the preset trains, control steps of the two stages."""
+    imitation, relaxed = (make_config(stage, preset).run.steps for stage in STAGES)
+    return imitation, relaxed

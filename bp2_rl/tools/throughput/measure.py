@@ -1,0 +1,391 @@
+"""How fast, how large and how long in the making: the programs of training, each measured by itself.
+
+Every program advances all robots by one unroll, so that times compare: what the environment, the policy and the
+gradient steps take adds up to a train step, but for the bookkeeping between them. JAX runs asynchronously and
+compiles on first use; here each call is waited for, and compilation is timed apart.
+"""
+
+import dataclasses
+import re
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+from brax import envs
+from brax.envs.wrappers import training as brax_training
+from brax.training import acting
+from brax.training.types import Transition
+from jax import monitoring
+from jax.sharding import NamedSharding, PartitionSpec
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.robot import specs
+from bp2_rl.settings.ppo import PPOConfig
+
+PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
+PARTS: tuple[PartName, ...] = get_args(PartName)
+"""What can be measured, in this order.
+
+physics: the physics steps, with motors that hold their targets. environment: control steps with zero actions, and
+the fresh episodes that they need. resets: those episodes alone. policy: the actor's actions. sgd: all epochs of
+gradient steps. acting: environment and policy, as the learner runs them. brax: the same by stock Brax, its wrappers
+and its `generate_unroll`. training: the whole train step.
+"""
+
+OUT_OF_MEMORY = "out of memory"
+EVERYWHERE, ROBOTS, TIMES_ROBOTS = PartitionSpec(), PartitionSpec("robots"), PartitionSpec(None, "robots")
+
+WARM_UP = 2  # calls: all that compiles must have compiled by then
+FEWEST = 3  # timed calls, however long they take
+MOST = 1000
+
+
+class Part(NamedTuple):
+    """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again and again."""
+
+    name: PartName
+    program: jax.stages.Wrapped
+    carry: Any
+    fixed: tuple[Any, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """One part at one size. Rates are by the median call; a call is one unroll of all robots."""
+
+    part: PartName
+    robots: int
+    devices: int
+    control_steps_per_second: float  # all robots together
+    physics_steps_per_second: float
+    seconds: float  # a call, median
+    best_seconds: float
+    spread: float  # interquartile range over median
+    repeats: int
+    compilations: int  # while timed; 0 unless something is wrong
+    trace_seconds: float  # Python to StableHLO
+    compile_seconds: float  # StableHLO to machine code
+    from_cache: bool  # the machine code was read from disk
+    program_bytes: int | None  # arguments, results and temporaries on each device
+    bytes_per_robot: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """All that was measured with so many robots on so many devices."""
+
+    robots: int
+    devices: int
+    measurements: tuple[Measurement, ...] = ()
+    state_bytes_per_robot: float | None = None  # what is kept of a robot between train steps
+    device_peak_bytes: int | None = None  # of the fullest device since the process began; None where not known
+    shares: dict[str, float] = dataclasses.field(default_factory=dict)  # see `share_out`
+    error: str | None = None  # why measuring ended early
+
+    def rate(self, part: PartName) -> float | None:
+        """Control steps per second of a part, None where it was not measured."""
+        return next((m.control_steps_per_second for m in self.measurements if m.part == part), None)
+
+
+class Compilations:
+    """Counts what JAX compiles between entering and leaving; a context manager."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.from_cache = 0  # those of them that only read the disk
+
+    def __enter__(self) -> "Compilations":
+        """Listen."""
+        monitoring.register_event_duration_secs_listener(self._on_duration)
+        monitoring.register_event_listener(self._on_event)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Listen no more."""
+        monitoring.unregister_event_duration_listener(self._on_duration)
+        monitoring.unregister_event_listener(self._on_event)
+
+    def _on_duration(self, event: str, duration_secs: float, **details: Any) -> None:
+        del duration_secs, details
+        self.count += event == "/jax/core/compile/backend_compile_duration"
+
+    def _on_event(self, event: str, **details: Any) -> None:
+        del details
+        self.from_cache += event == "/jax/compilation_cache/cache_hits"
+
+
+def measure_case(
+    make_env: Callable[[int], envs.Env],
+    config: PPOConfig,
+    robots: int,
+    devices: Sequence[Any],
+    *,
+    parts: Sequence[PartName] = PARTS,
+    seconds: float = 2.0,
+    profile: Path | None = None,
+    tell: Callable[[Measurement], None] = lambda measurement: None,
+) -> Case:
+    """Measure `parts` with `robots` robots on `devices`.
+
+    Args:
+        make_env: the environment for at most so many robots a device.
+        config: hyperparameters; `robots` stands in for their `num_envs`.
+        robots: all devices together.
+        devices: JAX's devices to use.
+        parts: of `PARTS`; the physics alone only of BP2Env, Brax only on one device.
+        seconds: to spend on timed calls, for each part; three calls are timed in any case.
+        profile: a folder for jax.profiler's trace of two train steps; None for none.
+        tell: hears each measurement as it comes.
+
+    Returns:
+        Also where the robots don't fit the devices or their memory: then with an `error`, and what came before it.
+    """
+    measurements: list[Measurement] = []
+    state_bytes = error = None
+    try:
+        env = make_env(-(-robots // len(devices)))
+        learner = PPO(env, dataclasses.replace(config, num_envs=robots), devices)
+        state = learner.init(0)
+        state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
+        for part in make_parts(learner, state, parts):
+            trace = profile if part.name == "training" else None
+            measurements.append(measure(part, learner, seconds, trace))
+            tell(measurements[-1])
+    except (UserError, jax.errors.JaxRuntimeError) as reason:
+        error = _explain(reason)
+    peaks = [(device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices]
+    peak = max((peak for peak in peaks if peak is not None), default=None)
+    shares = share_out(measurements)
+    return Case(robots, len(devices), tuple(measurements), state_bytes, peak, shares, error)
+
+
+def share_out(measurements: Sequence[Measurement]) -> dict[str, float]:
+    """What a train step spends its time on, as shares that add up to 1; empty where a part was not measured.
+
+    By the best call of each, which other programs disturbed least. The parts ran by themselves, where XLA cannot fuse
+    them with their neighbours: good to a few per cent on an idle machine.
+    """
+    seconds = {m.part: m.best_seconds for m in measurements}
+    if not {"environment", "resets", "policy", "sgd", "training"} <= set(seconds):
+        return {}
+    inner = {name: seconds[name] for name in ("physics", "resets") if name in seconds}
+    rest = {"rest of the environment": seconds["environment"] - sum(inner.values())}
+    parts = inner | rest | {name: seconds[name] for name in ("policy", "sgd")}
+    parts |= {"bookkeeping": seconds["training"] - sum(parts.values())}
+    return {name: value / seconds["training"] for name, value in parts.items()}
+
+
+def measure(part: Part, learner: PPO, seconds: float, profile: Path | None = None) -> Measurement:
+    """Compile a part of `learner`, warm it up, and time its calls for so many seconds."""
+    name, program, carry, fixed = part
+    robots, devices = learner.config.num_envs, learner.mesh.size
+    with Compilations() as compilation:
+        began = time.perf_counter()
+        lowered = program.lower(carry, *fixed)
+        traced = time.perf_counter()
+        size = _program_bytes(lowered.compile())
+        compiled = time.perf_counter()
+    # Calls find the program that was compiled here.
+    for _ in range(WARM_UP):
+        carry, _ = jax.block_until_ready(program(carry, *fixed))
+    times: list[float] = []
+    with Compilations() as late:
+        while len(times) < FEWEST or (sum(times) < seconds and len(times) < MOST):
+            start = time.perf_counter()
+            carry, _ = jax.block_until_ready(program(carry, *fixed))
+            times.append(time.perf_counter() - start)
+    if profile is not None:
+        with jax.profiler.trace(str(profile)):
+            for _ in range(2):
+                carry, _ = jax.block_until_ready(program(carry, *fixed))
+    low, median, high = statistics.quantiles(times, n=4, method="inclusive")
+    rate = learner.config.steps_per_train_step / median
+    return Measurement(
+        part=name,
+        robots=robots,
+        devices=devices,
+        control_steps_per_second=rate,
+        physics_steps_per_second=rate * specs.SUBSTEPS,
+        seconds=median,
+        best_seconds=min(times),
+        spread=(high - low) / median,
+        repeats=len(times),
+        compilations=late.count,
+        trace_seconds=traced - began,
+        compile_seconds=compiled - traced,
+        from_cache=compilation.from_cache > 0,
+        program_bytes=size,
+        bytes_per_robot=None if size is None else size * devices / robots,
+    )
+
+
+# --- The parts -----------------------------------------------------------------------------------------------
+
+
+def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> Iterator[Part]:
+    """Those of `PARTS` that are named and that the learner has, one by one; `training` consumes `state`."""
+    env, networks = learner.fleet.env, (state.params, state.normalizer)
+    keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
+    keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner.robots)
+    if "physics" in names and isinstance(env, BP2Env):
+        yield _physics(learner, env, state)
+    if "environment" in names:
+        yield Part("environment", _on_each_device(learner, partial(_live, learner)), state.fleet, (zeros, keys))
+    if "resets" in names:
+        yield Part("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
+    yield from _networks(learner, state, keys, names)
+    if "acting" in names:
+        yield Part("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
+    if "brax" in names and learner.mesh.size == 1:
+        yield _brax(learner, networks, keys)
+    if "training" in names:
+        yield Part("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
+
+
+def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[Part]:
+    """Policy and gradient steps; their data are gone when the next part begins."""
+    if not {"policy", "sgd"} & set(names):
+        return
+    observations = _repeat(learner, state.fleet.obs)
+    policy = _policy(learner, (state.params, state.normalizer), observations, keys)
+    if "policy" in names:
+        yield policy
+    if "sgd" in names:
+        _, (actions, extras) = policy.program(policy.carry, *policy.fixed)
+        yield _sgd(learner, state, batch(learner, observations, actions, extras))
+
+
+def _on_each_device(
+    learner: PPO, function: Callable[..., Any], in_specs: Any = ROBOTS, out_specs: Any = ROBOTS
+) -> jax.stages.Wrapped:
+    """Robots never talk to each other: each device runs its own, as in the learner."""
+    local = jax.shard_map(function, mesh=learner.mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False)
+    return jax.jit(local)
+
+
+def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
+    """The joints hold the targets of the first control step. Every call begins anew, before a robot could fall."""
+    first: Any = state.fleet.pipeline_state
+
+    def aim(robot: Any) -> Any:
+        return env.controller.act(robot.controller, robot.command.current, jnp.zeros(env.action_size))[1]
+
+    def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
+        def control_step(physics: Any, _: None) -> tuple[Any, None]:
+            with jax.default_matmul_precision("highest"):
+                return jax.vmap(env.simulate)(physics, targets, robots)[0], None
+
+        return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
+
+    fixed = (first.physics, jax.jit(jax.vmap(aim))(first), first.randomization)
+    return Part("physics", _on_each_device(learner, simulate), (), fixed)
+
+
+def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -> tuple[envs.State, tuple[()]]:
+    bank = learner.fleet.bank(fleet, keys)
+
+    def control_step(fleet: envs.State, _: None) -> tuple[envs.State, None]:
+        return learner.fleet.step(fleet, action, bank), None
+
+    return jax.lax.scan(control_step, fleet, length=learner.config.unroll_length)[0], ()
+
+
+def _reset(learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array) -> tuple[tuple[()], envs.State]:
+    return carry, learner.fleet.bank(fleet, keys)
+
+
+def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array) -> tuple[envs.State, Any]:
+    fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
+    return fleet, rest
+
+
+def _repeat(learner: PPO, observations: Any) -> Any:
+    """The same observations at every step of an unroll; an argument, so that XLA cannot see that they are."""
+    length = learner.config.unroll_length
+    repeated = jax.tree.map(lambda x: jnp.broadcast_to(x, (length, *x.shape)), observations)
+    return jax.device_put(repeated, NamedSharding(learner.mesh, TIMES_ROBOTS))
+
+
+def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array) -> Part:
+    def act(carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any) -> tuple[tuple[()], Any]:
+        infer = jax.vmap(learner.infer((normalizer, params.policy)))
+
+        def control_step(time: jax.Array, observation: Any) -> tuple[jax.Array, Any]:
+            return time + 1, infer(observation, jax.vmap(partial(jax.random.fold_in, data=time))(keys))
+
+        return carry, jax.lax.scan(control_step, jnp.zeros((), jnp.int32), observations)[1]
+
+    in_specs = (EVERYWHERE, EVERYWHERE, EVERYWHERE, TIMES_ROBOTS, ROBOTS)
+    program = _on_each_device(learner, act, in_specs, (EVERYWHERE, TIMES_ROBOTS))
+    return Part("policy", program, (), (*networks, observations, keys))
+
+
+def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
+    def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
+        params, optimizer = carry
+        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key, state.step)
+        return (params, optimizer), metrics
+
+    fixed = (state.normalizer, data, state.key)
+    program = jax.jit(improve, out_shardings=learner.everywhere)
+    return Part("sgd", program, (state.params, state.optimizer), fixed)
+
+
+def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> Transition:
+    """The data of an unroll in which nothing happened, from arrays with axes (time, robot): the learner's shapes."""
+
+    def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
+        observations, actions, extras = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras))
+        zeros = jnp.zeros(actions.shape[:2])
+        return Transition(
+            observation=observations,
+            action=actions,
+            reward=zeros,
+            discount=jnp.ones_like(zeros),
+            next_observation=jax.tree.map(lambda x: x[:, -1:], observations),
+            extras={"policy_extras": extras, "state_extras": {"truncation": zeros}},  # pyright: ignore[reportArgumentType]
+        )
+
+    return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
+
+
+def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> Part:
+    config = learner.config
+    env = brax_training.wrap(learner.fleet.env, config.episode_length)
+
+    def act(carry: tuple[Any, jax.Array], params: Any, normalizer: Any) -> tuple[tuple[Any, jax.Array], Any]:
+        fleet, key = carry
+        key, now = jax.random.split(key)
+        policy = learner.infer((normalizer, params.policy))
+        fleet, data = acting.generate_unroll(env, fleet, policy, now, config.unroll_length, ("truncation",))
+        return (fleet, key), data
+
+    return Part("brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks)
+
+
+# --- What JAX says of itself ---------------------------------------------------------------------------------
+
+
+def _program_bytes(program: jax.stages.Compiled) -> int | None:
+    """What a program needs on each device at most, its arguments and results included; None where not known."""
+    memory = program.memory_analysis()
+    if memory is None:
+        return None
+    whole = memory.argument_size_in_bytes + memory.output_size_in_bytes + memory.temp_size_in_bytes
+    return whole - memory.alias_size_in_bytes
+
+
+def _explain(reason: Exception) -> str:
+    """Why a size cannot be measured, in one line; raises what is no question of size."""
+    if isinstance(reason, UserError):
+        return str(reason)
+    if re.search("RESOURCE_EXHAUSTED|out of memory", str(reason), re.IGNORECASE):
+        return OUT_OF_MEMORY
+    raise reason

@@ -1,0 +1,96 @@
+"""Bounds declared on fields: one line names the field, what it may be, and what it is."""
+
+import dataclasses
+import math
+from typing import Annotated
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bp2_rl.base.bounds import Count, Positive, Range, Share, Within, check_bounds
+from bp2_rl.base.errors import UserError
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner:
+    rate: Positive = 1.0
+    cap: Annotated[float, Within(0.0, open_below=True, infinite=True)] = math.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    inner: Inner = Inner()
+    count: Count = 1
+    share: Share = 0.5
+    delay: Annotated[Range, Within(0.0, 0.01)] = (0.0, 0.01)
+    speed: Positive | None = None
+    layers: tuple[Count, ...] = (4, 4)
+    size: Annotated[float, Within(0.0)] = 0.0
+    below: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
+    anything: float = -3.0
+    flag: bool = False
+    name: str = ""
+
+
+def test_settings_within_bounds_pass():
+    check_bounds(Settings())
+    check_bounds(Settings(inner=Inner(cap=5.0), speed=2.0, count=10**6))
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"inner": Inner(rate=0.0)}, "env.inner.rate must be positive, got 0"),
+        ({"inner": Inner(cap=-math.inf)}, "env.inner.cap must be positive, got -inf"),
+        ({"inner": Inner(rate=math.inf)}, "env.inner.rate must be positive and finite, got inf"),
+        ({"count": 0}, "env.count must be at least 1, got 0"),
+        ({"count": -(10**400)}, "env.count must be at least 1 and finite, got a huge integer"),
+        ({"share": 1.1}, "env.share must be from 0 to 1, got 1.1"),
+        ({"share": math.nan}, "env.share must be from 0 to 1, got nan"),
+        ({"delay": (0.0, 0.02)}, "env.delay must be from 0 to 0.01, got 0.02"),
+        ({"delay": (0.005, 0.001)}, r"env.delay must be a range \(low, high\)"),
+        ({"speed": -1.0}, "env.speed must be positive, got -1"),
+        ({"layers": (4, 0)}, "env.layers must be at least 1, got 0"),
+        ({"size": -1.0}, "env.size must be at least 0, got -1"),
+        ({"below": 1.0}, "env.below must be at least 0 and below 1, got 1"),
+        ({"anything": math.nan}, "env.anything must be a finite number, got nan"),
+    ],
+)
+def test_a_number_out_of_bounds_is_named(changes, line):
+    with pytest.raises(UserError, match=f"^{line}"):
+        check_bounds(dataclasses.replace(Settings(), **changes), "env.")
+
+
+@st.composite
+def ranges(draw):
+    """Bounds of every kind, with room between them."""
+    least = draw(st.none() | st.floats(-1e6, 1e6))
+    most = draw(st.none() | st.floats(1.1e6, 1e9))
+    given = {name: value for name, value in (("least", least), ("most", most)) if value is not None}
+    return Within(**given, open_below=draw(st.booleans()), open_above=draw(st.booleans()))
+
+
+def one_number(bounds: Within, value: float):
+    """A dataclass of one number within `bounds`."""
+    made = dataclasses.make_dataclass("Made", [("number", Annotated[float, bounds])], frozen=True)
+    return made(value)
+
+
+@given(ranges(), st.data())
+def test_any_number_inside_is_accepted(bounds, data):
+    least, most = (None if math.isinf(end) else end for end in (bounds.least, bounds.most))
+    no_least, no_most = bounds.open_below and least is not None, bounds.open_above and most is not None
+    numbers = st.floats(least, most, allow_infinity=False, allow_nan=False, exclude_min=no_least, exclude_max=no_most)
+    check_bounds(one_number(bounds, data.draw(numbers)))
+
+
+@given(ranges(), st.data())
+def test_any_number_outside_is_refused(bounds, data):
+    outside = st.sampled_from([math.nan, math.inf, -math.inf])
+    if math.isfinite(bounds.least):
+        outside |= st.floats(max_value=bounds.least, exclude_max=not bounds.open_below)
+    if math.isfinite(bounds.most):
+        outside |= st.floats(min_value=bounds.most, exclude_min=not bounds.open_above)
+    with pytest.raises(UserError, match=r"^number must be .*, got \S+$"):
+        check_bounds(one_number(bounds, data.draw(outside)))

@@ -1,0 +1,164 @@
+"""Files that are whole or not there, and strangers' files that end in one line."""
+
+import contextlib
+import io
+import random
+import subprocess
+import sys
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bp2_rl.base import files
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import ArraySpec, BadFileError, read_json, read_npz, write_npz, write_text
+
+WANTED = {"a": ArraySpec(np.floating, ("n", 3)), "b": ArraySpec(np.dtype(np.float32), ("n",))}
+
+
+@pytest.fixture
+def archive(tmp_path):
+    path = tmp_path / "arrays.npz"
+    rng = np.random.default_rng(0)
+    arrays = {"a": rng.normal(size=(5, 3)), "b": rng.normal(size=5).astype(np.float32), "other": np.zeros(9)}
+    write_npz(path, arrays, compressed=True)
+    return path, arrays
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_text(path, "old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "replace", full)
+    with pytest.raises(OSError, match="space"):
+        write_text(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_arrays_come_back_as_they_were_and_only_those_wanted(archive):
+    path, arrays = archive
+    found = read_npz(path, WANTED)
+    assert set(found) == set(WANTED)
+    for name, array in found.items():
+        np.testing.assert_array_equal(array, arrays[name])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "complaint"),
+    [
+        ({"c": ArraySpec(np.floating, (5,))}, "lacks the array c"),
+        ({"a": ArraySpec(np.floating, (5, 4))}, r"holds a as float64\[5, 3\], expected floating\[5, 4\]"),
+        ({"b": ArraySpec(np.dtype(np.float64), (5,))}, "holds b as float32"),
+        ({"a": ArraySpec(np.floating, ("n", 3)), "other": ArraySpec(np.floating, ("n",))}, r"expected floating\[5\]"),
+    ],
+)
+@pytest.mark.attack
+def test_other_arrays_than_wanted_are_refused_by_name(archive, wanted, complaint):
+    with pytest.raises(BadFileError, match=complaint):
+        read_npz(archive[0], wanted)
+
+
+def test_any_flipped_bit_ends_in_the_arrays_or_in_one_line(archive, tmp_path):
+    content = bytearray(archive[0].read_bytes())
+    rng, path = random.Random(0), tmp_path / "flipped.npz"
+    for _ in range(400):
+        flipped = bytearray(content)
+        flipped[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        path.write_bytes(flipped)
+        with contextlib.suppress(UserError):  # anything else fails the test
+            assert read_npz(path, WANTED)["a"].shape == (5, 3)
+
+
+def test_a_small_file_cannot_fill_the_memory(tmp_path):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (1 << 24, 3)})
+        for _ in range(48):
+            member.write(bytes(8 << 20))
+    assert path.stat().st_size < 1 << 20
+    tracemalloc.start()
+    with pytest.raises(BadFileError):
+        read_npz(path, {"a": ArraySpec(np.floating, (5, 3))})
+    with pytest.raises(BadFileError, match="at most are read"):
+        read_npz(path, {"a": ArraySpec(np.floating, ("n", 3))}, largest=1 << 20)
+    assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    tracemalloc.stop()
+
+
+def test_no_pickle_is_opened(tmp_path):
+    path, buffer = tmp_path / "pickle.npz", io.BytesIO()
+    np.savez(buffer, a=np.array([print], dtype=object))
+    path.write_bytes(buffer.getvalue())
+    with pytest.raises(BadFileError, match="holds a as object"):
+        read_npz(path, {"a": ArraySpec(np.dtype(object), (1,))})
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 10_000])
+def test_what_is_not_json_ends_in_one_line(tmp_path, content):
+    path = tmp_path / "file.json"
+    path.write_bytes(content)
+    with pytest.raises(BadFileError, match=str(path)):
+        read_json(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(BadFileError, match=r"nowhere\.json cannot be read: No such file"):
+        read_json(tmp_path / "nowhere.json")
+
+
+@pytest.mark.parametrize("text", ['{"a": "\\ud800"}', "[" * 51 + "]" * 51, "1" * 5000])
+def test_json_that_could_not_be_shown_or_walked_is_refused(text):
+    with pytest.raises(BadFileError, match=r"^here is "):
+        files.parse_json(text, "here")
+
+
+def test_json_that_is_nested_as_deeply_as_we_read_is_read():
+    files.parse_json("[" * 50 + "]" * 50, "here")
+
+
+def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
+    path = tmp_path / "file"
+    with files.new_file(path) as ours:
+        ours.write(b"ours")
+        child = "import sys; from pathlib import Path as P; from bp2_rl.base.files import write_text as w; w(P(sys.argv[1]), 'theirs')"
+        subprocess.run([sys.executable, "-c", child, str(path)], check=True)
+        assert path.read_bytes() == b"theirs"
+    assert path.read_bytes() == b"ours"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_header_of_gigabytes_is_not_read(tmp_path):
+    path = tmp_path / "header.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        member.write(np.lib.format.magic(2, 0) + (1 << 28).to_bytes(4, "little"))
+        for _ in range(32):
+            member.write(b" " * (8 << 20))
+    tracemalloc.start()
+    with pytest.raises(BadFileError, match="array format"):
+        read_npz(path, {"a": ArraySpec(np.floating, (5, 3))})
+    assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    tracemalloc.stop()
+
+
+def test_a_device_is_no_file():
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        read_json(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("length", [250, 252, 255, 256])
+def test_a_name_that_is_too_long_to_be_written_safely_is_refused(tmp_path, length):
+    with pytest.raises(UserError, match="no file or folder can be called"):
+        files.require_name(tmp_path / ("x" * length))
+
+
+def test_a_long_name_that_can_be_written_is_none_the_worse(tmp_path):
+    path = tmp_path / ("x" * 230)
+    files.require_name(path)
+    write_text(path, "")

@@ -1,0 +1,92 @@
+"""Folders that are replaced whole or not at all, and that one process holds at a time."""
+
+import contextlib
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bp2_rl.base import folders
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import lock_folder, new_folder
+
+
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "folder"
+    for text in ("one", "two"):
+        with new_folder(folder) as fresh:
+            (fresh / "file").write_text(text)
+    with contextlib.suppress(ZeroDivisionError), new_folder(folder) as fresh:
+        (fresh / "file").write_text("three")
+        raise ZeroDivisionError
+    assert (folder / "file").read_text() == "two"
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
+    folder = tmp_path / "folder"
+    with new_folder(folder) as fresh:
+        (fresh / "file").write_text("one")
+    folder.rename(tmp_path / ".folder.old")
+    (tmp_path / ".folder.new").mkdir()
+    folders.restore_folder(folder)
+    assert (folder / "file").read_text() == "one"
+
+
+def test_a_lock_is_held_by_a_child_that_outlives_its_parent(tmp_path):
+    with lock_folder(tmp_path, "busy") as descriptor:
+        with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
+            pass
+        child = subprocess.Popen(
+            [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=(descriptor,), env=dict(os.environ)
+        )
+    try:
+        with pytest.raises(UserError, match="busy"), lock_folder(tmp_path, "busy"):
+            pass
+    finally:
+        child.communicate(b"\n", timeout=30)
+    with lock_folder(tmp_path, "busy"):
+        pass
+
+
+def test_what_a_killed_replacement_or_removal_leaves_is_found_and_tidied_away(tmp_path):
+    for name, content in (("a", "old"), (".a.new", "new"), (".b.old", "old"), (".b.new", "new"), (".c.gone", "torn")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").write_text(content)
+    assert folders.folder_names(tmp_path) == {"a", "b"}
+    for name in ("a", "b"):
+        assert (folders.find_folder(tmp_path / name) / "file").read_text() == "old"
+    folders.tidy(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+    assert (tmp_path / "b" / "file").read_text() == "old"
+
+
+def test_a_folder_is_removed_under_another_name(tmp_path, monkeypatch):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "file").touch()
+
+    def fail(path, **_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(folders.shutil, "rmtree", fail)
+    with pytest.raises(OSError, match="Input"):
+        folders.remove_folder(folder)
+    assert folders.folder_names(tmp_path) == set()
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
+def test_what_no_folder_can_be_called_is_refused_in_one_short_line(tmp_path, name):
+    with pytest.raises(UserError, match="no file or folder can be called") as error:
+        folders.make_folder(tmp_path / name)
+    assert len(str(error.value)) < 150
+
+
+def test_a_file_system_without_locks_is_worked_on_without(tmp_path, monkeypatch):
+    def none(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with lock_folder(tmp_path, "busy"):
+        pass

@@ -1,0 +1,264 @@
+import contextlib
+import dataclasses
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+from damage import strange_json
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import (
+    ConfigError,
+    claim_folder,
+    config_hash,
+    from_json,
+    load_config,
+    merge,
+    save_config,
+    seal,
+    to_json,
+    unseal,
+)
+from bp2_rl.optimiser.problem import Problem
+from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.training import TrainConfig, make_config
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    stride: float = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Hop:
+    height: float
+    legs: tuple[str, ...] = ("FR", "FL")
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner:
+    rate: float = 3e-4
+    sizes: tuple[int, ...] = (512, 256)
+    mode: Literal["adaptive", "fixed"] = "fixed"
+
+    def __post_init__(self) -> None:
+        if self.rate <= 0:
+            raise ValueError("rate must be positive")
+
+
+@dataclasses.dataclass(frozen=True)
+class Outer:
+    steps: int
+    name: str = "run"
+    fast: bool = False
+    limit: float = math.inf
+    inner: Inner = Inner()
+    spare: Inner | None = None
+    gait: Walk | Hop = Walk()
+    span: Annotated[tuple[float, float], "for the parser"] = (0.0, 1.0)
+    number: int | float = 1
+    folder: Path | None = None
+    results: dict[str, Any] = dataclasses.field(default_factory=dict)
+    layout: tuple[tuple[str, int], ...] = (("up", 3),)
+    sizes: tuple[int, ...] | None = None
+
+
+finite = st.floats(allow_nan=False)
+inners = st.builds(
+    Inner,
+    rate=st.floats(min_value=1e-300, allow_nan=False),
+    sizes=st.lists(st.integers()).map(tuple),
+    mode=st.sampled_from(["adaptive", "fixed"]),
+)
+outers = st.builds(
+    Outer,
+    steps=st.integers(),
+    name=st.text(),
+    fast=st.booleans(),
+    limit=finite,
+    inner=inners,
+    spare=st.none() | inners,
+    gait=st.builds(Walk, finite) | st.builds(Hop, finite, st.lists(st.text()).map(tuple)),
+    span=st.tuples(finite, finite),
+    number=st.integers() | finite,
+    folder=st.none() | st.just(Path("runs/a")),
+    results=st.dictionaries(st.text(), st.integers() | st.text() | st.lists(st.booleans())),
+    layout=st.lists(st.tuples(st.text(), st.integers())).map(tuple),
+    sizes=st.none() | st.lists(st.integers()).map(tuple),
+)
+
+
+@given(outers)
+def test_a_config_survives_json(config: Outer):
+    text = json.dumps(to_json(config), allow_nan=False)
+    back = from_json(Outer, json.loads(text))
+    assert back == config
+    assert type(back.number) is type(config.number)
+
+
+def test_the_environments_config_survives_json():
+    config = dataclasses.replace(EnvConfig(), reward=dataclasses.replace(EnvConfig().reward, tracking=0.123))
+    assert from_json(EnvConfig, json.loads(json.dumps(to_json(config), allow_nan=False))) == config
+
+
+def test_the_standard_problem_survives_json():
+    assert from_json(Problem, json.loads(json.dumps(to_json(Problem()), allow_nan=False))) == Problem()
+
+
+def test_nan_survives_as_a_string():
+    data = to_json(Outer(steps=1, limit=math.nan))
+    assert data["limit"] == "nan"
+    assert math.isnan(from_json(Outer, data).limit)
+
+
+def test_absent_keys_take_their_defaults():
+    assert from_json(Outer, {"steps": 5}) == Outer(steps=5)
+
+
+def test_an_integer_is_a_fine_float():
+    inner = from_json(Inner, {"rate": 1})
+    assert inner.rate == 1.0
+    assert type(inner.rate) is float
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({}, "steps: missing"),
+        ({"steps": 1, "stepz": 2}, "stepz: unknown key; Outer has steps, name"),
+        ({"steps": 1, "inner": {"rat": 2}}, "inner.rat: unknown key"),
+        ({"steps": 1.0}, "steps: expected an integer, got 1.0"),
+        ({"steps": True}, "steps: expected an integer, got True"),
+        ({"steps": 1, "fast": 1}, "fast: expected true or false, got 1"),
+        ({"steps": 1, "name": None}, "name: expected a string, got None"),
+        ({"steps": 1, "limit": "1"}, "limit: expected a number, got '1'"),
+        ({"steps": 1, "limit": True}, "limit: expected a number, got True"),
+        ({"steps": 1, "inner": 3}, "inner: expected an object (Inner), got 3"),
+        ({"steps": 1, "inner": {"sizes": [1, "a"]}}, "inner.sizes[1]: expected an integer, got 'a'"),
+        ({"steps": 1, "inner": {"mode": "wild"}}, "inner.mode: expected 'adaptive' or 'fixed', got 'wild'"),
+        ({"steps": 1, "inner": {"rate": -1}}, "inner: rate must be positive"),
+        ({"steps": 1, "spare": {"rate": "x"}}, "spare.rate: expected a number"),
+        ({"steps": 1, "spare": 1}, "spare: expected an object (Inner) or null, got 1"),
+        ({"steps": 1, "span": [1]}, "span: expected 2 entries, got 1"),
+        ({"steps": 1, "gait": {"stride": 1}}, "gait.type: expected one of Walk, Hop, got None"),
+        ({"steps": 1, "gait": {"type": "Hop"}}, "gait.height: missing"),
+        ({"steps": 1, "gait": {"type": "Walk", "height": 1}}, "gait.height: unknown key"),
+        ({"steps": 1, "layout": [["up", "3"]]}, "layout[0][1]: expected an integer"),
+        ({"steps": 1, "sizes": [1, None]}, "sizes[1]: expected an integer"),
+        ({"steps": 1, "results": [1]}, "results: expected an object, got [1]"),
+        ([1], "config: expected an object (Outer), got [1]"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_the_path_of_its_key(data: Any, message: str):
+    with pytest.raises(ConfigError) as error:
+        from_json(Outer, data)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_field_of_the_wrong_type_is_not_written():
+    with pytest.raises(ConfigError, match=r"inner\.rate: expected a number, got 'fast'"):
+        to_json(dataclasses.replace(Outer(steps=1), inner=_unchecked(Inner(), rate="fast")))
+
+
+def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
+    @dataclasses.dataclass(frozen=True)
+    class Strange:
+        thing: complex = 1j
+
+    with pytest.raises(TypeError, match="thing: a config cannot hold"):
+        to_json(Strange())
+
+
+def test_equal_configs_have_equal_hashes_and_others_do_not():
+    assert config_hash(Inner(rate=1)) == config_hash(Inner(rate=1.0))
+    assert config_hash(Inner(rate=1.0)) != config_hash(Inner(rate=1.0 + 1e-15))
+    assert config_hash(Outer(1, gait=Walk(0.5))) != config_hash(Outer(1, gait=Hop(0.5)))
+
+
+def test_the_hash_is_the_same_in_another_process():
+    program = (
+        "from bp2_rl import config; from bp2_rl.settings.env import EnvConfig; print(config.config_hash(EnvConfig()))"
+    )
+    other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert other.stdout.split()[-1] == config_hash(EnvConfig())
+
+
+def test_a_merge_keeps_what_was_changed_and_takes_the_rest():
+    before, after = Outer(1, inner=Inner(rate=1.0)), Outer(2, fast=True, inner=Inner(rate=2.0, mode="adaptive"))
+    changed = Outer(1, name="mine", inner=Inner(rate=1.0, sizes=(8,)))
+    assert merge(before, changed, after) == Outer(2, "mine", True, inner=Inner(2.0, (8,), "adaptive"))
+    assert merge(before, dataclasses.replace(before, steps=3), after).steps == 3
+    assert merge(before, before, after) == after
+
+
+def test_a_file_round_trips_and_leaves_nothing_else_behind(tmp_path: Path):
+    path = tmp_path / "config.json"
+    save_config(path, Outer(steps=1))
+    save_config(path, Outer(steps=2))
+    assert load_config(Outer, path) == Outer(steps=2)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_is_not_ours_is_refused_by_its_name(tmp_path: Path):
+    path = tmp_path / "config.json"
+    with pytest.raises(ConfigError, match=r"config\.json cannot be read: No such file"):
+        load_config(Outer, path)
+    path.write_text('{"steps": 1')
+    with pytest.raises(ConfigError, match=r"config\.json is damaged or not JSON"):
+        load_config(Outer, path)
+    path.write_text('{"steps": "x"}')
+    with pytest.raises(ConfigError, match=r"config\.json: steps: expected an integer"):
+        load_config(Outer, path)
+
+
+def _unchecked(config: Any, **values: Any) -> Any:
+    """A frozen dataclass with values that its type forbids."""
+    for name, value in values.items():
+        object.__setattr__(config, name, value)
+    return config
+
+
+def test_an_integer_that_no_number_can_hold_is_refused_by_its_key():
+    with pytest.raises(ConfigError, match=r"env\.commands\.max_forward: expected a number, got 1000"):
+        from_json(TrainConfig, {"env": {"commands": {"max_forward": 10**400}}})
+
+
+@pytest.mark.attack
+def test_whatever_a_config_file_holds_it_is_read_or_refused(tmp_path: Path):
+    path = tmp_path / "config.json"
+    for text in strange_json(to_json(make_config("imitation", "smoke")), 1000):
+        path.write_text(text)
+        with contextlib.suppress(UserError):  # anything else fails the test
+            load_config(TrainConfig, path)
+
+
+def test_what_was_sealed_comes_back_and_nothing_else_does():
+    data = {"a": 1.5, "b": {"c": [None, "x"]}}
+    sealed = seal(data, "sum")
+    assert unseal(json.loads(json.dumps(sealed, indent=3, sort_keys=True)), "sum") == data
+    assert unseal(data, "sum") == data
+    for changed in ({**sealed, "a": 1.25}, {**sealed, "d": 0}, {**sealed, "sum": None}):
+        with pytest.raises(ConfigError, match="damaged or edited"):
+            unseal(changed, "sum")
+
+
+def test_a_folder_is_claimed_once_and_says_what_is_another(tmp_path):
+    folder = tmp_path / "deep" / "folder"
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    written = (folder / "card.json").stat().st_mtime_ns
+    claim_folder(folder, "card.json", Inner(), "a walk")
+    assert (folder / "card.json").stat().st_mtime_ns == written
+    with pytest.raises(UserError, match=r"holds a walk with another sizes \(see .*card.json\): choose another folder"):
+        claim_folder(folder, "card.json", Inner(sizes=(1,)), "a walk")
+
+
+def test_a_folder_that_cannot_be_is_not_claimed():
+    with pytest.raises(UserError, match="cannot write to /dev/null/here"):
+        claim_folder(Path("/dev/null/here"), "card.json", Inner(), "a walk")

@@ -1,0 +1,98 @@
+"""Processes that end with the one that started them, however that ends."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bp2_rl.base.workers import PARENT
+
+POOL = """
+import ctypes, os, sys, time
+from bp2_rl.base.workers import spawned
+
+def work(_):
+    print(os.getpid(), flush=True)
+    ctypes.PyDLL(None).sleep(600)  # a solver that never lets Python run
+
+if __name__ == "__main__":
+    with spawned(2) as pool:
+        list(pool.map(work, range(2)))
+"""
+CHILD = """
+import os, signal, sys, time
+from bp2_rl.base.workers import end_with_caller
+
+def save(*_):
+    time.sleep(0.5)
+    open("saved", "w").close()
+    sys.exit()
+
+signal.signal(signal.SIGTERM, save)
+end_with_caller()
+print(os.getpid(), "BP2_PARENT" in os.environ, flush=True)
+time.sleep(600)
+"""
+ROOT = Path(__file__).parents[2]
+
+
+def begin(*command, cwd=None, **environment):
+    return subprocess.Popen(
+        [sys.executable, *map(str, command)], cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def is_running(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def wait_until(condition, seconds=10.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_workers_end_with_a_killed_parent_even_in_the_midst_of_a_solver(tmp_path):
+    script = tmp_path / "pool.py"
+    script.write_text(POOL)
+    with begin(script) as parent:
+        assert parent.stdout is not None
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        assert all(map(is_running, workers))
+        parent.kill()
+        wait_until(lambda: not any(map(is_running, workers)))
+
+
+def test_a_command_is_asked_to_end_when_its_parent_is_killed(tmp_path):
+    """And passes nothing of that on to its own children."""
+    script, parent_script = tmp_path / "child.py", tmp_path / "parent.py"
+    script.write_text(CHILD)
+    parent_script.write_text(
+        f"import os, subprocess, sys\n"
+        f"subprocess.run([sys.executable, {str(script)!r}], env=os.environ | {{{PARENT!r}: str(os.getpid())}}, "
+        f"cwd={str(tmp_path)!r})\n"
+    )
+    with begin(parent_script) as parent:
+        assert parent.stdout is not None
+        child, passed_on = parent.stdout.readline().split()
+        assert passed_on == "False"
+        parent.kill()
+        wait_until((tmp_path / "saved").exists)
+        wait_until(lambda: not is_running(int(child)))
+
+
+def test_a_command_whose_parent_has_ended_already_ends_at_once(tmp_path):
+    with begin("-c", CHILD, cwd=tmp_path, **{PARENT: "1"}) as orphan:
+        output, _ = orphan.communicate(timeout=30)
+    assert (tmp_path / "saved").exists()
+    assert output == ""
+    assert orphan.returncode == 0

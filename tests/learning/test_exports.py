@@ -1,0 +1,266 @@
+"""What becomes of the policies that a run exports: judged beside it, and the best kept as its own."""
+
+import dataclasses
+import json
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from aim import StandIn
+
+from bp2_rl.base.errors import RunStopped
+from bp2_rl.learning import run as training
+from bp2_rl.learning.checkpoint import latest_step
+from bp2_rl.learning.exports import Verdict, verdicts_of
+from bp2_rl.learning.policy import load_policy
+from bp2_rl.learning.ppo import PPO
+from bp2_rl.settings.training import TrainConfig, make_config
+
+PER_STEP = 16 * 4  # control steps
+STEPS = 8
+
+
+def small(**run) -> TrainConfig:
+    config = make_config("imitation", "smoke")
+    ppo = dataclasses.replace(
+        config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
+    )
+    settings = {"steps": STEPS * PER_STEP, "checkpoints": 4, "logs": 4, "judged": STEPS} | run
+    return dataclasses.replace(config, ppo=ppo, run=dataclasses.replace(config.run, **settings))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quick_robot():
+    """A stand-in for the robot, whose train step is compiled once."""
+    learner = PPO(StandIn(), small().ppo)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "make_learner", lambda config: learner)
+        yield
+
+
+@dataclasses.dataclass
+class Heard:
+    verdict: Verdict | Exception
+    from_then_on: float = 0.0  # s, of the monotonic clock
+    early: bool = False  # the speed is known at once
+    error: Exception | None = None  # that keeps the judge from the rest
+
+    def speed(self):
+        known = self.early or self.done()
+        return self.verdict.speed if known and isinstance(self.verdict, Verdict) else 0.0
+
+    def done(self):
+        return time.monotonic() >= self.from_then_on
+
+    def result(self):
+        if self.error:
+            raise self.error
+        if isinstance(self.verdict, Exception):
+            raise self.verdict
+        return self.verdict
+
+
+class Fake:
+    """A judge who knows beforehand what he will say of the policy after so many control steps."""
+
+    places = 1
+
+    def __init__(self, verdicts, after=0.0, early=False, error=None):
+        self.verdicts, self.after, self.early, self.error, self.asked = verdicts, after, early, error, []
+
+    def submit(self, policy: Path):
+        assert load_policy(policy)
+        self.asked.append(int(policy.name))
+        heard = self.verdicts[int(policy.name)]
+        return Heard(heard, time.monotonic() + self.after, self.early, self.error)
+
+
+def steady(*speeds):
+    """Verdicts on the policies of every train step: their speeds, without a fall."""
+    return {(k + 1) * PER_STEP: Verdict(speed, 0, 3, speed) for k, speed in enumerate(speeds)}
+
+
+def weights(folder):
+    return (folder / "weights.npz").read_bytes()
+
+
+def judged_lines(run_dir):
+    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+    return {line["step"]: (line["judged/speed"], line["judged/falls"]) for line in lines if "judged/speed" in line}
+
+
+def log(run_dir):
+    return (run_dir / "log.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        (Verdict(12.34, 0, 3, 5.0), "12.3 m/s"),
+        (Verdict(12.34, 2, 3, 5.0), "12.3 m/s, 2 of 3 launches fell"),
+        (Verdict(0.0, 3, 3, 5.0), "3 of 3 launches fell"),
+        (Verdict(0.0, 0, 3, 5.0), "0.0 m/s"),
+    ],
+)
+def test_a_verdict_in_words(verdict, words):
+    assert str(verdict) == words
+
+
+def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
+    judge = Fake(steady(1, 5, 2, 9, 9, 3, 4, 2))
+    run = training.start(small(), tmp_path / "run", judge=judge)
+    assert judge.asked == [k * PER_STEP for k in range(1, STEPS + 1)]
+    assert weights(run / "policy") == weights(run / "policies" / str(5 * PER_STEP))
+    card = load_policy(run).card
+    assert card.results["judged"] == {
+        "control_steps": 5 * PER_STEP,
+        "speed": 9.0,
+        "falls": 0,
+        "launches": 3,
+        "mean": 9.0,
+    }
+    assert card.physics_steps == 5 * PER_STEP * 5
+    assert judged_lines(run)[2 * PER_STEP] == (5.0, 0.0)
+    assert len(judged_lines(run)) == STEPS
+
+
+def test_the_best_policy_is_the_fastest_over_all_launches(tmp_path):
+    verdicts = {k * PER_STEP: Verdict(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)}
+    verdicts[3 * PER_STEP] = Verdict(0.0, 1, 3, 7.0)  # the first launch was the one in which it fell
+    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
+
+
+def test_judging_changes_nothing_of_what_is_learned(tmp_path):
+    alone = training.start(small(judged=0), tmp_path / "alone")
+    judged = training.start(small(), tmp_path / "judged", judge=Fake(steady(*range(STEPS))))
+    assert "judged" not in load_policy(alone).card.results
+    for step in (4, 8):
+        saved = [folder / "policies" / str(step * PER_STEP) for folder in (alone, judged)]
+        assert weights(saved[0]) == weights(saved[1])
+    states = [(run / "checkpoints" / str(STEPS) / "state.npz").read_bytes() for run in (alone, judged)]
+    assert states[0] == states[1]
+
+
+def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
+    """He takes a second for each, in which the whole run is done."""
+    judge = Fake(steady(*range(STEPS)), after=1.0)
+    run = training.start(small(), tmp_path / "run", judge=judge)
+    saves = {k * PER_STEP for k in (2, 4, 6, 8)}
+    assert saves <= set(judge.asked)
+    assert len(judge.asked) < STEPS
+    assert set(judged_lines(run)) == set(judge.asked)
+    assert load_policy(run).card.results["judged"]["control_steps"] == STEPS * PER_STEP
+
+
+def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
+    verdicts = steady(1, 12, 9, 11, 12, 13, 14, 15)
+    verdicts[2 * PER_STEP] = Verdict(0.0, 1, 3, 7.5)  # it falls in the launch that counts
+    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(verdicts))
+    # Heard of during the train step after it.
+    assert latest_step(run) == 5
+    assert training.is_finished(run)
+    assert load_policy(run).card.results["judged"]["control_steps"] == 4 * PER_STEP
+    assert f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known " in log(run)
+    training.resume(run, judge=Fake({}))  # there is nothing left to do, and nothing to judge
+    assert latest_step(run) == 5
+
+
+def test_a_run_ends_as_soon_as_the_speed_is_known_and_waits_for_the_rest_of_that_verdict(tmp_path):
+    judge = Fake(steady(1, 2, 11, 3, 3, 3, 3, 3), after=1.0, early=True)
+    judge.places = STEPS
+    run = training.start(small(until=10.5), tmp_path / "run", judge=judge)
+    assert latest_step(run) == 4
+    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
+    assert set(judged_lines(run)) >= {64, 128, 192}
+    assert training.is_finished(run)
+
+
+def test_a_judge_that_fails_when_the_speed_is_known_stops_the_run_which_can_go_on(tmp_path):
+    verdicts = steady(1, 2, 11, 12, 13, 14, 15, 16)
+    judge = Fake(verdicts, after=1.0, early=True, error=RuntimeError("killed"))
+    judge.places = STEPS
+    with pytest.raises(RunStopped, match=r"the judge failed before his verdict was whole, kept step 4 of 8: python"):
+        training.start(small(until=10.5), tmp_path / "run", judge=judge)
+    assert not training.is_finished(tmp_path / "run")
+    training.resume(tmp_path / "run", judge=Fake(verdicts))
+    assert training.is_finished(tmp_path / "run")
+
+
+def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
+    run = training.start(small(until=20.0), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
+    assert latest_step(run) == STEPS
+    assert "reached" not in log(run)
+
+
+@pytest.mark.parametrize("verdicts_before", [0, 3])
+def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(tmp_path, verdicts_before):
+    """One warning, whether he is killed, raises or cannot be asked."""
+    verdicts: dict = steady(*range(STEPS, 0, -1))
+    for k in range(verdicts_before + 1, STEPS + 1):
+        verdicts[k * PER_STEP] = RuntimeError("a process of his\nwas killed")
+    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    assert latest_step(run) == STEPS
+    assert log(run).count("warning") == 1
+    assert "warning: no policy is judged any more, the newest is the run's own: a process of his was killed" in log(run)
+    assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
+    assert len(judged_lines(run)) == verdicts_before
+
+
+def test_a_judge_that_fails_in_the_end_leaves_the_newest_policy(tmp_path):
+    verdicts: dict = {**steady(*range(STEPS, 0, -1)), STEPS * PER_STEP: KeyError()}
+    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
+
+
+def test_a_resumed_run_knows_the_verdicts_of_before_and_has_the_others_judged(tmp_path, monkeypatch):
+    verdicts = steady(1, 2, 9, 4, 3, 2, 1, 1)
+    whole = training.start(small(), tmp_path / "whole", judge=Fake(verdicts))
+    judge = Fake(verdicts)
+
+    def caught_in_the_fourth_step(signals):
+        signals.caught = signal.SIGTERM if len(judge.asked) == 3 else None
+        judge.after = 1e9 if signals.caught else 0.0  # he does not come to the last policy
+        return signals.caught
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bp2_rl.learning.loop.StopSignals.heard", caught_in_the_fourth_step)
+        with pytest.raises(RunStopped):
+            training.start(small(), tmp_path / "run", judge=judge)
+    run = tmp_path / "run"
+    assert latest_step(run) == 4
+    assert set(judged_lines(run)) == {64, 128, 192}
+    judge = Fake(verdicts)
+    training.resume(run, judge=judge)
+    assert judge.asked == [k * PER_STEP for k in (4, 5, 6, 7, 8)]
+    assert judged_lines(run) == judged_lines(whole)
+    assert weights(run / "policy") == weights(whole / "policy")
+    states = [(folder / "checkpoints" / str(STEPS) / "state.npz").read_bytes() for folder in (run, whole)]
+    assert states[0] == states[1]
+
+
+def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
+    run = training.start(small(), tmp_path / "run", judge=Fake(steady(1, 2, 3, 9, 3, 3, 3, 3)))
+    shutil.rmtree(run / "checkpoints" / str(STEPS))
+    before = weights(run / "policy")
+    (run / "policies" / str(4 * PER_STEP) / "weights.npz").write_bytes(b"")
+    training.resume(run, judge=Fake(steady(*[3.0] * STEPS)))
+    assert latest_step(run) == STEPS
+    assert "warning: the run's own policy stays as it is: " in log(run)
+    assert weights(run / "policy") == before
+
+
+def test_damaged_lines_of_metrics_are_no_verdicts(tmp_path):
+    (tmp_path / "metrics.jsonl").write_text(
+        '{"step": 64, "judged/speed": 3, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
+        '{"step": 64, "reward": 3}\n'
+        '{"step": 128, "judged/speed": null, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
+        '[1]\n{"step": "x", "judged/speed": 3, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
+        "not JSON\n"
+        '{"step": 192, "judged/speed": 4, "judged/falls": 1, "judged/launches": 3, "judged/mean": 2}\n'
+        '{"step": 256, "judged/speed": 5, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
+        '{"step": 320, "judged/sp'
+    )
+    assert verdicts_of(tmp_path, 192) == {64: Verdict(3.0, 0, 3, 2.0), 192: Verdict(4.0, 1, 3, 2.0)}

@@ -1,0 +1,73 @@
+"""`bp2 paper figures` as a user meets it."""
+
+import pytest
+
+from bp2_rl.base.serialization import load_config
+from bp2_rl.paper.cli import figures
+from bp2_rl.paper.cli.figures import Report, main
+from bp2_rl.paper.figures.registry import FIGURES
+from bp2_rl.simulation import rollout
+
+
+@pytest.fixture(autouse=True)
+def settled_soon(monkeypatch):
+    """The robot that is drawn comes to rest sooner."""
+    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
+
+
+@pytest.mark.parametrize(
+    "name", sorted(FIGURES.keys() - {"strides", "operating", "learning", "identifiability", "binding"})
+)
+def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys):
+    out = tmp_path / "out"
+    for _ in range(2):  # an old report is replaced
+        assert main([name, "--out", str(out)]) == 0
+    report = load_config(Report, out / "metrics.json")
+    assert (report.figure, report.panel) == (name, FIGURES[name].panel)
+    assert report.comparisons
+    assert report.results
+    assert {path.suffix for path in out.iterdir()} == {".json", ".png"}
+    assert str(out) in capsys.readouterr().out
+
+
+def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
+    assert main(["race", "--out", str(tmp_path)]) == 0
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    paper = load_config(Report, tmp_path / "metrics.json").results["paper"]
+    assert f"T = {paper['time_constant']:.2f} s" in shown or f"{paper['time_constant']:.2f}" in shown
+    assert f"{paper['constant_times']['trained sprinter']:.2f}" in shown
+    assert f"{paper['deficit']:.2f} s behind" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["scaling", "--mammals", "{bad}"], "needs one column 'species'"),
+        (["race", "--athletes", "{bad}"], "needs one column 'athlete'"),
+        (["race", "--athletes", "nowhere.csv"], "cannot be read"),
+        (["race", "--runs", "nowhere"], "no report in nowhere"),
+        (["scaling", "--runs", "nowhere"], "no report in nowhere"),
+        (["strides"], "--runs takes one report"),
+        (["operating"], "--runs takes reports"),
+        (["learning"], "--runs: name the folders of one training or more"),
+        (["scaling", "--speed", "3"], "--speed"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(words, says, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bad = tmp_path / "bad.csv"
+    bad.write_text("beast,weight\ncheetah,50\n")
+    assert main([word.format(bad=bad) for word in words]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [bad]
+
+
+def test_a_folder_of_another_figure_is_kept(tmp_path, capsys):
+    assert main(["race", "--out", str(tmp_path)]) == 0
+    before = (tmp_path / figures.METRICS).read_bytes()
+    assert main(["scaling", "--out", str(tmp_path)]) == 2
+    assert "holds a report of race" in capsys.readouterr().err
+    assert (tmp_path / figures.METRICS).read_bytes() == before

@@ -1,0 +1,86 @@
+"""Operating points of motors whose torque and speed are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, save_config, to_json
+from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
+from bp2_rl.paper.figures.operating import OperatingNumbers, compare, measure, motors, operating
+from bp2_rl.paper.figures.settings import OperatingSettings
+from bp2_rl.robot.specs import BUILT, MOTOR_NAMES
+
+HIND_HIPS = [MOTOR_NAMES.index("RR_hip"), MOTOR_NAMES.index("RL_hip")]
+
+
+@pytest.fixture
+def report(tmp_path):
+    """A folder of a run's report."""
+
+    def report(name, run):
+        folder = tmp_path / name
+        folder.mkdir()
+        save_config(folder / "metrics.json", Report("topspeed", {"robot": "ideal: none"}, {}))
+        run.save(folder / TRAJECTORY)
+        return folder
+
+    return report
+
+
+@pytest.fixture
+def known(make_run):
+    """Hind hips: 100 Nm at w = 10 sin; fore knees: at their limit of 120 Nm, at 22 rad/s against it for a tenth."""
+    run = make_run(duration=6.0)
+    speed, torque = np.zeros((len(run), 12)), np.zeros((len(run), 12))
+    speed[:, HIND_HIPS] = 10.0 * np.sin(2 * np.pi * 4.0 * run.time)[:, None]
+    torque[:, HIND_HIPS] = 100.0
+    knees = [MOTOR_NAMES.index("FR_knee"), MOTOR_NAMES.index("FL_knee")]
+    torque[:, knees] = -120.0
+    speed[:, knees] = np.where(run.time % 1.0 < 0.1, 22.0, 0.0)[:, None]
+    qvel = run.qvel.copy()
+    qvel[:, [6 + 4 * (i // 3) + i % 3 for i in range(12)]] = speed
+    return dataclasses.replace(run, qvel=qvel, torque=torque)
+
+
+def test_motors_are_those_of_their_names():
+    assert [MOTOR_NAMES[i] for i in motors("hind", "hip")] == ["RR_hip", "RL_hip"]
+    assert [MOTOR_NAMES[i] for i in motors("fore", "knee")] == ["FR_knee", "FL_knee"]
+
+
+def test_points_are_measured_in_all_quadrants(known):
+    """Root mean squares of a sine; shares of time by construction, of the hold of whole cycles."""
+    found = {kind.name: kind for kind in measure(known).kinds}
+    hip, knee = found["hind hip"], found["fore knee"]
+    assert (hip.driving, hip.braking) == pytest.approx((1000.0, 1000.0), rel=1e-3)  # a sample may miss the peak
+    assert (hip.torque, hip.speed) == pytest.approx((100.0, 10.0 / np.sqrt(2.0)))
+    assert hip.on_envelope == 0.0
+    assert hip.brakes == pytest.approx(0.5, abs=0.01)
+    assert knee.on_envelope == 1.0
+    assert knee.beyond_no_load == knee.brakes == pytest.approx(0.1, abs=0.001)
+    assert (knee.driving, knee.braking) == pytest.approx((0.0, 22.0 * 120.0))
+    assert found["hind knee"].torque == 0.0
+
+
+def test_the_papers_statement_on_envelopes_is_decided_by_the_shares(known):
+    numbers = OperatingNumbers((measure(known),), 1764.0, 180.0)
+    first, *_ = compare(numbers)
+    assert first.verdict == "differs"  # hind hips are never there
+    torque = known.torque.copy()
+    torque[::20, HIND_HIPS] = 120.0
+    first, *_ = compare(dataclasses.replace(numbers, runs=(measure(dataclasses.replace(known, torque=torque)),)))
+    assert first.verdict == "same"
+
+
+def test_runs_of_one_robot_are_drawn(known, make_run, report):
+    slow, fast = report("slow", known), report("fast", make_run(duration=6.0, speed=6.0))
+    drawn = operating(OperatingSettings((slow, fast)))
+    assert list(drawn.pictures) == ["operating"]
+    assert [run.speed for run in drawn.results.runs] == pytest.approx([5.0, 6.0])
+    assert drawn.results.peak == pytest.approx(1764.0)
+    assert from_json(OperatingNumbers, to_json(drawn.results)) == drawn.results
+    assert all(len(line) == len(table.head) for table in drawn.tables for line in table.lines)
+    other = report("other", make_run(duration=6.0, hardware=BUILT))
+    with pytest.raises(UserError, match="of different robots"):
+        operating(OperatingSettings((slow, other)))

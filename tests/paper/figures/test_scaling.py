@@ -1,0 +1,151 @@
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Annotation
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import save_config, to_json
+from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
+from bp2_rl.paper.figures.scaling.figure import scaling, scaling_figure
+from bp2_rl.paper.figures.scaling.numbers import ScalingNumbers, compare, count, find, measure, shipped
+from bp2_rl.paper.figures.scaling.settings import ScalingSettings
+from bp2_rl.paper.robots import Robot
+
+
+@pytest.fixture(scope="module")
+def numbers() -> ScalingNumbers:
+    return measure(ScalingSettings())
+
+
+@pytest.fixture
+def leave_report(make_run, tmp_path):
+    """A topspeed report of a run whose best second is known."""
+
+    def leave(speed=15.26, robot="ideal: no losses", benchmark="topspeed", name="report"):
+        folder = tmp_path / name
+        folder.mkdir()
+        report = Report(benchmark, {"robot": robot}, {benchmark: {"top_speed": speed}})
+        save_config(folder / "metrics.json", report)
+        make_run(duration=0.1, mass=35.8).save(folder / TRAJECTORY)
+        return folder
+
+    return leave
+
+
+def test_robots_have_the_shares_of_the_law_that_the_specification_has(numbers):
+    for name, share in {
+        "BP2": 0.65, "WildCat": 0.51, "KAIST Hound": 0.38, "MIT Cheetah II": 0.39, "BlackPanther": 0.39,
+        "DeepRobotics Lite3": 0.37, "Unitree Go1": 0.37,
+    }.items():  # fmt: skip
+        assert find(numbers.robots, name).share == pytest.approx(share, abs=0.005), name
+    assert numbers.treadmill.share == pytest.approx(0.80, abs=0.005)
+
+
+def test_the_papers_band_holds_ten_of_26(numbers):
+    spread = numbers.spread
+    assert (len(spread.below), len(spread.within), len(spread.above), spread.number) == (9, 10, 7, 26)
+    assert spread.unknown == ("WildCat",)
+    assert set(spread.above) == {
+        "KAIST Raibo2", "Unitree Go2", "ANYmal", "DeepRobotics Lynx M20", "DeepRobotics Lite3", "DeepRobotics X30",
+        "Unitree Go1",
+    }  # fmt: skip
+    # The 13th and 14th of 26 are BlackPanther, 10 x 9.8 x 5 / (18 x 42), and Spot, 32.5 x 9.8 x 5.2 / (98 x 25.56).
+    assert spread.median == pytest.approx(0.5 * (490.0 / 756.0 + 1656.2 / 2504.88))
+    assert (len(spread.legged_within), spread.legged) == (8, 23)
+
+
+def test_the_ends_of_the_band_are_in_it():
+    def robot(demand):
+        return Robot(f"{demand}", 1.0, 9.8, 1.0, demand, wheels=False, source="made up")
+
+    spread = count([robot(demand) for demand in (0.59, 0.6, 0.7, 0.8, 0.81)])
+    assert (spread.below, spread.above) == (("0.59",), ("0.81",))
+    assert spread.median == pytest.approx(0.7)
+    assert spread.quartiles == pytest.approx((0.6, 0.8))
+
+
+def test_the_policy_that_ships_is_in_the_figure_as_its_card_has_it(numbers):
+    (card,) = shipped()
+    (placed,) = numbers.simulated
+    assert placed.top_speed == card.top_speed > 10.0
+    assert placed.demand == pytest.approx(35.8 * 9.81 * card.top_speed / (120 * 21.4))
+    assert "built" in placed.name
+
+
+def test_reports_take_its_place(leave_report):
+    folders = leave_report(), leave_report(robot="built: with losses", speed=13.49, name="other")
+    ideal, built = measure(ScalingSettings(runs=folders)).simulated
+    assert (ideal.name, built.name) == ("simulated, ideal robot", "simulated, built robot")
+    assert ideal.share == pytest.approx(0.92, abs=0.005)
+    assert ideal.demand == pytest.approx(2.087, abs=5e-4)
+
+
+def test_runs_of_one_robot_are_told_apart_by_their_folders(leave_report):
+    folders = leave_report(), leave_report(speed=14.0, name="other")
+    names = [robot.name for robot in measure(ScalingSettings(runs=folders)).simulated]
+    assert all(str(folder) in name for folder, name in zip(folders, names, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"), [({"benchmark": "sprint"}, "--benchmark topspeed"), ({"speed": None}, "no whole second")]
+)
+def test_a_report_of_something_else_is_refused(leave_report, changes, says):
+    with pytest.raises(UserError, match=says):
+        measure(ScalingSettings(runs=(leave_report(**changes),)))
+
+
+def test_every_statement_that_differs_says_why(numbers):
+    said = {comparison.paper: comparison for comparison in compare(numbers)}
+    assert all(comparison.because for comparison in said.values() if comparison.verdict != "same")
+    band = said["the ratio is typically between 0.6 and 0.8"]
+    assert band.verdict == "differs"
+    assert "10 of the 26" in band.ours
+
+
+def test_a_users_mammals_are_weighed_against_the_law(tmp_path):
+    path = tmp_path / "mammals.csv"
+    path.write_text("species,mass [kg],top speed [km/h]\nlawful,36,59.748\nslow,36,29.874\n")
+    numbers = measure(ScalingSettings(mammals=path))
+    assert [species.share for species in numbers.mammals] == pytest.approx([1.0, 0.5], abs=1e-4)  # 5 digits above
+    assert compare(numbers)[-1].verdict == "differs"  # the law is above the middle half
+
+
+def test_the_picture_shows_the_numbers_of_the_file(numbers):
+    data = to_json(scaling(ScalingSettings()).results)
+    law, motors, ratio = scaling_figure(numbers).axes
+    robots = [*data["robots"], data["treadmill"], *data["simulated"]]
+    assert points(law) >= {(robot["mass"], robot["top_speed"]) for robot in robots}
+    known = [robot for robot in robots if robot["demand"] is not None]
+    assert {y for _, y in points(motors)} >= {robot["mass"] * 9.8 * robot["top_speed"] for robot in known}
+    assert {x for x, _ in points(ratio)} >= {robot["demand_as_printed"] for robot in known}
+
+
+def points(axes: Axes) -> set[tuple[float, float]]:
+    """What is drawn as single marks."""
+    lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
+    return {(float(x), float(y)) for ((x, y),) in (line for line in lines if len(line) == 1)}
+
+
+@pytest.mark.parametrize("more", [(), (15.26, 14.0, 12.0)])
+def test_no_robots_name_covers_another(numbers, more):
+    extra = tuple(
+        dataclasses.replace(numbers.treadmill, name=f"simulated {speed:g}", top_speed=speed) for speed in more
+    )
+    figure = scaling_figure(dataclasses.replace(numbers, simulated=(*numbers.simulated, *extra)))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for axes in figure.axes[:2]:
+        names = [text for text in axes.texts if isinstance(text, Annotation) and text.get_path_effects()]
+        assert len(names) > 15
+        boxes = [text.get_window_extent(renderer) for text in names]
+        touching = [
+            (one.get_text(), other.get_text())
+            for (one, a), (other, b) in itertools.combinations(zip(names, boxes, strict=True), 2)
+            if a.overlaps(b)
+        ]
+        assert not touching
+        page = axes.get_window_extent(renderer)
+        assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for box in boxes)

@@ -1,0 +1,143 @@
+"""The index: no item without a row, and every verdict by what the reports hold."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+from paper_items import paper_items
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.paper.cli.index import is_known
+from bp2_rl.paper.index.item import Check, Item, Number, fill, look_up, places
+from bp2_rl.paper.index.items import ITEMS
+from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
+
+SKELETON = Path(__file__).with_name("paper_items.tex")
+"""The paper without its words: where its figures, tables, equations and movies are, and what panels they have."""
+BY_NAME = {source.name: source for source in SOURCES}
+REPORTS = {"one": {"runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}], "said": "wind", "none": None}}
+
+
+# --- The rows ------------------------------------------------------------------------------------------------
+
+
+def test_no_item_of_the_paper_is_without_a_row():
+    of_paper = [item.id for item in ITEMS if not item.id.startswith("beyond-")]
+    assert sorted(paper_items(SKELETON.read_text())) == sorted(of_paper)
+    assert len({item.id for item in ITEMS}) == len(ITEMS)
+
+
+def test_the_parse_of_the_paper_finds_panels_ranges_and_what_has_no_number():
+    tex = r"""
+    \begin{figure}\caption{\textbf{All.} (\textbf{A-C}) x, \textbf{D}, the left inset}\end{figure}
+    \begin{figure}\caption{\textbf{A robot.} none}\end{figure} \begin{equation}a\end{equation} Movie~S1
+    \setcounter{figure}{0}
+    \begin{equation}b\end{equation} \begin{table}\caption{x}\end{table} \begin{table}\end{table} Movies S1 and S3
+    """
+    assert paper_items(tex) == [
+        "fig-1-a", "fig-1-b", "fig-1-c", "fig-1-d", "fig-1-inset", "fig-2", "eq-1", "eq-s1", "table-s1",
+        "table-s1-symbols", "movie-s1", "movie-s2", "movie-s3",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.id)
+def test_a_row_says_how_it_is_known(item):
+    """A number decides, or the row says why none can; every number comes from a command that there is."""
+    assert bool(item.checks) != bool(item.stated)
+    assert item.because or item.stated != "differs"
+    assert item.because or item.stated != "needs hardware"
+    assert item.source or item.command or item.stated == "needs hardware"
+    for at in (*places(item), *(check.at for check in item.checks)):
+        assert at.partition(":")[0] in BY_NAME
+    assert item.source is None or item.source in BY_NAME
+    # All braces are places of numbers, and none of them is left as it is.
+    assert not re.search(r"[{}]", re.sub(r"\{\w+:[^|{}]+\|[^{}]*\}", "", f"{item.ours} {item.because}"))
+
+
+# --- Verdicts ------------------------------------------------------------------------------------------------
+
+
+def row(**rest):
+    return fill(Item("fig-9", "Fig. 9", "a run", "one", **rest), REPORTS, {"two": "this version has no bp2 two"})
+
+
+SHARE = "one:runs/name=a.b/share"
+
+
+def test_all_checks_decide_and_their_numbers_are_the_files():
+    found = row(ours="a share of {" + SHARE + "|.0%}, {one:none|.2f} and {one:said|}", checks=(Check(SHARE, 0.4, 0.6),))
+    assert found.verdict == "same"
+    assert [part if isinstance(part, str) else part.text for part in found.ours] == [
+        "a share of ", "50%", ", ", "-", " and ", "wind",
+    ]  # fmt: skip
+    assert [part.value for part in found.ours if isinstance(part, Number)] == [0.5, None, "wind"]
+    assert row(checks=(Check(SHARE, 0.4), Check(SHARE, most=0.45))).verdict == "differs"
+    assert row(checks=(Check("one:said", words="rain"),)).verdict == "differs"
+    assert row(checks=(Check("one:none", most=3.0),)).verdict == "differs"
+    assert row(stated="not comparable").verdict == "not comparable"
+
+
+def test_what_was_not_run_says_why():
+    found = row(ours="{two:share|.2f}", stated="same")
+    assert (found.verdict, found.ours, found.because) == ("not run", (), ("two: this version has no bp2 two",))
+
+
+def test_an_entry_is_found_by_place_by_number_and_by_name():
+    assert look_up(REPORTS, "one:runs/0/share") == look_up(REPORTS, "one:runs/speed=10/share") == 0.5
+    for path in ("runs/1", "runs/name=c", "said/x", "gone"):
+        with pytest.raises(UserError, match=f"the report of one has no {path}: remove its folder"):
+            look_up(REPORTS, f"one:{path}")
+
+
+# --- What a report is made of ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def policy(tmp_path):
+    folder = tmp_path / "policy"
+    folder.mkdir()
+    (folder / "card.json").write_text("{}")
+    return folder
+
+
+def keys(choice, version="1"):
+    found = {}
+    for source in SOURCES:
+        found[source.name] = key_of(source, choice, version, found)
+    return found
+
+
+def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(policy, tmp_path):
+    before = keys(Choice(policy))
+    moved = policy.rename(tmp_path / "elsewhere")
+    assert keys(Choice(moved)) == before
+    assert not set(keys(Choice(moved), version="2").values()) & set(before.values())
+    (moved / "card.json").write_text('{"seed": 1}')
+    of_policy = {name for name, key in keys(Choice(moved)).items() if key != before[name]}
+    runs = {source.name for source in SOURCES if source.benchmark}
+    assert of_policy == runs | {"scaling", "race", "strides", "operating", "binding"}  # which draw runs
+    quick = keys(Choice(moved, quick=True))
+    assert {name for name, key in keys(Choice(moved)).items() if key != quick[name]} == {
+        source.name for source in SOURCES if source.quick
+    }
+
+
+def test_commands_are_told_what_is_chosen(policy, tmp_path):
+    choice = Choice(policy, quick=True, film=False)
+    assert arguments(BY_NAME["endurance"], choice, tmp_path) == [
+        "eval", str(policy), "--benchmark", "endurance", "--quick",
+    ]  # fmt: skip
+    assert arguments(BY_NAME["topspeed"], choice, tmp_path)[-1] == "--no-video"
+    assert arguments(BY_NAME["race"], choice, tmp_path)[2:] == [
+        "--runs", f"{tmp_path}/sprint", f"{tmp_path}/sprint_ideal",
+    ]  # fmt: skip
+    assert BY_NAME["endurance"].command == "bp2 paper eval --benchmark endurance"
+    assert BY_NAME["simulate"].command == "bp2 paper pendulum simulate"
+
+
+def test_a_command_that_this_version_lacks_is_known_as_such():
+    assert is_known(BY_NAME["topspeed"])
+    assert is_known(BY_NAME["race"])
+    assert not is_known(dataclasses.replace(BY_NAME["topspeed"], benchmark="none"))
+    assert not is_known(dataclasses.replace(BY_NAME["race"], words=("paper", "figures", "none")))

@@ -1,0 +1,81 @@
+"""Free motion, against what is kept and against closed forms and quadratures."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+
+from bp2_rl.paper.pendulum import beam, exact
+from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, Motion, swing
+
+EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
+
+
+def over(periods: float, samples: int) -> np.ndarray:
+    """Time over so many natural periods, each with so many samples."""
+    return np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * samples) + 1)
+
+
+def period(motion: Motion) -> np.ndarray:
+    """Of each system: mean over as many whole periods as there are, of its last pendulum's passages to the left."""
+    periods = []
+    for system in range(len(motion.mass_ratio)):
+        angle = CubicHermiteSpline(motion.time, motion.theta[:, system, -1], motion.rate[:, system, -1])
+        passages = angle.roots(extrapolate=False)
+        passages = passages[angle(passages, 1) < 0.0]
+        periods.append((passages[-1] - passages[0]) / (len(passages) - 1))
+    return np.array(periods)
+
+
+def test_energy_and_momentum_are_kept_for_forty_periods():
+    released = np.array([(np.pi / 3.0, 0.0), (np.pi / 3.0, 0.0), (1.0, -0.4), (2.0, 1.5), (2.0, 1.5)])
+    motion = swing(released, np.array([1.0, 50.0, 5.0, 1.0, 5.0]), over(40.0, 20))
+    energies = motion.energies
+    kept = energies.pendulums.sum(axis=-1) + energies.beam
+    np.testing.assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), atol=1e-9)
+    momentum = beam.momentum(motion.theta, motion.rate, motion.beam_rate, motion.mass_ratio)
+    np.testing.assert_allclose(momentum, 0.0, atol=1e-9)
+    # So the centre of mass stays where it was.
+    place = (motion.mass_ratio + 2.0) * motion.beam_position + np.sin(motion.theta).sum(axis=-1)
+    np.testing.assert_allclose(place, np.broadcast_to(place[0], place.shape), atol=1e-9)
+
+
+def test_in_antiphase_the_beam_rests_and_the_period_is_a_pendulums():
+    amplitude = np.array([0.1, 1.0, 2.5, 1.0])
+    motion = swing(amplitude[:, None] * (-1.0, 1.0), np.array([1.0, 1.0, 1.0, 50.0]), over(8.0, 500), EXACT)
+    np.testing.assert_allclose(motion.beam_position, 0.0, atol=1e-12)
+    # Cubics between samples are right to 1e-9, and the mean is over six periods.
+    np.testing.assert_allclose(period(motion), [exact.antiphase_period(one) for one in amplitude], atol=1e-9)
+
+
+def test_in_phase_the_period_is_that_of_the_quadrature():
+    amplitude, mass_ratio = np.array([0.1, 1.0, 2.5, 1.0]), np.array([1.0, 1.0, 5.0, 50.0])
+    motion = swing(np.repeat(amplitude[:, None], 2, axis=1), mass_ratio, over(8.0, 2000), EXACT)
+    expected = [exact.in_phase_period(*one) for one in zip(amplitude, mass_ratio, strict=True)]
+    np.testing.assert_allclose(period(motion), expected, atol=1e-9)
+
+
+def test_four_in_phase_keep_the_period_of_their_quadrature():
+    motion = swing(np.full((1, 4), 0.8), np.array([8.8]), over(8.0, 2000), EXACT)
+    np.testing.assert_allclose(period(motion), exact.in_phase_period(0.8, 8.8, pendulums=4), atol=1e-9)
+
+
+def test_small_swings_are_the_two_modes():
+    small = 3e-5  # what the closed form leaves out is of the order of A^2 a radian: 2e-7 over 40 periods
+    ratios = np.array([0.5, 1.0, 10.0])
+    motion = swing(np.tile((small, 0.0), (3, 1)), ratios, over(40.0, 20), EXACT)
+    expected = np.stack([exact.small_swing(small, motion.time, ratio) for ratio in ratios], axis=1)
+    np.testing.assert_allclose(motion.theta / small, expected / small, atol=1e-6)
+
+
+def test_limits_of_the_closed_forms():
+    assert exact.antiphase_period(1e-4) == pytest.approx(NATURAL_PERIOD, rel=1e-9)
+    # The amplitude's square is left out.
+    assert exact.in_phase_period(1e-4, 1.0) * exact.in_phase_frequency(1.0) == pytest.approx(NATURAL_PERIOD, rel=1e-7)
+    assert exact.in_phase_period(1.2, 1e12) == pytest.approx(exact.antiphase_period(1.2), rel=1e-11)
+    # Huygens' beat: the modes are a whole turn apart.
+    assert (exact.in_phase_frequency(3.0) - 1.0) * exact.beat_period(3.0) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_a_beam_too_heavy_to_move_leaves_pendulums_alone():
+    motion = swing(np.array([1.0, 0.0]), np.array(1e9), over(10.0, 20))
+    np.testing.assert_allclose(motion.theta[:, 1], 0.0, atol=1e-6)

@@ -1,0 +1,151 @@
+"""The energy ledger and what is seen under the feet, of short runs of a robot that trots without a policy."""
+
+import dataclasses
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from bp2_rl.robot.actuator import bus_power, torque_limits
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
+from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.account import CAUSES, account, before_contact, beyond_envelope, replay
+from bp2_rl.simulation.machine import OUTSIDE, Machine
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
+
+CONFIG = EnvConfig()  # the action is added to the reference motion
+
+
+def no_action(observation):
+    return 0.0 * observation[..., :12]
+
+
+@cache
+def trot(hardware: HardwareSpec = BUILT):
+    """Up to 2 m/s, half a second of it held."""
+    return rollout_mujoco(no_action, Ramp((2.0, 0.0, 0.0), acceleration=4.0, hold=0.5), CONFIG, hardware=hardware)
+
+
+@pytest.mark.parametrize("hardware", [IDEAL, BUILT], ids=["ideal", "built"])
+def test_energy_closes_in_every_millisecond(hardware):
+    """What the motors draw is what is lost and stored, each computed by itself; converged contacts leave 1e-9."""
+    power = account(trot(hardware)).power
+    assert power.closure < 1e-6
+    assert set(power.lost) == set(CAUSES)
+    whole = power.mean - sum(power.lost.values()) - power.stored - power.integration
+    assert abs(whole) < 0.02 * power.mean  # the ledger's last millisecond has no energy after it
+    assert power.stored > 10.0  # 36 kg were brought to 2 m/s in a second
+    lossless = {"gears", "joints", "slides", "air"}
+    if hardware is IDEAL:
+        assert all(power.lost[cause] == 0.0 for cause in lossless)
+    else:
+        assert all(power.lost[cause] > 0.0 for cause in lossless)
+
+
+@pytest.mark.parametrize(
+    "forgotten",
+    [
+        {"losses": dataclasses.replace(BUILT.losses, drag_area=0.0)},
+        {"losses": dataclasses.replace(BUILT.losses, gear_efficiency=1.0)},
+        {"losses": dataclasses.replace(BUILT.losses, joint_friction=0.0)},
+        {"losses": dataclasses.replace(BUILT.losses, spring_friction=0.0)},
+        {"contact_time": 0.006},
+        {"spring_damping": 0.0},
+    ],
+    ids=["air", "gears", "joints", "slides", "ground", "dampers"],
+)
+def test_a_loss_that_was_not_booked_is_missed(forgotten):
+    """The same run, booked as if its robot were another: the balance no longer closes."""
+    run = dataclasses.replace(trot(), hardware=dataclasses.replace(BUILT, **forgotten))
+    assert account(run).power.closure > 1e-5
+
+
+def test_energy_is_of_motion_height_and_springs():
+    """Against one half v' M v, m g h of the bodies, and one half k s^2 of the springs within their travel."""
+    run = trot(IDEAL)
+    ledger, _ = replay(run)
+    machine = Machine(EnvConfig())
+    model, data = machine.model, machine.data
+    for k in (0, 400, 760):
+        data.qpos[:], data.qvel[:] = run.qpos[k], run.qvel[k]
+        mujoco.mj_forward(model, data)
+        momentum = np.zeros(22)
+        mujoco.mj_mulM(model, data, momentum, data.qvel)
+        springs = np.where(run.spring_compression[k] < 0.0, 36e3, 6e3) * run.spring_compression[k] ** 2
+        height = float(np.sum(model.body_mass * data.xipos[:, 2]))
+        expected = 0.5 * data.qvel @ momentum + 9.81 * height + 0.5 * np.sum(springs)
+        assert ledger.energy[k] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_bus_is_what_the_motors_draw():
+    run = trot()
+    ledger, _ = replay(run)
+    machine = Machine(EnvConfig(hardware=BUILT))
+    mean = 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:])
+    np.testing.assert_allclose(ledger.bus, bus_power(machine.motors, run.torque[:-1], mean), rtol=1e-12)
+
+
+def test_gears_lose_their_share_of_the_motors_work():
+    """8 % of |torque x speed|, where a joint is not at rest: most of the time."""
+    run = trot()
+    ledger, _ = replay(run)
+    work = np.sum(np.abs(run.torque * run.joint_velocity), axis=-1)
+    assert np.mean(ledger.lost["gears"]) == pytest.approx(0.08 * np.mean(work), rel=0.1)
+
+
+def test_no_torque_leaves_the_envelope_at_any_time_of_a_built_robots_millisecond():
+    """Under targets as rough as they can be; the ideal robot leaves it, by its own account."""
+
+    def rough(hardware):
+        machine, rng = Machine(EnvConfig(hardware=hardware)), np.random.default_rng(0)
+        machine.settle(0.05, 10.0)
+        worst = 0.0
+        for _ in range(60):
+            target = machine.data.qpos[MOTOR_QPOS] + rng.uniform(-0.5, 0.5, 12)
+            for _ in range(5):
+                before = machine.data.qvel[MOTOR_QVEL].copy()
+                torque = machine.millisecond(target, np.zeros(12))
+                for qd in (before, machine.data.qvel[MOTOR_QVEL]):
+                    lower, upper = torque_limits(machine.motors, qd)
+                    worst = max(worst, float(np.max(np.maximum(torque - upper, lower - torque))))
+        return worst
+
+    assert rough(dataclasses.replace(IDEAL, envelope="throughout")) <= OUTSIDE + 1e-9
+    assert rough(IDEAL) > 5.0
+    assert np.max(beyond_envelope(trot())) <= OUTSIDE + 1e-9
+
+
+def test_soles_are_where_they_are_and_move_as_they_move():
+    """Heights and velocities of the soles against differences of the heights."""
+    run = trot()
+    _, soles = replay(run)
+    np.testing.assert_allclose(np.diff(soles.height, axis=0) / run.dt, soles.velocity[1:, :, 2], atol=0.6)
+    assert account(run).ground.depth == pytest.approx(-np.min(soles.height))
+    assert 0.0 < account(run).ground.depth < 0.02
+
+
+def test_a_landing_is_looked_at_just_before_the_foot_touches():
+    touching = np.array([0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1], bool)
+    assert list(before_contact(touching, np.array([4, 9]))) == [3, 8]
+    assert list(before_contact(touching, np.array([], int))) == []
+
+
+def test_springs_give_what_they_were_given():
+    """Against one half k s2 of the springs of 6000 N/m, their rebound stops of 36 kN/m in all included."""
+    run = trot(IDEAL)
+    ledger, _ = replay(run)
+    s = run.spring_compression[:-1]
+    held = 0.5 * np.where(s < 0.0, 36e3, 6e3) * s**2
+    given = np.cumsum(ledger.springs, axis=0) * run.dt
+    # The force is that at the beginning of its millisecond: a hundredth of what a spring holds.
+    np.testing.assert_allclose(given[:-1], held[0] - held[1:], atol=0.03 * np.max(held))
+    assert np.max(held) > 2.0  # J
+
+
+def test_motors_and_windings_make_the_bus():
+    ledger, _ = replay(trot())
+    np.testing.assert_allclose(np.sum(ledger.motors + ledger.copper, axis=1), ledger.bus, rtol=1e-12, atol=1e-9)
+    assert np.min(ledger.copper) >= 0.0

@@ -1,0 +1,71 @@
+"""Who runs what, and that workers stay where they are asked to."""
+
+import dataclasses
+import functools
+import os
+import signal
+
+import numpy as np
+
+from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.simulation import parallel, team
+from bp2_rl.simulation.machine import Numerics
+from bp2_rl.simulation.parallel import dealt, in_parallel, keep_workers, run_team
+from bp2_rl.simulation.schedule import Course
+from bp2_rl.simulation.team import Try
+
+LIGHT = dataclasses.replace(BUILT, mass_scale=0.9)
+
+
+def lasting(seconds, robot=BUILT, **how):
+    return Try(Course().hold(seconds), robot, **how)
+
+
+def test_each_is_dealt_out_once_and_work_is_shared():
+    tries = [lasting(seconds) for seconds in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)]
+    shares = dealt(tries, 2)
+    assert sorted(i for share in shares for i in share) == list(range(6))
+    assert [sum(tries[i].schedule.duration for i in share) for share in shares] == [10.0, 14.0]
+    assert shares == [[3, 2, 1, 0], [5, 4]]  # the longest first
+    assert dealt(tries[:1], 4) == [[0]]
+
+
+def test_a_robot_stays_with_one_worker():
+    """It is brought to a stand once."""
+    robots = BUILT, IDEAL, LIGHT, BUILT, IDEAL, LIGHT, BUILT, IDEAL
+    shares = dealt([lasting(1.0, robot) for robot in robots], 4)
+    assert [{robots[i] for i in share} for share in shares] == [{BUILT}, {BUILT, IDEAL}, {IDEAL}, {LIGHT}]
+
+
+def test_finer_physics_is_more_work():
+    fine = lasting(1.0, numerics=Numerics(steps=4, motors_each_step=True))
+    assert dealt([lasting(1.0), lasting(1.0), lasting(1.0), lasting(1.0), fine], 2) == [[0, 1, 2, 3], [4]]
+
+
+def where(policy, task):
+    return os.getpid(), id(policy)
+
+
+def compiled(one, run):
+    return os.getpid(), team._compiled.cache_info().misses
+
+
+def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch):
+    """A policy that comes a second time is the one that a controller was compiled for."""
+    monkeypatch.setattr(parallel, "processors", lambda: 1)
+    zeros = functools.partial(np.zeros, dtype=np.float32)
+    layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
+    policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
+    with keep_workers():
+        first, then = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
+        ran = [run_team(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
+        os.kill(first[0][0], signal.SIGINT)  # as Ctrl-C does, to all at once
+        assert in_parallel(where, policy, ("three",)) == first[:1]
+    assert first == then == 2 * [first[0]]
+    assert ran == 2 * [2 * [(first[0][0], 1)]]
+    assert in_parallel(where, policy, ("four",))[0][0] != first[0][0]
+
+
+def test_tries_that_take_no_time_are_tries(make_policy):
+    assert dealt([Try(Course(), BUILT)], 2) == [[0]]
+    assert sorted(i for share in dealt([lasting(1.0), Try(Course(), IDEAL)], 2) for i in share) == [0, 1]

@@ -1,0 +1,175 @@
+"""Slopes, rough ground, pushes, latency and sensors against closed forms."""
+
+import dataclasses
+import math
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.env.observations import measure
+from bp2_rl.robot.model import load_model
+from bp2_rl.robot.specs import GRAVITY, IDEAL, STAND_JOINTS, Losses
+from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.simulation.machine import Machine
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.rollout import rollout_mujoco, standing_start
+from bp2_rl.simulation.schedule import Course, Ramp
+from bp2_rl.simulation.trajectory import yaw_of
+from bp2_rl.simulation.world import BEHIND, GRID, LEVEL, Push, World, sensed_pose
+
+STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
+TROTTING = EnvConfig()
+NOBODY = HeadingHold(limit=0.0)
+SLOPE = math.radians(4.0)
+
+
+def no_action(observation):
+    """Hold the standing pose, or follow the reference, as the control mode has it."""
+    return 0.0 * observation[..., :12]
+
+
+def stand(seconds=0.3, **given):
+    return rollout_mujoco(no_action, Course().hold(seconds), STANDING, **given)
+
+
+# --- Slopes ----------------------------------------------------------------------------------------------------
+
+
+def test_a_robot_in_flight_over_a_slope_falls_along_it():
+    """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with its legs."""
+    machine = standing_start(STANDING, World(slope=SLOPE))
+    model, data = machine.model, machine.data
+    data.qpos[2] += 1.0
+    mujoco.mj_forward(model, data)
+    momentum = model.body_mass.sum() * np.array([-math.sin(SLOPE), 0.0, -math.cos(SLOPE)]) * GRAVITY
+    np.testing.assert_allclose(-data.qfrc_bias[:3], momentum, rtol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.04, 0.9])
+def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction):
+    """a = -g (sin - mu cos) if it slides; with enough friction it stays, but for the sway of its legs."""
+    slippery = dataclasses.replace(IDEAL, friction=friction)
+    run = stand(0.6, hardware=slippery, world=World(slope=SLOPE))
+    late = run.between(0.3, 0.6)
+    acceleration = (late.qvel[-1, 0] - late.qvel[0, 0]) / (late.time[-1] - late.time[0])
+    slides = min(-GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE)), 0.0)
+    # MuJoCo's friction gives way a little before it slides, and the trunk sways on its springs.
+    assert acceleration == pytest.approx(slides, abs=0.05)
+
+
+def test_sensors_on_a_slope_know_the_true_vertical():
+    level = np.zeros(23)
+    level[3] = 1.0
+    up = measure(jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)).up
+    np.testing.assert_allclose(up, (math.sin(SLOPE), 0.0, math.cos(SLOPE)), atol=1e-6)
+
+
+# --- Rough ground ------------------------------------------------------------------------------------------------
+
+
+def test_rough_ground_has_the_heights_that_it_says():
+    """Found from above, with MuJoCo's rays, at points of the grid and half-way between them."""
+    world = World(roughness=0.03, seed=1)
+    heights = world.heights()
+    assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
+    machine = Machine(STANDING, world)
+    model, data = machine.model, machine.data
+    data.qpos[2] = 50.0
+    mujoco.mj_forward(model, data)
+    row = heights.shape[0] // 2 + 20  # 2 m to the left
+    for column in (0, 30, 777, 1250):
+        for between in (0.0, 0.5):
+            start = np.array([(column + between) * GRID - BEHIND, 2.0, 1.0])
+            hit = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, True, -1, np.zeros(1, np.int32))
+            expected = (1.0 - between) * heights[row, column] + between * heights[row, column + 1]
+            assert 1.0 - hit == pytest.approx(expected, abs=1e-6)  # MuJoCo keeps heights in float32
+
+
+def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
+    world = World(roughness=0.03)
+    rough, level = (standing_start(STANDING, w).data for w in (world, LEVEL))
+    # A sphere on a field of heights may touch two triangles: twice the friction holds the feet a few mrad otherwise.
+    np.testing.assert_allclose(rough.qpos, level.qpos, atol=5e-3)
+    force = np.sum(stand(world=world).foot_force[-1], axis=0)
+    assert force[2] == pytest.approx(np.sum(load_model().body_mass) * GRAVITY, rel=0.02)  # but for the sway
+
+
+def test_seeds_lay_other_ground():
+    one, again, other = (World(roughness=0.02, seed=seed).heights() for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert np.mean(one != other) > 0.9
+
+
+# --- Pushes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_push_is_a_jump_of_the_velocity_in_the_frame_of_the_heading():
+    data = mujoco.MjData(load_model())
+    yaw = 0.7
+    data.qpos[3], data.qpos[6] = math.cos(yaw / 2), math.sin(yaw / 2)
+    data.qvel[:] = 0.1
+    before = data.qvel.copy()
+    push = World(pushes=(Push(0.25, 1.0, -0.5),))
+    push.push(data, 249)
+    np.testing.assert_array_equal(data.qvel, before)
+    push.push(data, 250)
+    jump = data.qvel - before
+    expected = np.cos(yaw) + 0.5 * np.sin(yaw), np.sin(yaw) - 0.5 * np.cos(yaw)
+    np.testing.assert_allclose(jump[:2], expected, rtol=1e-12)
+    np.testing.assert_array_equal(jump[2:], 0.0)
+
+
+def test_a_push_comes_in_the_ms_that_it_says_and_changes_nothing_before():
+    calm, pushed = stand(), stand(world=World(pushes=(Push(0.2, 0.3, 0.4),)))
+    np.testing.assert_array_equal(calm.qvel[:200], pushed.qvel[:200])
+    jump = pushed.ground_velocity[200] - calm.ground_velocity[200]
+    np.testing.assert_allclose(jump, (0.3, 0.4), rtol=1e-9)
+
+
+# --- Latency and gyro --------------------------------------------------------------------------------------------
+
+
+def late(latency):
+    return dataclasses.replace(IDEAL, losses=Losses(latency=latency))
+
+
+@pytest.mark.parametrize("milliseconds", [3, 5, 12, 20])
+def test_targets_act_after_the_latency_to_the_ms(milliseconds):
+    """The kinematic gait's targets do not depend on the robot: late ones are the same, so many ms later."""
+    prompt, delayed = (
+        rollout_mujoco(
+            no_action, Ramp((1.0, 0.0, 0.0)), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02
+        )
+        for ms in (0, milliseconds)
+    )
+    samples = min(len(prompt), len(delayed))
+    assert samples > 100
+    np.testing.assert_array_equal(delayed.target[milliseconds:samples], prompt.target[: samples - milliseconds])
+    np.testing.assert_array_equal(delayed.target[:milliseconds], np.tile(STAND_JOINTS, (milliseconds, 1)))
+
+
+def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
+    qpos = np.zeros(23)
+    qpos[3:7] = np.array([0.9, 0.1, 0.2, 0.3]) / math.sqrt(0.95)
+    sensed = sensed_pose(qpos, LEVEL, math.radians(0.5), 8.0)
+    assert yaw_of(sensed[3:7]) - yaw_of(qpos[3:7]) == pytest.approx(math.radians(4.0))
+    up, seen = (measure(jnp.asarray(pose), jnp.zeros(22)).up for pose in (qpos, sensed))
+    np.testing.assert_allclose(up, seen, atol=1e-6)  # float32
+    assert sensed_pose(qpos, LEVEL, 0.0, 8.0) is qpos
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"slope": 1.0}, {"roughness": -0.01}, {"roughness": math.nan}, {"seed": -1}],
+)
+def test_impossible_worlds_are_refused(wrong):
+    with pytest.raises(UserError, match=r"world\."):
+        World(**wrong)
+
+
+def test_impossible_pushes_are_refused():
+    with pytest.raises(UserError, match=r"push\.forward"):
+        Push(1.0, 1e3, 0.0)

@@ -1,0 +1,465 @@
+"""Studies: what is run in which order, what is not run again, and the figures over seeds."""
+
+import dataclasses
+import json
+import math
+import operator
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import lock_folder
+from bp2_rl.base.serialization import save_config
+from bp2_rl.cli import study as command
+from bp2_rl.cli.train import Arguments, _parse
+from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.policy import Policy, load_policy, save_policy
+from bp2_rl.settings.env import Kernel
+from bp2_rl.settings.jobs import JobsConfig
+from bp2_rl.settings.training import PAPER, RunConfig, Stage, TrainConfig, make_config
+from bp2_rl.tools.study import judging, outcome, places, training
+from bp2_rl.tools.study.judging import Judgement
+from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
+
+PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
+
+
+# --- What is run ---------------------------------------------------------------------------------------------
+
+
+def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
+    names = [[training.name for training in chain] for chain in PLAN.chains]
+    assert names == [[f"ours-{s}-imitation", f"ours-{s}-relaxed", f"paper-{s}-relaxed"] for s in (0, 1)]
+    words = PLAN.command(Training("paper", 1, "relaxed"), Path("folder"))
+    assert words[words.index("--from") + 1] == "folder/ours-1-imitation"
+
+
+SETS = {
+    "ours": {},
+    "paper": {},
+    "crooked": {},
+    "restless": {},
+    "ready": {},
+    "kinematic": {"env.reference": "kinematic"},
+    "none": {"env.reference": "none"},
+    "standing": {"env.reset.standing_fraction": 1.0},
+    "published": {"env.reference": "kinematic", "env.control.mode": "absolute"},
+    "ordinary": {"ppo.symmetric": False},
+    "momentary": {"ppo.averaging": 0.0},
+    "hopping": {"env.library.path": "bp2_trot"},
+    "forgetful": {"env.control.history": ()},
+    "flat": {"env.reward.kernel": Kernel()},
+    "unscheduled": {"env.reward.schedule": "off"},
+    "hasty": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
+    "certain": {"env.randomization.enabled": False},
+}
+"""What a variant changes in both stages, besides the weights of rewards."""
+SETS_LATER = {
+    "crooked": {"env.reward.symmetry": 0.0},
+    "restless": {"env.reward.stand": 0.0},
+    "ready": {"env.reset.standing_time": (0.0, 0.0)},
+}
+"""Likewise, in the relaxed stage alone."""
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
+    plan = dataclasses.replace(PLAN, variants=(name,), preset="gpu")
+    first, second = plan.chains[0]
+    imitation = _parse(plan.command(first, tmp_path))
+    (tmp_path / first.name).mkdir()
+    save_config(tmp_path / first.name / "config.json", _config(imitation, "imitation"))
+    relaxed = _parse(plan.command(second, tmp_path))
+    assert (imitation.run.steps, relaxed.run.steps) == PLAN.steps
+    for stage, parsed in zip(STAGES, (imitation, relaxed), strict=True):
+        config, recipe = _config(parsed, stage), make_config(stage, "gpu")
+        later = SETS_LATER.get(name, {}) if stage == "relaxed" else {}
+        for field, value in (SETS[name] | later).items():
+            got, ours = (operator.attrgetter(field)(settings) for settings in (config, recipe))
+            assert got == value != ours
+            config = _with(config, field, ours)
+        assert config.ppo == recipe.ppo
+        assert dataclasses.replace(config.env, reward=recipe.env.reward) == recipe.env
+        reward = PAPER[stage] if name == "published" or (name, stage) == ("paper", "relaxed") else recipe.env.reward
+        assert config.env.reward == reward
+
+
+def _config(parsed: Arguments, stage: Stage) -> TrainConfig:
+    return TrainConfig(stage, parsed.env, parsed.ppo, parsed.run, parsed.impl)
+
+
+def _with(settings, field, value):
+    """The settings with one field, by its dotted name, of that value."""
+    head, _, rest = field.partition(".")
+    return dataclasses.replace(settings, **{head: _with(getattr(settings, head), rest, value) if rest else value})
+
+
+def test_the_steps_of_a_study_are_the_presets():
+    assert default_steps("gpu") == (40_000_000, 100_000_000)
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch, make_card):
+    """A folder for a study in which trainings take no time; `started` names those that were run."""
+    started: list[str] = []
+
+    def run_train(self, training):
+        started.append(training.name)
+        if training.name in failing:
+            return False
+        run_dir = self._folder / training.name
+        config = dataclasses.replace(make_config("imitation", "smoke"), run=RunConfig(steps=2048))
+        for steps in (1024, 2048):
+            card = make_card(physics_steps=5 * steps, created="2026-01-01T00:01:00Z")
+            layers = tuple(
+                (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32)) for shape in ((47, 4), (4, 12))
+            )
+            mean = np.full(47, steps + len(started), np.float32)
+            save_policy(run_dir / POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
+        save_config(run_dir / "config.json", config)
+        run_dir.with_suffix(".txt").write_text(f"2026-01-01T00:00:00+00:00 --out {run_dir}\nnoise\n")
+        return True
+
+    def judge(policy, wall):
+        steps = policy.card.physics_steps // 5
+        return Judgement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
+
+    failing: set[str] = set()
+    monkeypatch.setattr(training._Trainer, "_train", run_train)
+    monkeypatch.setattr(training, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(judging, "_judge", judge)
+    return tmp_path / "study", started, failing
+
+
+REAL_TRAIN = training._Trainer._train
+
+
+def run(folder, plan=PLAN):
+    said: list[str] = []
+    return training.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
+
+
+def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
+    folder, started, _ = trained
+    assert run(folder)[0] == []
+    assert sorted(started) == sorted(training.name for chain in PLAN.chains for training in chain)
+    judged = judging.judgements(folder / "paper-1-relaxed")
+    assert [(j.control_steps, j.top_speed, j.wall_time) for j in judged] == [(1024, 8.0, 60.0), (2048, 16.0, 60.0)]
+    before = list(started)
+    assert run(folder)[0] == []
+    assert started == before
+
+
+def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
+    folder, *_ = trained
+    run(folder)
+    (run_dir,) = folder.glob("paper-1-relaxed")
+    save_policy(run_dir / POLICIES / "1024", load_policy(run_dir / POLICIES / "2048"))
+    assert [j.control_steps for j in judging.judge(run_dir)] == [2048, 2048]
+
+
+def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
+    folder, started, failing = trained
+    failing |= {"ours-0-imitation", "ours-1-relaxed"}
+    without, said = run(folder)
+    assert [training.name for training in without if training.seed == 0] == [
+        "ours-0-imitation", "ours-0-relaxed", "paper-0-relaxed",
+    ]  # fmt: skip
+    assert [training.name for training in without if training.seed == 1] == ["ours-1-relaxed"]
+    assert "paper-1-relaxed" in started
+    assert "ours-0-relaxed" not in started
+    assert any("ours-0-imitation failed: see" in line for line in said)
+
+
+def test_the_table_and_the_curves_say_which_seeds_are_there(trained, capsys):
+    folder, _, failing = trained
+    failing.add("ours-0-relaxed")
+    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    assert command.main(flags) == 1
+    printed = capsys.readouterr()
+    assert "| ours | 1 | 16.00 |" in printed.out
+    assert "| paper | 0, 1 | 16.00 |" in printed.out
+    assert printed.err == "not trained: ours-0-relaxed; call again to go on\n"
+
+
+def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch):
+    folder, *_ = trained
+    run(folder)
+    with pytest.raises(UserError, match="holds a study with another steps "):
+        run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
+    monkeypatch.setattr(training, "make_config", lambda stage, preset, robot: make_config(stage, "cpu", robot=robot))
+    with pytest.raises(UserError, match="holds a study with another settings "):
+        run(folder)
+
+
+def test_two_studies_do_not_work_on_one_folder(trained):
+    folder, *_ = trained
+    folder.mkdir()
+    with lock_folder(folder, "busy"), pytest.raises(UserError, match="another study is at work"):
+        run(folder)
+    assert run(folder)[0] == []
+
+
+def test_the_command_leaves_a_table_and_figures(trained, capsys):
+    folder, *_ = trained
+    flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]
+    assert command.main(flags) == 0
+    assert "| paper | 0, 1 | 16.00 |" in capsys.readouterr().out
+    assert json.loads((folder / "ours.json").read_text())["steps_to_goal"] == [2048, 2048]
+    assert all((folder / f"{name}.png").stat().st_size > 10_000 for name in ("learning_curves", "top_speeds"))
+    assert "| ours | 0, 1 | 16.00 |" in (folder / "table.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--variants", "fast"], "no variant 'fast'"),
+        (["--seeds"], "seed"),
+        (["--seeds", "1", "1"], "each once"),
+        (["--seeds", "-1"], "--seeds must be from 0 to 4294967295, got -1"),
+        (["--seeds", str(2**63)], "--seeds must be from 0 to 4294967295"),
+        (["--no-train", "--out", "x" * 5000], "no file or folder can be called"),
+        (["--steps", "0", "5"], "--steps must be"),
+        (["--judges", "0"], "--judges"),
+        (["--no-train"], "no judged run of ours"),
+    ],
+)
+def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(flags) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not any(tmp_path.iterdir())
+
+
+# --- A training's process ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trainer(tmp_path, monkeypatch):
+    """A trainer whose train.py prints what it is told and then does what `code` says."""
+
+    lock = (tmp_path / ".lock").open("w")
+
+    def make(code=""):
+        script = tmp_path / "python"
+        script.write_text(
+            f"#!{PYTHON}\nimport os, sys, time\n"
+            f"print(os.environ['CUDA_VISIBLE_DEVICES'], sys.argv[1:], flush=True)\n{code}\n"
+        )
+        script.chmod(0o755)
+        monkeypatch.setattr(places.sys, "executable", str(script))
+        return training._Trainer(PLAN, tmp_path, places.Here(("3",), lock.fileno(), print), print, print)
+
+    yield make
+    lock.close()
+
+
+RUN, PYTHON = PLAN.chains[0][0], sys.executable
+
+
+@pytest.mark.parametrize(("code", "ended"), [("", True), ("raise SystemExit(2)", False)])
+def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, ended):
+    killed_early = tmp_path / RUN.name
+    killed_early.mkdir()
+    output = killed_early.with_suffix(".txt")
+    assert trainer(code)._train(RUN) is ended
+    assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
+    assert not killed_early.exists()
+    (killed_early / "checkpoints" / "2").mkdir(parents=True)
+    (killed_early / "checkpoints" / "2" / "metadata.json").touch()
+    trainer(code)._train(RUN)
+    assert f"'--resume', '{killed_early}'" in output.read_text()
+
+
+def test_a_run_that_has_policies_is_never_deleted(tmp_path, trainer):
+    policy = tmp_path / RUN.name / POLICIES / "1024"
+    policy.mkdir(parents=True)
+    trainer()._train(RUN)
+    assert policy.is_dir()
+
+
+def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
+    running = trainer("time.sleep(60)")
+    with ThreadPoolExecutor(1) as threads:
+        chain = threads.submit(running.follow, PLAN.chains[0])
+        output = (tmp_path / RUN.name).with_suffix(".txt")
+        while not (output.is_file() and "-m" in output.read_text()):
+            time.sleep(0.01)
+        running.stop()
+        chain.result(timeout=30.0)
+    assert running.failed == PLAN.chains[0]
+    running.follow(PLAN.chains[1])
+    assert not (tmp_path / PLAN.chains[1][0].name).with_suffix(".txt").exists()
+
+
+STUDY = """
+import sys
+from pathlib import Path
+from bp2_rl.tools.study import places, training
+from bp2_rl.tools.study.plan import Plan
+
+if __name__ == "__main__":
+    places.sys.executable = sys.argv[1]
+    plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
+    training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
+"""
+TRAINING = """
+import os, signal, time
+from bp2_rl.base.workers import end_with_caller
+
+def save(*_):
+    while not os.path.exists("let go"):
+        time.sleep(0.01)
+    os._exit(0)
+
+signal.signal(signal.SIGTERM, save)
+end_with_caller()
+print("training", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_before(tmp_path):
+    folder, study, fake = tmp_path / "study", tmp_path / "study.py", tmp_path / "python"
+    study.write_text(STUDY)
+    fake.write_text(f"#!{PYTHON}\n{TRAINING}")
+    fake.chmod(0o755)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    log = folder / "ours-0-imitation.txt"
+    with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
+        wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
+        process.kill()
+    with pytest.raises(UserError, match="busy"), lock_folder(folder, "busy"):
+        pass
+    (tmp_path / "let go").touch()
+    wait_until(lambda: is_free(folder))
+
+
+def is_free(folder):
+    try:
+        with lock_folder(folder, "busy"):
+            return True
+    except UserError:
+        return False
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+JOB = """
+import os, shutil, signal, sys
+from pathlib import Path
+
+def save(*_):
+    (run_dir / "checkpoints" / "2").mkdir(parents=True)
+    (run_dir / "checkpoints" / "2" / "metadata.json").touch()
+    sys.exit(143)
+
+words = sys.argv[1:]
+run_dir = Path(words[words.index("--resume" if "--resume" in words else "--out") + 1])
+if run_dir.name.endswith("imitation") and "--resume" not in words:
+    signal.signal(signal.SIGTERM, save)
+    os.kill(os.getppid(), signal.SIGUSR2)  # as Slurm, that wants its machine back
+    signal.pause()
+shutil.copytree(Path(os.environ["PREPARED"]) / run_dir.name, run_dir, dirs_exist_ok=True)
+"""
+
+
+def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, tmp_path, monkeypatch):
+    """submitit itself, its local executor; the training alone is a stand-in, which the scheduler stops once."""
+    pytest.importorskip("submitit", reason="submitit is not installed (the extra `cluster`)")
+    folder, *_ = trained
+    plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
+    run(folder, plan)
+    monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setattr(training._Trainer, "_train", REAL_TRAIN)
+    monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
+    gathered: list[str] = []
+    jobs = JobsConfig(executor="local", gpus=0, cpus=1)
+    missing = training.run(
+        plan, folder, gpus=(), judges=1, say=print, jobs=jobs, judged=lambda training: gathered.append(training.name)
+    )
+    assert missing == []
+    assert gathered == ["ours-0-imitation", "ours-0-relaxed"]
+    first, second = (folder / "ours-0-imitation.txt").read_text().splitlines()
+    assert " --stage imitation " in first
+    assert second.endswith(f" --resume {folder / 'ours-0-imitation'}")
+    assert len(list((folder / "jobs").glob("*_result.pkl"))) == 2
+
+
+# --- Judging and figures -------------------------------------------------------------------------------------
+
+
+def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
+    """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
+
+    def rollout(policy, ramp, config, machine):
+        speed = ramp.target[0]
+        return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
+
+    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
+    judgement = judging._judge(make_policy(), None)
+    assert judgement.top_speed == pytest.approx(9.0)
+    assert judgement.falls == 2
+
+
+def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
+    monkeypatch.setattr(judging, "rollout_mujoco", lambda *_, machine: make_run(fell_at=7.9))
+    judgement = judging._judge(make_policy(), None)
+    assert (judgement.top_speed, judgement.falls, judgement.cruise_speed) == (0.0, 3, 0.0)
+    assert judgement.cruise_cost is None
+
+
+def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_than_told(
+    monkeypatch, make_policy, make_run
+):
+    told: list[float] = []
+
+    def rollout(policy, ramp, config, machine):
+        told.append(ramp.target[0])
+        return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
+
+    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
+    judgement = judging._judge(make_policy(), None)
+    # 12.4 m/s under 15.5: told 12.4 it could not be faster, so that is not tried.
+    assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)
+    assert judgement.cruise_speed == pytest.approx(10.0, rel=1e-3)
+    assert judgement.cruise_cost == 0.0  # nothing in this run takes power
+
+
+def test_the_interquartile_mean_leaves_out_the_outer_quarters():
+    assert outcome.interquartile_mean(np.array([0.0, 1.0, 2.0, 3.0, 100.0])) == pytest.approx(2.0)
+    assert outcome.interquartile_mean(np.array([1.0, 2.0, 6.0])) == pytest.approx(3.0)
+
+
+def test_the_bootstrap_interval_is_scipys():
+    values = np.random.default_rng(3).normal(15.0, 0.2, 12)
+    peer = stats.bootstrap((values,), outcome.interquartile_mean, method="percentile", rng=np.random.default_rng(5))
+    assert outcome.bootstrap_interval(values) == pytest.approx(tuple(peer.confidence_interval), abs=0.01)
+
+
+def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
+    def judged(*speeds, wall=10.0, before=0):
+        return [Judgement(before + i, "", wall * i, v, 0, 0.0, None) for i, v in enumerate(speeds, start=1)]
+
+    slow, fast = judged(3.0, 9.0), judged(9.0, 10.74, 10.0, before=2)
+    assert outcome._goal(fast, fast) == (4, 20.0)
+    assert outcome._goal(slow, fast) == (4, 40.0)
+    assert outcome._goal(slow, slow) == (None, None)
+    resumed = [dataclasses.replace(j, wall_time=None) for j in slow]
+    assert outcome._goal(resumed, fast) == (4, None)

@@ -1,0 +1,139 @@
+"""What a bench shows, against numbers chosen so that the answer is known."""
+
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from bp2_rl.base.serialization import from_json, to_json
+from bp2_rl.settings.training import make_config
+from bp2_rl.tools.throughput.measure import Case, Measurement, PartName
+from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
+
+BASE = make_config("imitation", "gpu").ppo.num_envs
+
+
+def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> Measurement:
+    values = {
+        "seconds": 24 * robots / rate, "best_seconds": 23 * robots / rate, "spread": 0.02, "repeats": 5,
+        "compilations": 0, "trace_seconds": 6.4, "compile_seconds": 41.2, "from_cache": False,
+        "program_bytes": 1_250_000_000, "bytes_per_robot": 1.25e9 / robots,
+    } | others  # fmt: skip
+    return Measurement(part, robots, devices, rate, 5 * rate, **values)
+
+
+def case(robots: int, devices: int, **rates: float) -> Case:
+    rows = tuple(measurement(part, robots, devices, rate) for part, rate in rates.items())  # pyright: ignore[reportArgumentType]
+    return Case(robots, devices, rows, state_bytes_per_robot=1572.0)
+
+
+def bench(*cases: Case, **others) -> Bench:
+    return Bench(
+        created="2026-11-21T00:00:00Z", versions={}, platform="gpu", device_kind="NVIDIA H200", device_count=4,
+        cpu_cores=16, config=make_config("imitation", "gpu"), seconds=2.0, cases=cases, **others,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def scaled():
+    """Rates that saturate at 400,000 steps a second, and devices that lose a tenth at each doubling."""
+    robots = [2**k for k in range(9, 17)]
+    alone = [case(n, 1, training=4e5 * n / (n + 4096), environment=6e5 * n / (n + 4096)) for n in robots]
+    weak = [case(BASE * d, d, training=4e5 / 1.5 * d * 0.9 ** np.log2(d)) for d in (2, 4)]
+    strong = [case(BASE, d, training=4e5 / 1.5 * d * 0.8 ** np.log2(d)) for d in (2, 4)]
+    return bench(*alone, *weak, *strong)
+
+
+def lines(axes):
+    return {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
+
+
+def test_the_picture_shows_every_size_and_the_speed_up(scaled):
+    over_robots, over_devices = scaling_figure(scaled).axes
+    drawn = lines(over_robots)
+    assert set(drawn) == {"training", "environment"}
+    np.testing.assert_allclose(drawn["training"][:, 0], [2**k for k in range(9, 17)])
+    np.testing.assert_allclose(drawn["training"][4], (8192, 4e5 * 8192 / (8192 + 4096)))
+    drawn = lines(over_devices)
+    np.testing.assert_allclose(drawn["ideal"], [(1, 1), (2, 2), (4, 4)])
+    np.testing.assert_allclose(drawn["8192 robots a device"], [(1, 1), (2, 1.8), (4, 3.24)])
+    np.testing.assert_allclose(drawn["8192 robots in all"], [(1, 1), (2, 1.6), (4, 2.56)])
+
+
+def test_every_axis_is_named_with_its_unit_and_the_picture_is_legible(scaled):
+    figure = scaling_figure(scaled)
+    for axes in figure.axes:
+        assert "[" in axes.get_xlabel()
+        assert "[" in axes.get_ylabel()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    assert Image.open(buffer).size[0] >= 1200
+
+
+def test_one_device_and_sizes_that_failed_can_be_drawn():
+    failed = Case(2 * BASE, 1, error="out of memory")
+    (axes,) = scaling_figure(bench(case(BASE, 1, training=1e5), failed)).axes
+    np.testing.assert_allclose(lines(axes)["training"], [(BASE, 1e5)])
+    for cases in ((failed,), (failed, Case(BASE, 2, error="out of memory"))):
+        scaling_figure(bench(*cases)).savefig(io.BytesIO(), format="png")
+
+
+def show(report: Bench) -> str:
+    console = Console(record=True, width=80, file=io.StringIO())
+    print_table(report, console)
+    return console.export_text()
+
+
+def test_the_table_fits_a_terminal_and_has_every_row(scaled):
+    failed = Case(131072, 1, error="out of memory")
+    text = show(bench(*scaled.cases, failed))
+    table = text.split("all robots together")[0].splitlines()
+    assert max(map(len, table)) <= 80
+    assert "…" not in text
+    row = next(line.split() for line in table if line.split()[:3] == ["training", "8192", "1"])
+    assert row[3:] == ["267k", "1.33M", "1.0%", "6.4", "41.2", "1.25GB"]
+    assert next(line.split() for line in table if "131072" in line) == ["failed", "131072", "1"]
+    assert "131072 robots on 1 device: out of memory" in text
+
+
+def test_a_program_from_the_cache_is_marked():
+    cached = Case(64, 1, (measurement("sgd", 64, 1, 1e3, from_cache=True, program_bytes=None, bytes_per_robot=None),))
+    assert "41.2*" in show(bench(cached))
+
+
+def test_the_remarks_say_what_the_table_does_not():
+    odd = Case(
+        64, 2, (measurement("training", 64, 2, 1e3, compilations=3),), state_bytes_per_robot=1572.0,
+        device_peak_bytes=2_000_000_000, shares={"physics": 0.75, "bookkeeping": 0.25},
+    )  # fmt: skip
+    said = remarks(
+        bench(odd, host_peak_bytes=3_000_000_000, cold_start=Startup(5, 20, 90), warm_start=Startup(5, 9, 18))
+    )
+    assert said == [
+        "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
+        "64 robots on 2 devices, training: compiled 3 programs while it was timed",
+        "memory a robot: 1.57kB kept, 19.5MB within a train step",
+        "peak memory: 2.00GB on a device, 3.00GB on the host",
+        "cold start: imports 5.0 s, initialized 20.0 s, first train step 90.0 s after the process began",
+        "warm start: imports 5.0 s, initialized 9.0 s, first train step 18.0 s after the process began",
+    ]
+
+
+def test_the_peer_is_a_ratio_of_acting_loops():
+    report = bench(case(64, 1, acting=1.0), peer=case(64, 1, acting=300.0, brax=120.0))
+    assert peer_ratio(report) == pytest.approx(2.5)
+    assert "the learner acts 2.50 times as fast as stock Brax" in remarks(report)
+    assert peer_ratio(bench(peer=case(64, 1, acting=300.0))) is None
+
+
+def test_a_report_is_read_as_it_was_written(scaled):
+    report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0))
+    assert from_json(Bench, to_json(report)) == report
+
+
+def test_rates_in_gymnasium_are_a_line():
+    report = dataclasses.replace(bench(case(64, 1, environment=900.0)), gymnasium={"1": 310.0, "64": 4200.0})
+    assert "in Gymnasium, on C MuJoCo, control steps/s; 1 robot: 310, 64 robots: 4.20k" in remarks(report)
