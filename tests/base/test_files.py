@@ -127,7 +127,9 @@ def test_two_processes_that_write_the_same_file_do_not_meet(tmp_path):
     path = tmp_path / "file"
     with files.new_file(path) as ours:
         ours.write(b"ours")
-        child = "import sys; from pathlib import Path as P; from bp2_rl.base.files import write_text as w; w(P(sys.argv[1]), 'theirs')"
+        child = (
+            "import sys, pathlib; from bp2_rl.base import files; files.write_text(pathlib.Path(sys.argv[1]), 'theirs')"
+        )
         subprocess.run([sys.executable, "-c", child, str(path)], check=True)
         assert path.read_bytes() == b"theirs"
     assert path.read_bytes() == b"ours"

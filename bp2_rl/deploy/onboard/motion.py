@@ -1,8 +1,8 @@
 """Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
 
 The laws are those of `bp2_rl.reference` for one robot, leg by leg in Python's own floats: for numbers as few as
-these NumPy would be several times slower. Rates are by hand what forward differentiation makes of them there. All numbers come
-from `reference.npz` and `deploy.json`.
+these NumPy would be several times slower. Rates are by hand what forward differentiation makes of them there. All
+numbers come from `reference.npz` and `deploy.json`.
 """
 
 import math

@@ -163,7 +163,7 @@ EQUATIONS = (
             "decomposition.png",
             command="pytest tests/paper/trajectories/test_decomposition.py",
             stated="same",
-            because="paper/trajectories/decomposition.py; the impulses of touchdowns count, else means would not balance",
+            because="paper/trajectories/decomposition.py; impulses of touchdowns count, else means would not balance",
         )
         for number, what in ((3, "Average force"), (4, "Force ratio"))
     ),
