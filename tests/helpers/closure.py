@@ -1,0 +1,54 @@
+"""Count the lines that a newcomer reads to understand one training, its judge and one evaluation of the top speed.
+
+Run in the repository's root: `python tests/helpers/closure.py [--list]`.
+"""
+
+import ast
+import sys
+from pathlib import Path
+
+ROOTS = ("bp2_rl.learning.run", "bp2_rl.evaluation.judge", "bp2_rl.evaluation.benchmarks.topspeed")
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Return every module of a package by its dotted name."""
+    found = {}
+    for path in package.rglob("*.py"):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(path: Path, known: dict[str, Path]) -> set[str]:
+    """Return the modules of the same package that a file imports, anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    return names & known.keys()
+
+
+def closure(known: dict[str, Path], roots: tuple[str, ...] = ROOTS) -> set[str]:
+    """Return the modules that these import, directly or not, and themselves."""
+    seen, waiting = set(), list(roots)
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting += imports(known[name], known)
+    return seen
+
+
+def count(paths: list[Path]) -> int:
+    """Return how many lines these files have together."""
+    return sum(path.read_text(encoding="utf-8").count("\n") for path in paths)
+
+
+if __name__ == "__main__":
+    known = modules(Path(__file__).parents[2] / "bp2_rl")
+    found = sorted(closure(known))
+    if "--list" in sys.argv:
+        print(*found, sep="\n")
+    print(f"{count([known[name] for name in found]):,} lines in {len(found)} modules")
