@@ -95,7 +95,7 @@ def test_all_leaves_a_report_of_each_and_a_page_that_leads_to_them(policy, capsy
         return dataclasses.replace(topspeed(*arguments), benchmark="again", verdict="Once more.")
 
     of_topspeed = BENCHMARKS["topspeed"]
-    benchmarks = {"topspeed": of_topspeed, "again": of_topspeed._replace(run=again)}
+    benchmarks = {"topspeed": of_topspeed, "again": dataclasses.replace(of_topspeed, run=again)}
     monkeypatch.setattr("bp2_rl.evaluation.benchmarks.registry.BENCHMARKS", benchmarks)
     monkeypatch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")  # drawing takes longest
     flags = ["--benchmark", "all", "--hold", 0.2, "--out", "report", "--no-video"]

@@ -12,7 +12,7 @@ from bp2_rl.cli.__main__ import COMMANDS, main
 PLUGS = ("gymnasium", "mlflow", "mujoco_playground", "optuna", "submitit", "wandb")
 """Packages of others, which only those who ask for them wait for."""
 PLUG_MODULES = tuple(f"bp2_rl.{name}" for name in (
-    "bench.gymnasium_rate", "peers.gymnasium_env", "peers.gymnasium_vector", "peers.playground_env"
+    "tools.throughput.gymnasium_rate", "peers.gymnasium_env", "peers.gymnasium_vector", "peers.playground_env"
 ))  # fmt: skip
 
 
@@ -60,7 +60,8 @@ def test_help_imports_nothing_slow():
         "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
         "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
-        "trajopt solve --speed 0", "pendulum torque --length 0", "figures scaling --nope", "figures speed",
+        "trajopt solve --speed 0", "paper pendulum torque --length 0", "paper figures scaling --nope",
+        "paper figures speed",
         "play --port 0", "play --speed fast",
     ],
 )  # fmt: skip

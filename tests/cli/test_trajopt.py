@@ -13,7 +13,7 @@ from bp2_rl.optimiser.program import Program
 def test_the_commands_are_listed(capsys):
     assert main(["trajopt", "--help"]) == 0
     out = capsys.readouterr().out
-    for name in ("solve", "sweep", "limits", "verify", "schemes", "library", "codesign", "objective", "figures"):
+    for name in ("solve", "verify", "library"):
         assert f"  {name}" in out
     assert trajopt.main([]) == 2
 
@@ -21,48 +21,28 @@ def test_the_commands_are_listed(capsys):
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["leap"], "no command 'leap'; bp2 trajopt has: solve, sweep"),
+        (["leap"], "no command 'leap'; bp2 trajopt has: solve, verify"),
         (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "amble"], "amble"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
-        (["sweep", "--slowest", "5", "--fastest", "4"], "a sweep goes from --slowest (5.0) up to --fastest (4.0)"),
         (["solve", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["solve", "--refine", "1"], "refine must be 0 or at least 2"),
         (["solve", "--refine", "-3"], "refine must be from 0 to 500, got -3"),
         (["solve", "--intervals", "9" * 400], "intervals must be from 2 to 500, got a huge integer"),
         (["solve", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
-        (["sweep", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
-        (["sweep", "--workers", "0"], "workers must be from 1 to 256, got 0"),
-        (["sweep", "--step", "nan"], "step must be positive and at most 100, got nan"),
-        (["sweep", "--step", "1e-9"], "makes more than 1000 speeds"),
-        (["sweep", "--fastest", "inf"], "fastest must be from 0.01 to 100, got inf"),
         (["library", "build", "--workers", "0"], "workers must be from 1 to 256, got 0"),
         (["library", "build", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["library", "build", "--starts", "-1"], "starts must be from 1 to 1000, got -1"),
         (["library", "build", "--coarse", "-5"], "coarse must be from 2 to 500, got -5"),
         (["library", "build", "--proximity", "nan"], "proximity must be from 0 to 1e+06, got nan"),
         (["library", "build", "--step", "1e-9"], "makes more than 1000 speeds"),
-        (["limits", "--losses"], "this robot has none; choose --robot built"),
-        (["limits", "--robot", "bilt"], "--robot bilt: there are built, ideal"),
         (["solve", "--robot", "built", "--hardware.losses.bus-sag", "2"], "losses.bus_sag must be from 0 to 1, got 2"),
-        (["limits", "--workers", "-1"], "workers must be from 1 to 256, got -1"),
-        (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
-        (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),
-        (["codesign", "--bounds.gear-ratio", "5", "inf"], "bounds.gear_ratio must be two numbers"),
-        (["objective", "--body-weights", "0"], "body_weights must be from 0.1 to 100, got 0"),
-        (["objective", "--speeds", "nan"], "speeds must be from 0.01 to 100, got nan"),
-        (["objective", "--starts", "0"], "starts must be from 1 to 1000, got 0"),
         (["solve", "--rotor-coupling", "--hardware.rotor-inertia", "0.05"], "must be below the inertia of the thigh"),
-        (["schemes", "--meshes", "-1"], "meshes must be from 2 to 500, got -1"),
-        (["schemes", "--speed", "nan"], "speed must be from 0.01 to 100, got nan"),
-        (["figures", "--speed", "-2"], "speed must be from 0.01 to 100, got -2"),
         (["verify", "x" * 5000], "cannot be read: File name too long"),
-        (["schemes", "--meshes", "16", "8"], "give the coarsest first"),
         (["library", "build", "--to", "library.json"], "a library is an .npz file"),
         (["library", "burn"], "burn"),
         (["verify", "nowhere.npz"], "nowhere.npz cannot be read"),
-        (["figures", "nowhere.npz"], "nowhere.npz cannot be read"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, monkeypatch):
@@ -87,7 +67,7 @@ def test_a_speed_without_a_trajectory_is_one_line_and_status_2(capsys, tmp_path,
     assert not list(tmp_path.rglob("*.npz"))
 
 
-@pytest.mark.parametrize("words", [["solve"], ["sweep"], ["library", "build"], ["codesign"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["solve"], ["library", "build"]], ids=" ".join)
 def test_the_second_of_two_on_one_folder_is_refused(words, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with lock_folder(tmp_path, "busy"):
@@ -109,7 +89,7 @@ def test_help_and_mistakes_wait_for_no_import(what):
     assert ended.stderr.startswith("error: ")
 
 
-def test_solve_verify_and_draw(tmp_path, monkeypatch, capsys):
+def test_solve_and_verify(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert trajopt.main(["solve", "--intervals", "6", "--starts", "1", "--refine", "0", "--out", "here"]) == 0
     card = json.loads((tmp_path / "here/speed-10.00.json").read_text())
@@ -121,5 +101,3 @@ def test_solve_verify_and_draw(tmp_path, monkeypatch, capsys):
     captured = capsys.readouterr()
     assert "velocity_error is" in captured.out
     assert "finer mesh" in captured.err
-    assert trajopt.main(["figures", "here", "--speed", "3"]) == 2
-    assert "there are only 10 m/s" in capsys.readouterr().err

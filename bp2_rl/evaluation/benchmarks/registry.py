@@ -1,13 +1,14 @@
 """What a policy is put to: each benchmark runs it under a stated schedule and measures what comes of it."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
-from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.evaluation.benchmarks.options import Flags
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
@@ -17,10 +18,10 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.schedule import Ramp
 
 ALL = "all"
-Flags = TypeVar("Flags", bound=Setup)
 
 
-class Benchmark(NamedTuple, Generic[Flags]):
+@dataclasses.dataclass(frozen=True)
+class Benchmark(Generic[Flags]):
     """What a policy is told, how it is run and measured, and which flags it knows."""
 
     schedule: Callable[[Policy, Flags], Ramp]

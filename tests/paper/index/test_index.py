@@ -126,10 +126,10 @@ def test_a_key_changes_with_what_a_report_is_made_of_and_with_nothing_else(polic
 def test_commands_are_told_what_is_chosen(policy, tmp_path):
     choice = Choice(policy, quick=True, film=False)
     assert arguments(BY_NAME["endurance"], choice, tmp_path) == [
-        "eval", str(policy), "--benchmark", "endurance", "--quick",
+        "paper", "eval", str(policy), "--benchmark", "endurance", "--quick",
     ]  # fmt: skip
     assert arguments(BY_NAME["topspeed"], choice, tmp_path)[-1] == "--no-video"
-    assert arguments(BY_NAME["race"], choice, tmp_path)[2:] == [
+    assert arguments(BY_NAME["race"], choice, tmp_path)[3:] == [
         "--runs", f"{tmp_path}/sprint", f"{tmp_path}/sprint_ideal",
     ]  # fmt: skip
     assert BY_NAME["endurance"].command == "bp2 paper eval --benchmark endurance"
