@@ -33,7 +33,7 @@ from bp2_rl.learning.loop import train_steps
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig, upgrade
+from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
@@ -213,7 +213,7 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:
-        there = flatten(to_json(from_json(TrainConfig, upgrade(metadata.config))))
+        there = flatten(to_json(from_json(TrainConfig, metadata.config)))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
     here = flatten(to_json(config))

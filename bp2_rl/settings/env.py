@@ -2,15 +2,14 @@
 
 import dataclasses
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import ConfigError
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.reference import LIBRARIES, CollocationConfig, KinematicConfig
+from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
@@ -204,59 +203,3 @@ class EnvConfig:
             )
         if self.commands.hold_time[1] == 0.0:
             raise UserError("commands.hold_time must end above 0")
-
-
-def upgrade(data: Any) -> Any:
-    """The JSON of a policy's card or of a run's settings, made by any version, as `from_json` of this one reads it.
-
-    Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
-    both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
-    nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
-    begins to step had the name of the curriculum's first speed. The first networks were not symmetric, the
-    tracking kernel had one number of its own, and the library that ships no name.
-
-    Raises:
-        ConfigError: a gait is of another robot than the environment.
-    """
-    if not isinstance(data, dict):
-        return data
-    if isinstance(ppo := data.get("ppo"), dict):
-        data = data | {"ppo": {"symmetric": False} | ppo}
-    env = data.get("env")
-    if not isinstance(env, dict):
-        return data
-    changed = _with_kernel(_with_losses(env))
-    for name in ("gait", "library"):
-        gait = env.get(name)
-        if not isinstance(gait, dict):
-            continue
-        if gait.get("hardware", env.get("hardware")) != env.get("hardware"):
-            raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
-        names = {"start_speed": "stepping_speed"}
-        changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
-        if gait.get("path") == "":
-            changed[name]["path"] = LIBRARIES[0]
-    return data | {"env": changed}
-
-
-def _with_kernel(env: dict[str, Any]) -> dict[str, Any]:
-    """The environment with the width of the tracking kernel where its other numbers are."""
-    reward = env.get("reward")
-    if not (isinstance(reward, dict) and "tracking_width" in reward):
-        return env
-    kept = {name: value for name, value in reward.items() if name != "tracking_width"}
-    return env | {"reward": kept | {"kernel": {"width": reward["tracking_width"]}}}
-
-
-def _with_losses(env: dict[str, Any]) -> dict[str, Any]:
-    """The environment with what is the drive's and the spring's in its hardware."""
-    hardware, control = env.get("hardware"), env.get("control")
-    if not isinstance(hardware, dict) or "losses" in hardware:
-        return dict(env)
-    hardware = dict(hardware)
-    if "spring_stop_stiffness" in hardware:
-        hardware.setdefault("rebound_stiffness", hardware["spring_stop_stiffness"])
-    if not (isinstance(control, dict) and "current_lag" in control):
-        return {**env, "hardware": hardware}
-    hardware["losses"] = {"current_lag": control["current_lag"]}
-    return {**env, "hardware": hardware, "control": {k: v for k, v in control.items() if k != "current_lag"}}

@@ -21,7 +21,6 @@ from bp2_rl.settings.env import (
     Kernel,
     ResetConfig,
     RewardConfig,
-    upgrade,
 )
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.reference import CollocationConfig
@@ -155,7 +154,7 @@ def load_run_config(run_dir: Path) -> TrainConfig:
         raise UserError(f"no training run at {run_dir}: there is no such folder")
     if not (Path(run_dir) / CONFIG).is_file():
         raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
-    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
+    return load_config(TrainConfig, Path(run_dir) / CONFIG)
 
 
 def make_config(
