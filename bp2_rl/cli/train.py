@@ -60,7 +60,7 @@ class Arguments:
     """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
     weights: Weights | None = None
     """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs; by default
-    ours with the preset gpu, else paper"""
+    ours, with the preset smoke paper"""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
@@ -73,7 +73,8 @@ class Arguments:
     replay: Path | None = None
     """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: c is the fastest without a GPU, jax runs anywhere, warp is for NVIDIA and not exactly repeatable"""
+    """physics: kernel is BP2's own and the fastest everywhere, jax is stock MJX, warp is for NVIDIA and not exactly
+    repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -250,9 +251,10 @@ def use_processors(named: Named) -> None:
             impl = load_run_config(named.goes_on).impl
     elif impl is None:
         impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
-    if impl in ("c", "kernel"):
-        os.environ["NPROC"] = str(processors())
-    if impl == "kernel" and DEVICES not in os.environ.get("XLA_FLAGS", ""):
+    if impl != "kernel":
+        return
+    os.environ["NPROC"] = str(processors())
+    if DEVICES not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
 
 
@@ -296,15 +298,12 @@ def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotN
 def defaults_here(
     stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
 ) -> tuple[Preset, TrainConfig]:
-    """The preset named, or else this machine's own; and its settings, with physics that run here."""
+    """Return the named preset, or else the one for this machine, and its settings."""
     import jax
 
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
-    defaults = make_config(stage, preset, weights, robot or "built")
-    if defaults.impl == "c" and not on_cpu:
-        defaults = dataclasses.replace(defaults, impl="jax")
-    return preset, defaults
+    return preset, make_config(stage, preset, weights, robot or "built")
 
 
 def _newest_imitation_run() -> Path:

@@ -149,7 +149,7 @@ class _Recipe:
     preset: Preset
     steps: tuple[int, int]
     settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
-    robot: RobotName = "ideal"  # that of studies from before there were others
+    robot: RobotName
 
 
 def _claim(plan: Plan, folder: Path) -> None:

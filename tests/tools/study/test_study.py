@@ -45,27 +45,27 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
 SETS = {
     "ours": {},
     "paper": {},
-    "crooked": {},
+    "no_symmetry_reward": {},
     "restless": {},
-    "ready": {},
+    "no_standing_wait": {},
     "kinematic": {"env.reference": "kinematic"},
     "none": {"env.reference": "none"},
     "standing": {"env.reset.standing_fraction": 1.0},
     "published": {"env.reference": "kinematic", "env.control.mode": "absolute"},
-    "ordinary": {"ppo.symmetric": False},
-    "momentary": {"ppo.averaging": 0.0},
+    "plain_networks": {"ppo.symmetric": False},
+    "no_averaging": {"ppo.averaging": 0.0},
     "hopping": {"env.library.path": "bp2_trot"},
-    "forgetful": {"env.control.history": ()},
-    "flat": {"env.reward.kernel": Kernel()},
+    "no_history": {"env.control.history": ()},
+    "paper_kernel": {"env.reward.kernel": Kernel()},
     "unscheduled": {"env.reward.schedule": "off"},
-    "hasty": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
-    "certain": {"env.randomization.enabled": False},
+    "no_launch_limit": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
+    "no_randomization": {"env.randomization.enabled": False},
 }
 """What a variant changes in both stages, besides the weights of rewards."""
 SETS_LATER = {
-    "crooked": {"env.reward.symmetry": 0.0},
+    "no_symmetry_reward": {"env.reward.symmetry": 0.0},
     "restless": {"env.reward.stand": 0.0},
-    "ready": {"env.reset.standing_time": (0.0, 0.0)},
+    "no_standing_wait": {"env.reset.standing_time": (0.0, 0.0)},
 }
 """Likewise, in the relaxed stage alone."""
 
