@@ -22,7 +22,7 @@ VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, var
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class StudyArguments:
     """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
 
     One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
@@ -52,10 +52,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _study(app.parse(Arguments, argv, "bp2 study")))
+    return app.run(lambda: _study(app.parse(StudyArguments, argv, "bp2 study")))
 
 
-def _study(arguments: Arguments) -> None:
+def _study(arguments: StudyArguments) -> None:
     require_name(arguments.out)
     arguments.jobs.require()
     steps = arguments.steps or default_steps(arguments.preset)

@@ -142,11 +142,6 @@ class TrainConfig:
     parent: Parent | None = None
 
 
-def began(run_dir: Path) -> float:
-    """When a run began, s since 1970: its settings were written, and then it compiled. An OSError where it is gone."""
-    return (run_dir / CONFIG).stat().st_mtime
-
-
 def load_run_config(run_dir: Path) -> TrainConfig:
     """The config of a run; raises `UserError` where there is none."""
     require_name(run_dir)

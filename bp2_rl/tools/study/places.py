@@ -205,11 +205,11 @@ class Job:
         if self._process.wait() != 0:
             return False
         self._process = None
-        from bp2_rl.tools.study.judging import judge
+        from bp2_rl.tools.study.measuring import measure_policies
         from bp2_rl.tools.study.training import on_the_processor
 
         on_the_processor()
-        judge(self._run_dir)
+        measure_policies(self._run_dir)
         return True
 
     def checkpoint(self) -> Any:

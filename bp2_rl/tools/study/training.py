@@ -16,15 +16,14 @@ from typing import Any
 
 import jax
 
-from bp2_rl.base.folders import find_folder, lock_folder, make_folder
+from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
 from bp2_rl.base.workers import spawned
-from bp2_rl.learning.exports import POLICIES
-from bp2_rl.learning.loop import control_steps
+from bp2_rl.learning.loop import is_finished
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import CONFIG, Preset, load_run_config, make_config
-from bp2_rl.tools.study.judging import judge
+from bp2_rl.settings.training import Preset, make_config
+from bp2_rl.tools.study.measuring import measure_policies
 from bp2_rl.tools.study.places import Here, Jobs, Place
 from bp2_rl.tools.study.plan import STAGES, Plan, Training
 
@@ -90,7 +89,7 @@ def run(
                     one = news.get()
                     if isinstance(one, Training):
                         say(f"{one.name} trained")
-                        verdict = judging.submit(judge, folder / one.name)
+                        verdict = judging.submit(measure_policies, folder / one.name)
                         verdicts[verdict] = one
                         verdict.add_done_callback(news.put)
                         ends += 1
@@ -126,7 +125,7 @@ class _Trainer:
         for this in chain:
             if chain[0] in self.failed:  # all the others go on from it
                 self.failed.append(this)
-            elif _is_finished(self._folder / this.name) or self._train(this):
+            elif is_finished(self._folder / this.name) or self._train(this):
                 self._trained(this)
             else:
                 outcome = "stopped" if self._stopped else "failed"
@@ -156,13 +155,6 @@ def _claim(plan: Plan, folder: Path) -> None:
     """What the folder holds already must have been trained by the same recipe."""
     settings = tuple(config_hash(make_config(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
     claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings, plan.robot), "a study")
-
-
-def _is_finished(run_dir: Path) -> bool:
-    """Whether a run's last policy is there."""
-    if not (run_dir / CONFIG).is_file():
-        return False
-    return find_folder(run_dir / POLICIES / str(control_steps(load_run_config(run_dir)))).is_dir()
 
 
 def on_the_processor() -> None:

@@ -16,7 +16,7 @@ from bp2_rl.base.workers import spawned
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import Preset, make_config
-from bp2_rl.tools.study.judging import Judgement, judge
+from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
 from bp2_rl.tools.study.places import Here, Jobs, Place
 from bp2_rl.tools.study.training import on_the_processor
 from bp2_rl.tools.tuning.space import Dimension
@@ -149,13 +149,13 @@ class _Searcher:
         training = self._threads.submit(self._place.train, self._search.command(flags, run_dir), run_dir)
         self._at_work[training] = number
 
-    def _go_on(self, number: int, outcome: bool | list[Judgement]) -> None:
+    def _go_on(self, number: int, outcome: bool | list[PolicyMeasurement]) -> None:
         """A training has ended, or its policies have been judged."""
         from optuna.trial import TrialState
 
         run_dir = self._folder / run_name(number)
         if outcome is True:
-            self._at_work[self._judging.submit(judge, run_dir)] = number
+            self._at_work[self._judging.submit(measure_policies, run_dir)] = number
         elif not outcome:
             self._say(f"{run_name(number)} failed: see {run_dir}.txt")
             self._study.tell(number, state=TrialState.FAIL)
