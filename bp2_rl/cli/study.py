@@ -65,7 +65,8 @@ def _study(arguments: StudyArguments) -> None:
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.tools.study.figure import learning_curves, top_speeds
     from bp2_rl.tools.study.outcome import Outcome, outcome, table
-    from bp2_rl.tools.study.training import run, visible_gpus
+    from bp2_rl.tools.study.places import Resources, visible_gpus
+    from bp2_rl.tools.study.training import run
 
     def tabulate() -> list[Outcome]:
         found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
@@ -83,10 +84,8 @@ def _study(arguments: StudyArguments) -> None:
         if arguments.jobs.executor != "here":
             where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
         print(f"{sum(map(len, plan.chains))} trainings on {where}")
-        missing = run(
-            plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print, jobs=arguments.jobs,
-            judged=lambda _: tabulate(),
-        )  # fmt: skip
+        resources = Resources(gpus, arguments.judges, print, arguments.jobs)
+        missing = run(plan, arguments.out, resources, measured=lambda _: tabulate())
     outcomes = tabulate()
     if outcomes:
         save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")

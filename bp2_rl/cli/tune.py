@@ -72,15 +72,13 @@ def _tune(arguments: TuneArguments) -> None:
     arguments.jobs.require()
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    from bp2_rl.tools.study.training import visible_gpus
+    from bp2_rl.tools.study.places import Resources, visible_gpus
     from bp2_rl.tools.tuning.search import Search, run
 
     steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
-    ranked = run(
-        search, arguments.out, trials=arguments.trials, jobs=arguments.jobs, gpus=visible_gpus(),
-        judges=arguments.judges, say=print,
-    )  # fmt: skip
+    resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
+    ranked = run(search, arguments.out, arguments.trials, resources)
     lines = [f"| {one.number} | {_speed(one.top_speed)} | {' '.join(one.flags)} |" for one in ranked]
     table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
     write_text(arguments.out / "table.md", table)

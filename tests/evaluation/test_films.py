@@ -11,12 +11,12 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
-from bp2_rl.evaluation.judge import JudgeProcesses, Launched, PendingLaunches
+from bp2_rl.evaluation.judge import JudgeProcesses, LaunchResult, PendingLaunches
 from bp2_rl.learning.exports import Judge, JudgeResult, PendingResult
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
-FAST, FALLEN = Launched(fell=False, speed=12.5), Launched(fell=True, speed=0.0)
+FAST, FALLEN = LaunchResult(fell=False, speed=12.5), LaunchResult(fell=True, speed=0.0)
 
 
 def known(launched):

@@ -134,7 +134,7 @@ def trained(tmp_path, monkeypatch, make_card):
 
     failing: set[str] = set()
     monkeypatch.setattr(training._Trainer, "_train", run_train)
-    monkeypatch.setattr(training, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
     monkeypatch.setattr(measuring, "_measure", measure)
     return tmp_path / "study", started, failing
 
@@ -144,7 +144,7 @@ REAL_TRAIN = training._Trainer._train
 
 def run(folder, plan=PLAN):
     said: list[str] = []
-    return training.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
+    return training.run(plan, folder, places.Resources(("0", "1"), 1, said.append)), said
 
 
 def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
@@ -295,7 +295,8 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
         output = (tmp_path / RUN.name).with_suffix(".txt")
         while not (output.is_file() and "-m" in output.read_text()):
             time.sleep(0.01)
-        running.stop()
+        running.stopped = True
+        running._place.stop()
         chain.result(timeout=30.0)
     assert running.failed == PLAN.chains[0]
     running.follow(PLAN.chains[1])
@@ -311,7 +312,7 @@ from bp2_rl.tools.study.plan import Plan
 if __name__ == "__main__":
     places.sys.executable = sys.argv[1]
     plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
-    training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
+    training.run(plan, Path(sys.argv[2]), places.Resources((), 1, print))
 """
 TRAINING = """
 import os, signal, time
@@ -334,7 +335,7 @@ def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_befo
     study.write_text(STUDY)
     fake.write_text(f"#!{PYTHON}\n{TRAINING}")
     fake.chmod(0o755)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     log = folder / "ours-0-imitation.txt"
     with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
         wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
@@ -386,14 +387,13 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
     plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
     run(folder, plan)
     monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
     monkeypatch.setattr(training._Trainer, "_train", REAL_TRAIN)
     monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
     gathered: list[str] = []
     jobs = JobsConfig(executor="local", gpus=0, cpus=1)
-    missing = training.run(
-        plan, folder, gpus=(), judges=1, say=print, jobs=jobs, judged=lambda training: gathered.append(training.name)
-    )
+    resources = places.Resources((), 1, print, jobs)
+    missing = training.run(plan, folder, resources, lambda training: gathered.append(training.name))
     assert missing == []
     assert gathered == ["ours-0-imitation", "ours-0-relaxed"]
     first, second = (folder / "ours-0-imitation.txt").read_text().splitlines()

@@ -8,7 +8,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import tune as command
-from bp2_rl.settings.jobs import JobsConfig
+from bp2_rl.tools.study import places
 from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.tuning import search as tuning
 from bp2_rl.tools.tuning.search import Search, Trial
@@ -51,13 +51,11 @@ def search(tmp_path, monkeypatch):
     def run(trials: int, here: Place, sought: Search = SEARCH) -> list[Trial]:
         nonlocal place
         place = here
-        return tuning.run(
-            sought, tmp_path / "tune", trials=trials, jobs=JobsConfig(), gpus=(), judges=1, say=lambda _: None
-        )
+        return tuning.run(sought, tmp_path / "tune", trials, places.Resources((), 1, lambda _: None))
 
     place = Place()
-    monkeypatch.setattr(tuning, "Here", lambda *_: place)
-    monkeypatch.setattr(tuning, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(places, "Here", lambda *_: place)
+    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
     monkeypatch.setattr(tuning, "measure_policies", judged)
     return run
 
