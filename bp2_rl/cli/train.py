@@ -41,7 +41,7 @@ RUNS = Path("runs")
 
 @dataclasses.dataclass(frozen=True)
 class ProcessOptions:
-    """How the program runs, whatever it trains; also with --resume and --replay."""
+    """How the process runs, whatever it trains; also with --resume and --replay."""
 
     deterministic: bool = False
     """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
@@ -197,7 +197,7 @@ def _judge(config: TrainConfig) -> Iterator[Any]:
 
 
 class NamedDefaults(NamedTuple):
-    """What hangs together with the settings' defaults, of a command line that has not been checked."""
+    """The flags of an unchecked command line on which the settings' defaults depend."""
 
     stage: Stage
     preset: Preset | None
@@ -221,7 +221,7 @@ def _require_runs(argv: list[str], arguments: TrainArguments) -> None:
 
 
 def read_named(argv: list[str]) -> NamedDefaults:
-    """Read only that, whatever else is on the line."""
+    """Read these flags alone, whatever else is on the command line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay", "--impl"):
         first.add_argument(flag, nargs="?")

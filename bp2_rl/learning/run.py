@@ -49,7 +49,7 @@ def start(
 ) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
 
-    `judge` is he of its policies, if they are judged; `tracker` follows it.
+    `judge` measures the exported policies, if given; `tracker` receives the metrics, too.
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
@@ -130,7 +130,7 @@ def replay(run_dir: Path) -> str:
 
 
 def make_learner(config: TrainConfig) -> PPO:
-    """The learner of a run, on all of JAX's devices."""
+    """Return the learner of a run, on all of JAX's devices."""
     robots = -(-config.ppo.num_envs // len(jax.devices()))
     return PPO(BP2Env(config.env, impl=config.impl, num_robots=robots), config.ppo)
 

@@ -141,7 +141,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
     old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
     parent = tmp_path / "parent"
-    training._claim(parent)
+    parent.mkdir()
     training.save_config(parent / "config.json", tiny())
     save_checkpoint(parent, 4, old)
     config = dataclasses.replace(tiny(), stage="relaxed")
@@ -187,7 +187,7 @@ def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said
 
 
 def test_an_empty_folder_will_do(tmp_path):
-    training._claim(tmp_path)
+    training._require_empty(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -68,7 +68,7 @@ class Training:
 
     @property
     def name(self) -> str:
-        """Its folder's name."""
+        """The name of the run's folder."""
         return f"{self.variant}-{self.seed}-{self.stage}"
 
 
