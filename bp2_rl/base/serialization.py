@@ -12,7 +12,7 @@ import json
 import math
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -106,14 +106,14 @@ def save_config(path: Path, config: Any) -> None:
     write_text(path, json.dumps(to_json(config), indent=2, allow_nan=False) + "\n")
 
 
-def load_config(cls: type[Config], path: Path, *, upgrade: Callable[[Any], Any] = lambda data: data) -> Config:
-    """Read the `cls` that `save_config` wrote to `path`; `upgrade` makes this version's JSON of an older one's.
+def load_config(cls: type[Config], path: Path) -> Config:
+    """Read the `cls` that `save_config` wrote to `path`.
 
     Raises:
         ConfigError: the file is missing, is not JSON, or does not describe a `cls`.
     """
     try:
-        return from_json(cls, upgrade(read_json(path)))
+        return from_json(cls, read_json(path))
     except BadFileError as error:
         raise ConfigError(str(error)) from error
     except ConfigError as error:

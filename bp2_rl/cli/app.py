@@ -27,7 +27,7 @@ OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 def run(command: Callable[[], None]) -> int:
     """Run a command and turn how it ends into an exit status; no traceback reaches the terminal."""
     try:
-        with _terminable(), _whoever_listens():
+        with _terminable(), _without_reader():
             command()
     except UserError as error:
         print(f"error: {_one_line(str(error))}", file=sys.stderr)
@@ -47,7 +47,7 @@ def run(command: Callable[[], None]) -> int:
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end a command as Ctrl-C does, tidily; what has a better answer to it takes the handler over."""
+    """Let SIGTERM end a command tidily, as Ctrl-C does; a training replaces the handler."""
 
     def stop(number: int, _: object) -> None:
         raise RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
@@ -63,10 +63,10 @@ def _terminable() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _whoever_listens() -> Iterator[None]:
-    """Go on where the reader of standard output leaves early, as `head` does: what is done for is on disk."""
+def _without_reader() -> Iterator[None]:
+    """Go on where the reader of standard output ends early, as `head` does: the results are on disk."""
     stream = sys.stdout
-    sys.stdout = _Unheard(stream)
+    sys.stdout = _ClosableStream(stream)
     try:
         yield
         sys.stdout.flush()
@@ -74,7 +74,7 @@ def _whoever_listens() -> Iterator[None]:
         sys.stdout = stream
 
 
-class _Unheard:
+class _ClosableStream:
     """A stream that says so once, on standard error, when its reader has left, and swallows the rest."""
 
     def __init__(self, stream: Any):
@@ -98,11 +98,11 @@ class _Unheard:
 
     def _leave(self) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())  # what is still buffered goes there, too
-        print("nobody reads the output any more; going on in silence", file=sys.stderr)
+        print("standard output was closed; the command goes on without output", file=sys.stderr)
 
 
 class FlagError(UserError):
-    """A flag that there is not, or a value of another type: whatever the settings' defaults."""
+    """An unknown flag or a value of another type: a mistake with any defaults."""
 
 
 class LoggedError(Exception):

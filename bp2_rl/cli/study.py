@@ -22,7 +22,7 @@ VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, var
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class StudyArguments:
     """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
 
     One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
@@ -52,10 +52,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _study(app.parse(Arguments, argv, "bp2 study")))
+    return app.run(lambda: _study(app.parse(StudyArguments, argv, "bp2 study")))
 
 
-def _study(arguments: Arguments) -> None:
+def _study(arguments: StudyArguments) -> None:
     require_name(arguments.out)
     arguments.jobs.require()
     steps = arguments.steps or default_steps(arguments.preset)
@@ -65,7 +65,8 @@ def _study(arguments: Arguments) -> None:
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.tools.study.figure import learning_curves, top_speeds
     from bp2_rl.tools.study.outcome import Outcome, outcome, table
-    from bp2_rl.tools.study.training import run, visible_gpus
+    from bp2_rl.tools.study.places import Resources, visible_gpus
+    from bp2_rl.tools.study.training import run
 
     def tabulate() -> list[Outcome]:
         found = [outcome(arguments.out, variant, plan.seeds) for variant in plan.variants]
@@ -83,10 +84,8 @@ def _study(arguments: Arguments) -> None:
         if arguments.jobs.executor != "here":
             where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
         print(f"{sum(map(len, plan.chains))} trainings on {where}")
-        missing = run(
-            plan, arguments.out, gpus=gpus, judges=arguments.judges, say=print, jobs=arguments.jobs,
-            judged=lambda _: tabulate(),
-        )  # fmt: skip
+        resources = Resources(gpus, arguments.judges, print, arguments.jobs)
+        missing = run(plan, arguments.out, resources, measured=lambda _: tabulate())
     outcomes = tabulate()
     if outcomes:
         save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")

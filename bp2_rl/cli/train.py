@@ -40,8 +40,8 @@ RUNS = Path("runs")
 
 
 @dataclasses.dataclass(frozen=True)
-class Launch:
-    """How the program runs, whatever it trains; also with --resume and --replay."""
+class ProcessOptions:
+    """How the process runs, whatever it trains; also with --resume and --replay."""
 
     deterministic: bool = False
     """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
@@ -51,7 +51,7 @@ class Launch:
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class TrainArguments:
     """Train BP2 to run. The presets set everything below; every setting can be changed by its flag."""
 
     stage: Stage = "imitation"
@@ -60,7 +60,7 @@ class Arguments:
     """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
     weights: Weights | None = None
     """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs; by default
-    ours with the preset gpu, else paper"""
+    ours, with the preset smoke paper"""
     robot: RobotName | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
@@ -73,11 +73,12 @@ class Arguments:
     replay: Path | None = None
     """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: c is the fastest without a GPU, jax runs anywhere, warp is for NVIDIA and not exactly repeatable"""
+    """physics: kernel is BP2's own and the fastest everywhere, jax is stock MJX, warp is for NVIDIA and not exactly
+    repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
-    launch: Annotated[Launch, tyro.conf.arg(name="")] = Launch()
+    launch: Annotated[ProcessOptions, tyro.conf.arg(name="")] = ProcessOptions()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_early(argv: list[str]) -> None:
-    arguments = refuse_early(argv, "train.py", Arguments, _arguments)
+    arguments = refuse_early(argv, "train.py", TrainArguments, _arguments)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.launch.track, arguments.resume)
@@ -139,7 +140,7 @@ def _train(argv: list[str]) -> None:
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
-    launch = app.parse(Launch, argv, "train.py", part=True)
+    launch = app.parse(ProcessOptions, argv, "train.py", part=True)
     use_processors(read_named(argv))
     prepare_jax(deterministic=launch.deterministic)
     if not set(app.HELP) & set(argv):
@@ -174,7 +175,7 @@ def _train(argv: list[str]) -> None:
 
 @contextlib.contextmanager
 def _judge(config: TrainConfig) -> Iterator[Any]:
-    """The judge of the run's policies, if this process is to have one; he warms up while the training compiles."""
+    """Start the judge, if this process is to have one; the judge warms up while the training compiles."""
     from bp2_rl.learning import cluster
 
     if not (config.run.judged and cluster.is_first()):
@@ -182,10 +183,10 @@ def _judge(config: TrainConfig) -> Iterator[Any]:
         return
     import jax
 
-    from bp2_rl.evaluation.judge import judging
+    from bp2_rl.evaluation.judge import open_judge
 
-    gl_library = os.environ.pop("MUJOCO_GL", None)  # his processes import MuJoCo, too; see `runtime`
-    with judging(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
+    gl_library = os.environ.pop("MUJOCO_GL", None)  # the judge's processes import MuJoCo, too; see `runtime`
+    with open_judge(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
         if not config.run.films:
             yield judge
             return
@@ -195,8 +196,8 @@ def _judge(config: TrainConfig) -> Iterator[Any]:
             yield films
 
 
-class Named(NamedTuple):
-    """What hangs together with the settings' defaults, of a command line that has not been checked."""
+class NamedDefaults(NamedTuple):
+    """The flags of an unchecked command line on which the settings' defaults depend."""
 
     stage: Stage
     preset: Preset | None
@@ -207,7 +208,7 @@ class Named(NamedTuple):
     impl: str | None
 
 
-def _require_runs(argv: list[str], arguments: Arguments) -> None:
+def _require_runs(argv: list[str], arguments: TrainArguments) -> None:
     """Look at the runs that are named: they must be there, and a run that goes on has its own settings."""
     for flag in ("--resume", "--replay"):
         allowed = (flag, "--cluster.", "--deterministic", "--track")
@@ -219,14 +220,14 @@ def _require_runs(argv: list[str], arguments: Arguments) -> None:
             load_run_config(folder)
 
 
-def read_named(argv: list[str]) -> Named:
-    """Read only that, whatever else is on the line."""
+def read_named(argv: list[str]) -> NamedDefaults:
+    """Read these flags alone, whatever else is on the command line."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay", "--impl"):
         first.add_argument(flag, nargs="?")
     words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
     run = words["replay"] if words["resume"] is None else words["resume"]
-    return Named(
+    return NamedDefaults(
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
         preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
         weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
@@ -237,7 +238,7 @@ def read_named(argv: list[str]) -> Named:
     )
 
 
-def use_processors(named: Named) -> None:
+def use_processors(named: NamedDefaults) -> None:
     """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`bp2_rl/__init__.py`).
 
     With BP2's own kernel each processor is a device of its own, with its share of the robots.
@@ -250,17 +251,18 @@ def use_processors(named: Named) -> None:
             impl = load_run_config(named.goes_on).impl
     elif impl is None:
         impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
-    if impl in ("c", "kernel"):
-        os.environ["NPROC"] = str(processors())
-    if impl == "kernel" and DEVICES not in os.environ.get("XLA_FLAGS", ""):
+    if impl != "kernel":
+        return
+    os.environ["NPROC"] = str(processors())
+    if DEVICES not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
 
 
-def _arguments(defaults: TrainConfig, parent: Path | None = None) -> Arguments:
-    return Arguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)
+def _arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainArguments:
+    return TrainArguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)
 
 
-def _parse(argv: list[str]) -> Arguments:
+def _parse(argv: list[str]) -> TrainArguments:
     """The arguments, with the defaults of the stage, preset and parent that they name."""
     named = read_named(argv)
     preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
@@ -270,7 +272,7 @@ def _parse(argv: list[str]) -> Arguments:
             parent = _newest_imitation_run()
         if parent is not None:
             defaults = _continue(defaults, preset, parent, named.robot)
-    arguments = app.parse(Arguments, argv, "train.py", default=_arguments(defaults, parent))
+    arguments = app.parse(TrainArguments, argv, "train.py", default=_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
@@ -296,24 +298,21 @@ def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotN
 def defaults_here(
     stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
 ) -> tuple[Preset, TrainConfig]:
-    """The preset named, or else this machine's own; and its settings, with physics that run here."""
+    """Return the named preset, or else the one for this machine, and its settings."""
     import jax
 
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
-    defaults = make_config(stage, preset, weights, robot or "built")
-    if defaults.impl == "c" and not on_cpu:
-        defaults = dataclasses.replace(defaults, impl="jax")
-    return preset, defaults
+    return preset, make_config(stage, preset, weights, robot or "built")
 
 
 def _newest_imitation_run() -> Path:
-    from bp2_rl.learning import run
+    from bp2_rl.learning.loop import is_finished
 
     runs = sorted(RUNS.glob("*/config.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for folder in (path.parent for path in runs):
         try:
-            if load_run_config(folder).stage == "imitation" and run.is_finished(folder):
+            if load_run_config(folder).stage == "imitation" and is_finished(folder):
                 return folder
         except UserError:
             continue  # a damaged run is no reason not to use an older one

@@ -13,8 +13,7 @@ from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli import app
-from bp2_rl.cli.train import Arguments as TrainArguments
-from bp2_rl.cli.train import refuse_early
+from bp2_rl.cli.train import TrainArguments, refuse_early
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, TrainConfig, make_config
@@ -24,7 +23,7 @@ SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class TuneArguments:
     """Search for settings of the imitation stage with which a policy runs faster, judged in C MuJoCo.
 
     Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
@@ -56,10 +55,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _tune(app.parse(Arguments, argv, "bp2 tune")))
+    return app.run(lambda: _tune(app.parse(TuneArguments, argv, "bp2 tune")))
 
 
-def _tune(arguments: Arguments) -> None:
+def _tune(arguments: TuneArguments) -> None:
     require_name(arguments.out)
     space = tuple(parse_dimension(text) for text in arguments.search)
     if len({one.flag for one in space}) < len(space) or not space:
@@ -73,15 +72,13 @@ def _tune(arguments: Arguments) -> None:
     arguments.jobs.require()
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    from bp2_rl.tools.study.training import visible_gpus
+    from bp2_rl.tools.study.places import Resources, visible_gpus
     from bp2_rl.tools.tuning.search import Search, run
 
     steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
-    ranked = run(
-        search, arguments.out, trials=arguments.trials, jobs=arguments.jobs, gpus=visible_gpus(),
-        judges=arguments.judges, say=print,
-    )  # fmt: skip
+    resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
+    ranked = run(search, arguments.out, arguments.trials, resources)
     lines = [f"| {one.number} | {_speed(one.top_speed)} | {' '.join(one.flags)} |" for one in ranked]
     table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
     write_text(arguments.out / "table.md", table)

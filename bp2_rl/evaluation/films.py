@@ -1,7 +1,7 @@
 """A film of each policy that is judged beside a training, and a page that shows them as they come.
 
 The judge keeps the last seconds of a policy's first launch. A process of its own films them, one policy after the
-other, with the time that everybody else leaves: verdicts never wait for films, and neither does the training.
+other, with the time that everybody else leaves: results never wait for films, and neither does the training.
 """
 
 import contextlib
@@ -12,9 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from bp2_rl.base.files import write_text
-from bp2_rl.evaluation.judge import Launching, Workers
+from bp2_rl.evaluation.judge import JudgeProcesses, PendingLaunches
 from bp2_rl.evaluation.report.page import document
-from bp2_rl.learning.exports import Verdict, verdicts_of
+from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
@@ -26,7 +26,7 @@ EVER = 10**18  # control steps
 
 
 @contextlib.contextmanager
-def filming(workers: Workers, say: Callable[[str], None], gl_library: str | None = None) -> Iterator["Filmed"]:
+def filming(workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None) -> Iterator["Filmed"]:
     """The judge who films, too. Films are waited for at the end, but not when the training is stopped.
 
     Args:
@@ -43,12 +43,12 @@ def filming(workers: Workers, say: Callable[[str], None], gl_library: str | None
 
 
 class Filmed:
-    """A `learning.policies.Judge` whose verdicts are followed by films; see `filming`."""
+    """A `learning.exports.Judge` whose results are followed by films; see `filming`."""
 
-    def __init__(self, workers: Workers, say: Callable[[str], None], gl_library: str | None):
+    def __init__(self, workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None):
         self.places = workers.places
         self._workers, self._say, self._gl_library = workers, say, gl_library
-        self._verdicts: dict[int, Verdict] | None = None  # not yet looked for
+        self._results: dict[int, JudgeResult] | None = None  # not yet looked for
         self._run_dir = Path()
         self._no_film = ""  # why there are none
         self._writing = threading.Lock()
@@ -56,19 +56,19 @@ class Filmed:
 
     def submit(self, policy: Path) -> "Filming":
         """See `Judge`; the folder's name is the policy's control steps, and it lies in the run's own."""
-        if self._verdicts is None:
+        if self._results is None:
             self._run_dir = policy.parent.parent
-            self._verdicts = verdicts_of(self._run_dir, EVER)
+            self._results = judge_results(self._run_dir, EVER)
         if self._no_film or not policy.name.isdecimal():
             return Filming(self, policy, None, self._workers.submit(policy))
         (self._run_dir / FILMS).mkdir(exist_ok=True)
         kept = self._run_dir / FILMS / f"{policy.name}.npz"
         return Filming(self, policy, kept, self._workers.submit(policy, kept, SHOT.length))
 
-    def take(self, policy: Path, kept: Path | None, verdict: Verdict) -> None:
-        """Show a verdict, and film what was kept of the launch."""
-        if self._verdicts is not None and policy.name.isdecimal():
-            self._verdicts[int(policy.name)] = verdict
+    def take(self, policy: Path, kept: Path | None, result: JudgeResult) -> None:
+        """Show a result, and film what was kept of the launch."""
+        if self._results is not None and policy.name.isdecimal():
+            self._results[int(policy.name)] = result
             self._show(goes_on=True)
         if kept is not None:
             self._camera.submit(self._film, kept)
@@ -76,7 +76,7 @@ class Filmed:
     def close(self, *, wait: bool) -> None:
         """Film what is left, or leave it; the page's last form."""
         self._camera.shutdown(wait=True, cancel_futures=not wait)
-        for kept in (self._run_dir / FILMS).glob("*.npz") if self._verdicts is not None else ():
+        for kept in (self._run_dir / FILMS).glob("*.npz") if self._results is not None else ():
             kept.unlink(missing_ok=True)
         self._show(goes_on=False)
 
@@ -101,43 +101,43 @@ class Filmed:
     def _show(self, *, goes_on: bool) -> None:
         """Write the page, if its run is there."""
         with self._writing, contextlib.suppress(OSError):
-            if self._verdicts:
-                write_text(self._run_dir / PAGE, films_page(self._run_dir, self._verdicts, self._no_film, goes_on))
+            if self._results:
+                write_text(self._run_dir / PAGE, films_page(self._run_dir, self._results, self._no_film, goes_on))
 
 
 class Filming:
-    """A `learning.policies.Hearing` that hands the verdict to `Filmed`, too."""
+    """A `learning.exports.PendingResult` that hands the result to `Filmed`, too."""
 
-    def __init__(self, filmed: Filmed, policy: Path, kept: Path | None, launching: Launching):
+    def __init__(self, filmed: Filmed, policy: Path, kept: Path | None, launching: PendingLaunches):
         self._filmed, self._policy, self._kept, self._launching = filmed, policy, kept, launching
         self.speed, self.done = launching.speed, launching.done
 
-    def result(self) -> Verdict:
-        """The verdict."""
-        verdict = self._launching.result()
-        self._filmed.take(self._policy, self._kept, verdict)
-        return verdict
+    def result(self) -> JudgeResult:
+        """The result."""
+        result = self._launching.result()
+        self._filmed.take(self._policy, self._kept, result)
+        return result
 
 
 # --- The page ------------------------------------------------------------------------------------------------
 
 
-def films_page(run_dir: Path, verdicts: dict[int, Verdict], no_film: str, goes_on: bool) -> str:
+def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goes_on: bool) -> str:
     """The page of a run, with the films that are there.
 
     Args:
         run_dir: the run's folder.
-        verdicts: by the policies' control steps.
+        results: by the policies' control steps.
         no_film: why there are no more films, if there are not.
         goes_on: whether to look for more.
     """
-    shown = dict(sorted(verdicts.items()))
+    shown = dict(sorted(results.items()))
     best = max(shown, key=lambda steps: (shown[steps].mean, steps))
     words = f"{len(shown)} policies judged; the best so far at {count(best)} control steps: {shown[best]}."
     if not goes_on:
         words = words.replace(" so far", "")
     why = f"<p class=quiet>{html.escape(no_film)}</p>" if no_film else ""
-    cards = "".join(_card(run_dir, steps, verdict) for steps, verdict in shown.items())
+    cards = "".join(_card(run_dir, steps, result) for steps, result in shown.items())
     return document(
         f"How {run_dir.resolve().name} learns",
         f"<p class=quiet>{html.escape(words)} Each film shows the last {SHOT.length:g} s of a launch from a stand in C "
@@ -147,7 +147,7 @@ def films_page(run_dir: Path, verdicts: dict[int, Verdict], no_film: str, goes_o
     )
 
 
-def _card(run_dir: Path, steps: int, verdict: Verdict) -> str:
+def _card(run_dir: Path, steps: int, result: JudgeResult) -> str:
     film = Path(FILMS) / f"{steps}.mp4"
     seen = (
         f'<video src="{film.as_posix()}" poster="{film.with_suffix(POSTER).as_posix()}" preload="none" controls loop '
@@ -155,20 +155,20 @@ def _card(run_dir: Path, steps: int, verdict: Verdict) -> str:
         if (run_dir / film).is_file()
         else "<div class=none>no film</div>"
     )
-    fell = verdict.falls > 0
-    falls = f"{verdict.falls} of {verdict.launches} launches fell" if fell else "no fall"
-    speed = f"{verdict.speed:.1f} m/s" if verdict.speed or not fell else "fell"
+    fell = result.falls > 0
+    falls = f"{result.falls} of {result.launches} launches fell" if fell else "no fall"
+    speed = f"{result.speed:.1f} m/s" if result.speed or not fell else "fell"
     return (
         f"<figure>{seen}<figcaption><b>{speed}</b> at {count(steps)}"
         f'<span class="{"bad" if fell else "good"}">{falls}</span></figcaption></figure>'
     )
 
 
-def _curve(verdicts: dict[int, Verdict]) -> str:
+def _curve(results: dict[int, JudgeResult]) -> str:
     """Speed over control steps, a dot a policy, red where any of its launches fell."""
-    last, most = max(verdicts), max(1.0, *(verdict.speed for verdict in verdicts.values()))
+    last, most = max(results), max(1.0, *(result.speed for result in results.values()))
     top = most * 1.1
-    places = [(40 + 940 * k / last, 150 - 140 * v.speed / top, v.falls > 0) for k, v in verdicts.items()]
+    places = [(40 + 940 * k / last, 150 - 140 * v.speed / top, v.falls > 0) for k, v in results.items()]
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y, _ in places)
     dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" class="{"f" if f else "s"}"/>' for x, y, f in places)
     level = 150 - 140 * most / top

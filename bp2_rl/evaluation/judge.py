@@ -1,6 +1,6 @@
-"""The judge beside a training: what each of its policies does in C MuJoCo, from a standing start.
+"""The judge: processes beside a training that measure each exported policy in C MuJoCo, from a standing start.
 
-It works in processes of its own, on processors that the training leaves idle.
+Its processes run on processors that the training leaves idle. `measure_launch` defines a policy's top speed.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ import numpy as np
 
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.env.observations import layout_of
-from bp2_rl.learning.exports import Verdict
+from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
@@ -30,27 +30,28 @@ from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import Ramp
 
-AT_A_TIME = 2  # policies that are judged at the most: they come one after the other
-NICE = 5  # a training beside it goes first, three to one; at 19 one that fills all processors would starve it
+AT_A_TIME = 2  # most policies that are judged side by side
+NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge
 
 
 @dataclasses.dataclass(frozen=True)
-class Launch:
-    """From a standing start to the fastest command of the training, on the robot of the run or one a little worse."""
+class JudgedLaunch:
+    """A launch from a standing start, on the training's robot or a worse one, to a share of its fastest command."""
 
     acceleration: float  # m/s2, at which the command rises
     hold: float  # s
+    share: float = 1.0  # of the fastest command of the training
     friction: float = 1.0  # factor
     mass: float = 1.0  # factor
-    latency: float = 0.0  # s, more than the robot's
+    latency: float = 0.0  # s, added to the robot's
 
     def ramp(self, env: EnvConfig) -> Ramp:
-        """What is commanded."""
-        ramp = Ramp((env.commands.max_forward, 0.0, 0.0), acceleration=self.acceleration, hold=self.hold)
-        return ramp.under(env.control)
+        """Return the commands of this launch in a training's environment."""
+        target = (self.share * env.commands.max_forward, 0.0, 0.0)
+        return Ramp(target, acceleration=self.acceleration, hold=self.hold).under(env.control)
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
-        """Who is launched."""
+        """Return the robot that is launched."""
         losses = dataclasses.replace(hardware.losses, latency=hardware.losses.latency + self.latency)
         return dataclasses.replace(
             hardware,
@@ -61,44 +62,47 @@ class Launch:
 
 
 LAUNCHES = (
-    Launch(acceleration=3.0, hold=HELD),
-    Launch(acceleration=6.0, hold=1.0),
-    Launch(acceleration=3.0, hold=1.0, friction=0.75, mass=1.05, latency=0.005),
+    JudgedLaunch(acceleration=3.0, hold=HELD),
+    JudgedLaunch(acceleration=6.0, hold=1.0),
+    JudgedLaunch(acceleration=3.0, hold=1.0, friction=0.75, mass=1.05, latency=0.005),
 )
-"""The first one gives the speed; the others show whether that was luck. On the built robot the last one is on friction
-0.6."""
+"""The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
+has a friction of 0.6."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Launched:
-    """What came of a launch."""
+class LaunchResult:
+    """How a launch ended."""
 
     fell: bool
-    speed: float  # m/s, mean of the best second; 0 where it fell
+    speed: float  # m/s, top speed: the best mean over a second; 0 where the robot fell
 
 
-def launch(
-    policy: ActionFunction, env: EnvConfig, launch: Launch, kept: Path | None = None, length: float = 0.0
-) -> Launched:
-    """Launch a policy on the robot of its environment, and keep the last `length` seconds of the run, if wanted."""
+def measure_launch(
+    policy: ActionFunction, env: EnvConfig, launch: JudgedLaunch, kept: Path | None = None, length: float = 0.0
+) -> LaunchResult:
+    """Launch a policy on the robot of its environment; return its top speed and whether it fell.
+
+    Where `kept` names a file, the last `length` seconds of the run are saved there.
+    """
     run = rollout_mujoco(policy, launch.ramp(env), env, hardware=launch.robot(env.hardware), machine=SwiftMachine)
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     if kept is not None:
-        with contextlib.suppress(OSError):  # no verdict hangs on it
+        with contextlib.suppress(OSError):  # the result does not depend on it
             run.between(max(len(run) * run.dt - length, 0.0), math.inf).save(kept)
-    return Launched(fell, best.speed if best is not None and not fell else 0.0)
+    return LaunchResult(fell, best.speed if best is not None and not fell else 0.0)
 
 
-def judge(launched: Sequence[Launched]) -> Verdict:
-    """The verdict on a policy with these `LAUNCHES`."""
-    mean = sum(one.speed for one in launched) / len(launched)
-    return Verdict(launched[0].speed, sum(one.fell for one in launched), len(launched), mean)
+def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
+    """Return the judge's result for a policy from the results of its `LAUNCHES`."""
+    mean = sum(one.speed for one in launches) / len(launches)
+    return JudgeResult(launches[0].speed, sum(one.fell for one in launches), len(launches), mean)
 
 
 @contextlib.contextmanager
-def judging(env: EnvConfig, cache: str | None) -> Iterator["Workers"]:
-    """The judge of a training in this environment; what he is still at when the block ends is left undone.
+def open_judge(env: EnvConfig, cache: str | None) -> Iterator["JudgeProcesses"]:
+    """Start the judge of a training in this environment; launches that still run when the block ends are killed.
 
     Args:
         env: of the training.
@@ -106,49 +110,49 @@ def judging(env: EnvConfig, cache: str | None) -> Iterator["Workers"]:
     """
     count = min(max(processors() - 1, 1), AT_A_TIME * len(LAUNCHES))
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
-        # Who first submits a task starts the workers, which end with its thread.
+        # The processes end with the thread that submits the first task, so this thread does.
         for _ in range(count):
             pool.submit(_warm_up, env)
-        yield Workers(pool, places=max(count // len(LAUNCHES), 1))
+        yield JudgeProcesses(pool, places=max(count // len(LAUNCHES), 1))
 
 
-class Workers:
-    """A `learning.policies.Judge` that deals out the launches of a policy to processes."""
+class JudgeProcesses:
+    """A `learning.exports.Judge` that runs the launches of a policy in processes."""
 
     def __init__(self, pool: ProcessPoolExecutor, places: int):
         self._pool, self.places = pool, places
 
-    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "Launching":
-        """Launch the policy in this folder; in the file `kept`, if named, the first launch's last seconds are kept."""
+    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
+        """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
         first = self._pool.submit(_launch, policy, LAUNCHES[0], kept, length)
-        return Launching([first, *(self._pool.submit(_launch, policy, one) for one in LAUNCHES[1:])])
+        return PendingLaunches([first, *(self._pool.submit(_launch, policy, one) for one in LAUNCHES[1:])])
 
 
-class Launching:
-    """A `learning.policies.Hearing` in other processes."""
+class PendingLaunches:
+    """A `learning.exports.PendingResult` of launches in other processes."""
 
-    def __init__(self, launches: Sequence[Future[Launched]]):
+    def __init__(self, launches: Sequence[Future[LaunchResult]]):
         self._launches = launches
 
     def speed(self) -> float:
-        """m/s, of the first launch, once it has ended."""
+        """Return the speed of the first launch, m/s, once it has ended; 0 until then."""
         first = self._launches[0]
         return first.result().speed if first.done() and not first.cancelled() and not first.exception() else 0.0
 
     def done(self) -> bool:
-        """Whether all launches have ended."""
+        """Return whether all launches have ended."""
         return all(one.done() for one in self._launches)
 
-    def result(self) -> Verdict:
-        """The verdict."""
-        return judge([one.result() for one in self._launches])
+    def result(self) -> JudgeResult:
+        """Return the judge's result."""
+        return combine([one.result() for one in self._launches])
 
 
 # --- In the workers ---------------------------------------------------------------------------------------------
 
 
 def _begin(cache: str | None) -> None:
-    """Be slow when others are busy, keep to one thread, and leave the GPU and Ctrl-C to the training."""
+    """Run at low priority and on one thread, and leave the GPU and Ctrl-C to the training."""
     if hasattr(os, "nice"):  # not on Windows
         os.nice(NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -158,18 +162,18 @@ def _begin(cache: str | None) -> None:
 
 
 def _warm_up(env: EnvConfig) -> None:
-    """Compile, and settle the robots from whose stand all launches begin."""
+    """Compile, and settle the standing robots from which all launches begin."""
     for one in LAUNCHES:
-        launch(_keep_still, env, dataclasses.replace(one, hold=specs.CONTROL_STEP, acceleration=1e3))
+        measure_launch(_keep_still, env, dataclasses.replace(one, hold=specs.CONTROL_STEP, acceleration=1e3))
 
 
 def _keep_still(observation: np.ndarray) -> np.ndarray:
     return 0.0 * observation[..., : specs.NUM_MOTORS]
 
 
-def _launch(policy: Path, one: Launch, kept: Path | None = None, length: float = 0.0) -> Launched:
+def _launch(policy: Path, one: JudgedLaunch, kept: Path | None = None, length: float = 0.0) -> LaunchResult:
     loaded = _load(policy)
-    return launch(loaded, loaded.card.env, one, kept, length)
+    return measure_launch(loaded, loaded.card.env, one, kept, length)
 
 
 @functools.lru_cache(maxsize=1)

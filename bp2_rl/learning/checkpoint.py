@@ -100,7 +100,7 @@ def save_checkpoint(
         step: names the checkpoint; one of the same step is replaced.
         state: any pytree of JAX or NumPy arrays.
         config: the run's settings, as JSON; `read_metadata` gives them back.
-        log: what the run's log has not yet written, as JSON; likewise.
+        log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
         keep: how many checkpoints up to this one remain; older ones are removed.
         folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
 
@@ -143,13 +143,13 @@ class Saver:
             self._pending = self._thread.submit(_save, self._checkpoints, step, copy, extra, self._keep)
 
     def wait(self) -> None:
-        """Until the last save is on disk; raises `CheckpointError` where it could not be written."""
+        """Wait until the last save is on disk; raise `CheckpointError` where it could not be written."""
         pending, self._pending = self._pending, None
         if pending is not None:
             pending.result()
 
     def __enter__(self) -> "Saver":
-        """Itself."""
+        """Return the saver."""
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:

@@ -20,7 +20,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.settings.cluster import ClusterConfig
 
 FAREWELL = 10.0
-"""Seconds that a failed process waits for the others to fail too, before it leaves without a word."""
+"""Seconds that a failed process waits for the others to fail too, before it ends without telling them."""
 
 
 def join(config: ClusterConfig) -> None:

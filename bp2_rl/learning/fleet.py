@@ -3,7 +3,7 @@
 A reset inside the step would be computed for every robot at every step and thrown away for almost all. So the
 learner prepares one fresh episode a robot before each unroll (the bank), and `step` merely selects it.
 
-What is not finite stays with the robot it befell: its episode ends there, and is counted under its cause.
+A number that is not finite ends the episode of its robot alone, and is counted under its cause.
 """
 
 import dataclasses

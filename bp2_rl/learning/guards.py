@@ -62,13 +62,13 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
 
 
 class Watch:
-    """Says each warning once, and again when it has been away."""
+    """Repeats a warning only when it comes back after it had gone."""
 
     def __init__(self) -> None:
         self._present: set[str] = set()
 
     def news(self, present: Mapping[str, str]) -> list[str]:
-        """The words of those that were not present the last time."""
+        """Return the words of the warnings that were not present at the last call."""
         fresh = [words for name, words in present.items() if name not in self._present]
         self._present = set(present)
         return fresh

@@ -1,6 +1,7 @@
 """The training loop: the one place where the pure train step meets files, clocks and the console."""
 
 import contextlib
+import dataclasses
 import datetime
 import errno
 import shlex
@@ -8,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,73 +28,73 @@ from bp2_rl.learning.checkpoint import (
     save_checkpoint,
     saved_steps,
 )
-from bp2_rl.learning.exports import POLICIES, POLICY, Judge, Policies
+from bp2_rl.learning.exports import POLICIES, POLICY, ExportedPolicies, Judge, judge_results, reaches
 from bp2_rl.learning.log import Log, Unlogged
-from bp2_rl.learning.monitor import Monitor, Mute
+from bp2_rl.learning.monitor import Monitor, SilentMonitor, run_began
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.writers import LogWriter
 from bp2_rl.robot import specs
-from bp2_rl.settings.training import CONFIG, TrainConfig, began
+from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingRun:
+    """A run that a process trains: the run's settings and folder, and what acts on them in this process."""
+
+    config: TrainConfig
+    run_dir: Path  # holds the config already
+    learner: PPO
+    judge: Judge | None = None  # of the exported policies; of a cluster's processes only the first has one
+    writers: Sequence[LogWriter] = ()  # of the metrics, beside the run's own files; only in the first process
 
 
 def train(
-    learner: PPO,
-    state: TrainState,
-    config: TrainConfig,
-    run_dir: Path,
-    *,
-    unlogged: Unlogged | None = None,
-    unexported: Sequence[int] = (),
-    judge: Judge | None = None,
-    writers: Sequence[LogWriter] = (),
+    run: TrainingRun, state: TrainState, unlogged: Unlogged | None = None, unexported: Sequence[int] = ()
 ) -> Path:
-    """Train from `state` to the run's end, or until a policy is as fast as the run is to become; the run's folder.
+    """Train to the run's last step, or until a policy reaches the speed that ends the run; return the run's folder.
 
     Args:
-        learner: of the run.
+        run: what is trained.
         state: where to begin.
-        config: the run's settings.
-        run_dir: the run's folder, which holds its config.
         unlogged: what `Log.open` gave to the checkpoint that `state` is from.
-        unexported: the checkpoints that `find_unexported` found; they are exported first.
-        judge: of the policies; of a cluster's processes only the first has one.
-        writers: of the metrics, beside the run's own files; likewise.
+        unexported: the checkpoints that `find_unexported` found; their policies are exported first.
 
     Raises:
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
+    config, run_dir, mesh = run.config, run.run_dir, run.learner.mesh
     total, per_step = train_steps(config), config.ppo.steps_per_train_step
-    began, first = time.monotonic(), int(state.step)
-    devices = f"{learner.mesh.size} x {learner.mesh.devices.flat[0].device_kind}"
+    started, first = time.monotonic(), int(state.step)
+    devices = f"{mesh.size} x {mesh.devices.flat[0].device_kind}"
     title = f"{config.stage} on {devices}"
-    monitor = Mute()
+    monitor = SilentMonitor()
     if cluster.is_first():
-        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title, writers=writers)
+        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title, writers=run.writers)
     with monitor, _stopping_in_one_line(monitor, run_dir, total):
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
         monitor.record(f"command: {shlex.join(sys.argv)}")
-        policies = Policies(run_dir, monitor, judge, config.run.until, first * per_step)
-        _export_late(unexported, learner, state, config, run_dir, monitor, policies)
+        policies = ExportedPolicies(run_dir, monitor, run.judge, config.run.until, first * per_step)
+        loop = _Loop(run, monitor, policies)
+        loop.export_late(unexported, state)
         with Saver(run_dir, to_json(config)) as saver, StopSignals(monitor.note, monitor.release_terminal) as signals:
-            log = Log(monitor, config.ppo, unlogged or Unlogged())
-            state, done = _repeat(learner, state, config, run_dir, monitor, saver, signals, log, policies)
+            state, done = loop.repeat(state, Log(monitor, config.ppo, unlogged or Unlogged()), saver, signals)
             saver.wait()
             policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
             _keep_failed(state, config, run_dir)
         if done < total:
-            reached = _reached(config, policies)  # no longer, where the judge has failed since
+            reached = loop.reached()  # no longer, where the judge has failed since
             if signals.caught:
                 name, status = signals.caught.name, 128 + signals.caught
                 raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
             if not reached:
-                what = f"the judge failed before his verdict was whole, kept step {done} of {total}"
+                what = f"the judge failed before it had measured the last policy, kept step {done} of {total}"
                 raise RunStopped(f"{what}: {_resume(run_dir)}", status=1)
-        minutes = (time.monotonic() - began) / 60
+        minutes = (time.monotonic() - started) / 60
         steps = (done - first) * per_step
         monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}")
     return run_dir
@@ -135,115 +137,96 @@ def _keep_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
     )
 
 
-def _repeat(
-    learner: PPO,
-    state: TrainState,
-    config: TrainConfig,
-    run_dir: Path,
-    monitor: Monitor,
-    saver: Saver,
-    signals: StopSignals,
-    log: Log,
-    policies: Policies,
-) -> tuple[TrainState, int]:
-    """(The state in the end, the train steps done with it): fewer than all where a signal came, and more than
-    `state.step` where a train step was not finite."""
-    total = train_steps(config)
-    save_every = max(1, -(-total // config.run.checkpoints))
-    judge_every = max(1, -(-total // max(config.run.checkpoints, config.run.judged)))
-    log_every = max(1, total // config.run.logs)
-    done, stop = int(state.step), _reached(config, policies)
-    while done < total and not stop and not log.stuck:
-        state, metrics = learner.train_step(state)
-        done += 1
-        policies.collect()
-        stop = signals.heard() or _reached(config, policies)
-        log.add(metrics)
-        if done % log_every == 0 or done == total:
-            log.close(done)
-        save = done % save_every == 0 or done == total or stop
-        if save or (done % judge_every == 0 and cluster.largest(policies.idle)):
-            # A resume drops what was logged past its checkpoint, so the log must not be behind.
-            log.flush()
-            if int(state.step) < done:
-                break
-            if save:
-                with cluster.together():  # or the others would train on when process 0 cannot write
-                    saver.wait()
-                    if not (run_dir / CONFIG).is_file():
-                        raise FileNotFoundError(errno.ENOENT, "no such run any more", str(run_dir))
-                saver.save(done, state, to_json(log.open()))
-                monitor.record(f"saving step {done}")
-            _export(learner, state, config, run_dir, monitor, policies)
-    return state, done
+class _Loop:
+    """Repeats the train step, and saves, logs and exports on the way."""
 
+    def __init__(self, run: TrainingRun, monitor: Monitor, policies: ExportedPolicies):
+        self._run, self._config, self._monitor, self._policies = run, run.config, monitor, policies
 
-def _reached(config: TrainConfig, policies: Policies) -> bool:
-    """Whether the run has become as fast as it is to be, on all processes."""
-    return config.run.until is not None and bool(cluster.largest(policies.reached))
+    def repeat(self, state: TrainState, log: Log, saver: Saver, signals: StopSignals) -> tuple[TrainState, int]:
+        """Train from `state` on; return the last state and the number of train steps done with it.
 
+        The number is smaller than the run's total where a signal came or a policy was fast enough, and larger than
+        `state.step` where a train step was not finite.
+        """
+        run, policies = self._config.run, self._policies
+        total = train_steps(self._config)
+        save_every = max(1, -(-total // run.checkpoints))
+        judge_every = max(1, -(-total // max(run.checkpoints, run.judged)))
+        log_every = max(1, total // run.logs)
+        done, stop = int(state.step), self.reached()
+        while done < total and not stop and not log.stuck:
+            state, metrics = self._run.learner.train_step(state)
+            done += 1
+            policies.collect()
+            stop = signals.heard() or self.reached()
+            log.add(metrics)
+            if done % log_every == 0 or done == total:
+                log.close(done)
+            save = done % save_every == 0 or done == total or stop
+            if save or (done % judge_every == 0 and cluster.largest(policies.idle)):
+                # A resume drops what was logged past its checkpoint, so the log must not be behind.
+                log.flush()
+                if int(state.step) < done:
+                    break
+                if save:
+                    with cluster.together():  # or the others would train on when process 0 cannot write
+                        saver.wait()
+                        if not (self._run.run_dir / CONFIG).is_file():
+                            raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
+                    saver.save(done, state, to_json(log.open()))
+                    self._monitor.record(f"saving step {done}")
+                self._export(state)
+        return state, done
 
-def train_steps(config: TrainConfig) -> int:
-    """Train steps that a run makes from its beginning to its end."""
-    return -(-config.run.steps // config.ppo.steps_per_train_step)
+    def reached(self) -> bool:
+        """Return whether a policy has reached the speed that ends the run, on all processes."""
+        return self._config.run.until is not None and bool(cluster.largest(self._policies.reached))
 
+    def export_late(self, steps: Sequence[int], newest: TrainState) -> None:
+        """Export the policies of these checkpoints; `newest` is the state of the last one."""
+        for step in steps:
+            if step == int(newest.step):
+                self._export(newest)
+                continue
+            try:
+                _, state = restore_checkpoint(self._run.run_dir, self._run.learner.shape, step)
+            except CheckpointError as error:
+                self._monitor.note(f"warning: no policy of step {step}: {error}")
+                continue
+            self._export(state, newest=False)
 
-def control_steps(config: TrainConfig) -> int:
-    """Control steps that a run makes from its beginning to its end: whole train steps, all robots together."""
-    return train_steps(config) * config.ppo.steps_per_train_step
-
-
-# --- Policies ------------------------------------------------------------------------------------------------
-
-
-def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
-    """The steps of a run's checkpoints whose policies are not there: the run was killed between save and export."""
-    policies = run_dir / POLICIES
-    per_step = config.ppo.steps_per_train_step
-    steps = sorted(step for step in saved_steps(run_dir) if step > 0)
-    return [step for step in steps if not find_folder(policies / str(step * per_step)).is_dir()]
-
-
-def _export_late(
-    steps: Sequence[int],
-    learner: PPO,
-    state: TrainState,
-    config: TrainConfig,
-    run_dir: Path,
-    monitor: Monitor,
-    policies: Policies,
-) -> None:
-    """Export the policies of checkpoints; `state` is the newest one."""
-    for step in steps:
-        if step == int(state.step):
-            _export(learner, state, config, run_dir, monitor, policies)
-            continue
+    def _export(self, state: TrainState, *, newest: bool = True) -> None:
+        """Write the policy of a state; leave out, with a warning, one whose weights overflow: training may mend it."""
+        params, normalizer = jax.device_get((state.average, state.normalizer))
+        level = float(jnp.mean(state.fleet.info["curriculum"]))
+        if not cluster.is_first():
+            return
+        step = int(state.step)
+        steps = step * self._config.ppo.steps_per_train_step
+        card = make_card(
+            self._config,
+            steps,
+            {
+                "curriculum_level": level,
+                "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+                "command": shlex.join(sys.argv),
+                "wall_time": round(time.time() - run_began(self._run.run_dir), 1),  # s
+            },
+        )
         try:
-            _, older = restore_checkpoint(run_dir, learner.shape, step)
-        except CheckpointError as error:
-            monitor.note(f"warning: no policy of step {step}: {error}")
-            continue
-        _export(learner, older, config, run_dir, monitor, policies, newest=False)
+            policy = make_policy(dense_layers(params, self._run.learner.mirrors), normalizer, card)
+            self._policies.export(policy, steps, newest=newest)
+        except PolicyError as error:
+            if isinstance(error.__cause__, OSError):
+                raise
+            self._monitor.note(f"warning: no policy of step {step}: {error}")
 
 
-def _export(
-    learner: PPO,
-    state: TrainState,
-    config: TrainConfig,
-    run_dir: Path,
-    monitor: Monitor,
-    policies: Policies,
-    *,
-    newest: bool = True,
-) -> None:
-    """Write the policy of a state.
-
-    One that nobody could run, as its weights overflow say, is warned of and left out: training may mend it.
-    """
-    params, normalizer = jax.device_get((state.average, state.normalizer))
-    steps = int(state.step) * config.ppo.steps_per_train_step
-    steps += config.parent.control_steps if config.parent else 0
-    card = PolicyCard(
+def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> PolicyCard:
+    """Return the card of a run's policy after `steps` control steps of the run itself."""
+    before = config.parent.control_steps if config.parent else 0
+    return PolicyCard(
         stage=config.stage,
         observation_layout=tuple((entry.name, entry.size) for entry in layout_of(config.env.control)),
         action_size=specs.NUM_MOTORS,
@@ -252,23 +235,39 @@ def _export(
         env=config.env,
         reference=config.env.reference,
         library_sha256=config.env.library.sha256 if config.env.reference == "collocation" else "",
-        physics_steps=steps * specs.SUBSTEPS,
+        physics_steps=(before + steps) * specs.SUBSTEPS,
         seed=config.run.seed,
         versions=package_versions(),
         config_hash=config_hash(config),
-        results={
-            "curriculum_level": float(jnp.mean(state.fleet.info["curriculum"])),
-            "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
-            "command": shlex.join(sys.argv),
-            "wall_time": round(time.time() - began(run_dir), 1),  # s
-        },
+        results=results,
         created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     )
-    if cluster.is_first():
-        try:
-            policy = make_policy(dense_layers(params, learner.mirrors), normalizer, card)
-            policies.export(policy, int(state.step) * config.ppo.steps_per_train_step, newest=newest)
-        except PolicyError as error:
-            if isinstance(error.__cause__, OSError):
-                raise
-            monitor.note(f"warning: no policy of step {int(state.step)}: {error}")
+
+
+# --- How far a run is -----------------------------------------------------------------------------------------
+
+
+def train_steps(config: TrainConfig) -> int:
+    """Return how many train steps a run makes from its beginning to its end."""
+    return -(-config.run.steps // config.ppo.steps_per_train_step)
+
+
+def is_finished(run_dir: Path) -> bool:
+    """Return whether the policy of a run's last train step is there, or one as fast as ends the run."""
+    if not (run_dir / CONFIG).is_file():
+        return False
+    config = load_run_config(run_dir)
+    steps = train_steps(config) * config.ppo.steps_per_train_step
+    last = find_folder(run_dir / POLICIES / str(steps)).is_dir()
+    if last or config.run.until is None:
+        return last
+    kept = (latest_step(run_dir) or 0) * config.ppo.steps_per_train_step
+    return reaches(judge_results(run_dir, kept), config.run.until)
+
+
+def find_unexported(run_dir: Path, config: TrainConfig) -> list[int]:
+    """Return the steps of the checkpoints without a policy: a kill between save and export has left them."""
+    policies = run_dir / POLICIES
+    per_step = config.ppo.steps_per_train_step
+    steps = sorted(step for step in saved_steps(run_dir) if step > 0)
+    return [step for step in steps if not find_folder(policies / str(step * per_step)).is_dir()]

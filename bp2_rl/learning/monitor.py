@@ -20,6 +20,7 @@ from rich.text import Text
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
+from bp2_rl.settings.training import CONFIG
 
 LOG = "log.txt"
 
@@ -182,7 +183,7 @@ class Monitor:
         return lines
 
     def _print_plain(self) -> None:
-        """The same for a file or a pipe, in one line of 80 columns, and one for a new remark."""
+        """Print the progress for a file or a pipe in one line of 80 columns, and a new remark in another."""
         headlines = (
             f"{headline.label.split()[-1]} {self._metrics[headline.key]:{headline.format}}"
             for headline in HEADLINES
@@ -218,36 +219,49 @@ class Monitor:
         return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
 
 
-class Mute(Monitor):
-    """The monitor of a process for which another one speaks: it records and shows nothing."""
+class SilentMonitor(Monitor):
+    """The monitor of a cluster's further processes, for which process 0 speaks: it records and shows nothing."""
 
     def __init__(self) -> None:
         pass
 
-    def __enter__(self) -> "Mute":
-        """Itself."""
+    def __enter__(self) -> "SilentMonitor":
+        """Open no file and no display."""
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Nothing is open."""
+        """Close no file."""
 
     def release_terminal(self) -> None:
-        """There is none."""
-
-    def log(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Nothing."""
+        """Leave the terminal alone."""
 
     def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Nothing."""
+        """Record no metrics."""
+
+    log = add
 
     def show(self, remark: str) -> None:
-        """Nothing."""
-
-    def note(self, text: str) -> None:
-        """Nothing."""
+        """Show no remark."""
 
     def record(self, text: str) -> None:
-        """Nothing."""
+        """Log no line."""
+
+    note = record
+
+
+def run_began(run_dir: Path) -> float:
+    """Return when a run began, s since 1970: when its settings were written, after which it compiled.
+
+    A copied folder may have forgotten that time; then the first line of log.txt, which comes later, gives it.
+
+    Raises:
+        OSError: the run's settings are gone.
+    """
+    began = (run_dir / CONFIG).stat().st_mtime
+    with contextlib.suppress(OSError, ValueError):  # a log that is gone or damaged tells no time
+        logged = (run_dir / LOG).read_text().split(" ", 1)[0]
+        began = min(began, datetime.datetime.fromisoformat(logged).timestamp())
+    return began
 
 
 def count(number: float) -> str:

@@ -28,7 +28,7 @@ from bp2_rl.settings.ppo import PPOConfig
 
 ACTIVATIONS = {"swish": linen.swish, "elu": linen.elu, "tanh": linen.tanh, "relu": linen.relu}
 POLICY, CRITIC = "state", "privileged_state"
-"""What each sees of an observation that is a dictionary."""
+"""The entry that each network sees of an observation that is a dictionary."""
 FIRST_OUTPUTS = partial(jax.nn.initializers.variance_scaling, 1e-4, "fan_in", "uniform")
 """Small: training begins on the reference motion, not on noise of the initialisation."""
 Bases = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]
@@ -63,7 +63,7 @@ def make_networks(env: envs.Env, config: PPOConfig) -> networks.PPONetworks:
 
 
 def mirrors_of(env: envs.Env, config: PPOConfig) -> Mapping[str, Mirror]:
-    """By which the networks are symmetric; none where they are not."""
+    """Return the mirrors under which the networks are symmetric; empty where they are not symmetric."""
     return getattr(env, "mirrors", {}) if config.symmetric else {}
 
 

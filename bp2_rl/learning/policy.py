@@ -32,7 +32,7 @@ from bp2_rl.base.files import (
 )
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import ConfigError, from_json, seal, to_json, unseal
-from bp2_rl.settings.env import ControlConfig, EnvConfig, upgrade
+from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
@@ -232,7 +232,7 @@ def _read_card(directory: Path) -> PolicyCard:
             f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
         )
     try:
-        return from_json(PolicyCard, upgrade(unseal(data, CHECKSUM)))
+        return from_json(PolicyCard, unseal(data, CHECKSUM))
     except ConfigError as error:
         versions = data.get("versions")
         author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"

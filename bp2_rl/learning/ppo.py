@@ -216,7 +216,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """The same for the robots of one device; each robot draws from its own key."""
+        """Unroll the robots of one device; each robot draws random numbers from its own key."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
         bank = self.fleet.bank(fleet, split[:, 0])

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import require_name
-from bp2_rl.base.folders import LOCK, lock_folder
+from bp2_rl.base.folders import LOCK, lock_folder, make_folder
 from bp2_rl.base.serialization import ConfigError, config_hash, flatten, from_json, save_config, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning import cluster, guards, loop
@@ -27,13 +26,12 @@ from bp2_rl.learning.checkpoint import (
     restore_checkpoint,
     save_checkpoint,
 )
-from bp2_rl.learning.exports import Judge, reaches, verdicts_of
+from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
-from bp2_rl.learning.loop import train_steps
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig, upgrade
+from bp2_rl.settings.env import COMMAND_LIMITS, ControlConfig
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import CONFIG, Parent, TrainConfig, load_run_config
 
@@ -51,7 +49,7 @@ def start(
 ) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
 
-    `judge` is he of its policies, if they are judged; `tracker` follows it.
+    `judge` measures the exported policies, if given; `tracker` receives the metrics, too.
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
@@ -73,7 +71,8 @@ def start(
     with contextlib.ExitStack() as held:
         with cluster.together():
             if cluster.is_first():
-                _claim(run_dir)
+                make_folder(run_dir)
+                _require_empty(run_dir)
                 held.enter_context(_alone(run_dir))
                 _require_empty(run_dir)  # another process may have been faster
                 writers = open_tracker(tracker, run_dir, config)
@@ -83,7 +82,7 @@ def start(
             if inherited is not None:
                 state = _adopt(state, inherited)
         save_checkpoint(run_dir, 0, state, config=to_json(config))
-        return loop.train(learner, state, config, run_dir, judge=judge, writers=writers)
+        return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
 
 
 def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None) -> Path:
@@ -111,9 +110,7 @@ def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None
             unexported = loop.find_unexported(run_dir, config)
             writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
         cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
-        return loop.train(
-            learner, state, config, run_dir, unlogged=unlogged, unexported=unexported, judge=judge, writers=writers
-        )
+        return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state, unlogged, unexported)
 
 
 def replay(run_dir: Path) -> str:
@@ -132,33 +129,13 @@ def replay(run_dir: Path) -> str:
     return f"train step {step + 1}: {guards.explain(learner, state)}"
 
 
-def is_finished(run_dir: Path) -> bool:
-    """Whether a run has trained all its steps, or has become as fast as it was to be."""
-    step, config = latest_step(run_dir), load_run_config(run_dir)
-    if step is None:
-        return False
-    verdicts = verdicts_of(run_dir, step * config.ppo.steps_per_train_step)
-    return step >= train_steps(config) or reaches(verdicts, config.run.until)
-
-
 def make_learner(config: TrainConfig) -> PPO:
-    """The learner of a run, on all of JAX's devices."""
+    """Return the learner of a run, on all of JAX's devices."""
     robots = -(-config.ppo.num_envs // len(jax.devices()))
     return PPO(BP2Env(config.env, impl=config.impl, num_robots=robots), config.ppo)
 
 
 # --- From one run to the next --------------------------------------------------------------------------------
-
-
-def _claim(run_dir: Path) -> None:
-    """Make the run's folder; it must be new or empty, so that nothing is lost."""
-    require_name(run_dir)
-    try:
-        if run_dir.is_dir():
-            _require_empty(run_dir)
-        run_dir.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
 
 
 def _require_empty(run_dir: Path) -> None:
@@ -213,7 +190,7 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:
-        there = flatten(to_json(from_json(TrainConfig, upgrade(metadata.config))))
+        there = flatten(to_json(from_json(TrainConfig, metadata.config)))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
     here = flatten(to_json(config))

@@ -51,7 +51,7 @@ class StopSignals:
             self._ear.close()
 
     def heard(self) -> signal.Signals | None:
-        """What this process or another of the cluster has caught; all must ask at the same step."""
+        """Return the signal that this or another process of the cluster has caught; all must call at the same step."""
         number = cluster.largest(self.caught or 0)
         if number:
             self.caught = signal.Signals(number)

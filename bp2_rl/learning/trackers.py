@@ -23,7 +23,7 @@ MOST_PARAMS = 100
 
 
 def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) -> list[LogWriter]:
-    """The writer that a run is followed by: a new one, or the one that it had; none without a tracker.
+    """Return a run's tracker as a writer, new or resumed; an empty list without a tracker.
 
     W&B's own files are kept in the run's folder, MLflow's beside it in `mlruns`, unless WANDB_DIR and
     MLFLOW_TRACKING_URI say otherwise.
@@ -45,7 +45,7 @@ def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) ->
 
 
 class _News:
-    """Keeps from a tracker what it was told before the run was stopped: it cannot take back what a resume repeats."""
+    """Writes only metrics that the tracker does not have yet; a resumed run repeats some."""
 
     def __init__(self, writer: LogWriter, told: Set[tuple[int, str]]):
         self._writer, self._told, self.close = writer, told, writer.close
@@ -133,7 +133,7 @@ class _Mlflow:
 
 @contextlib.contextmanager
 def _dispensable(tracker: Tracker) -> Iterator[None]:
-    """Whatever fails within is a `TrackerError`: a server that is gone must not stop a training."""
+    """Turn any failure in the block into a `TrackerError`: a server that is gone must not stop a training."""
     try:
         yield
     except Exception as error:

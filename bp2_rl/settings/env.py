@@ -2,25 +2,24 @@
 
 import dataclasses
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.serialization import ConfigError
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.reference import LIBRARIES, CollocationConfig, KinematicConfig
+from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]
 Extent = Annotated[float, Within(0.001, 1000.0)]
-"""Of what may be zero, and of what may not: a thousand metres, seconds or radians are more than any of them needs."""
+"""`Amount` may be zero, `Extent` may not. A thousand metres, seconds or radians are more than any setting needs."""
 BelowOne = Annotated[float, Within(0.0, 1.0, open_above=True)]
 Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
-"""Of what may have none."""
+"""A limit; infinity means that there is none."""
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
-Impl = Literal["jax", "kernel", "warp", "c"]
+Impl = Literal["jax", "kernel", "warp"]
 """Implementations of the physics."""
 
 
@@ -37,18 +36,19 @@ class ControlConfig:
     """share of the reference's torque that is added, in `residual` mode"""
     torque_rate: Annotated[float, Within(0.001, 1e9, infinite=True)] = float("inf")  # Nm/s
     clock_at_rest: bool = True
-    """the policy sees the gait's phase also where the reference stands still, and nothing should go by it; else the
-    hand of the clock that it sees is as long as the reference steps"""
+    """whether the policy sees the gait's phase also where the reference stands still; if not, the phase vector that it
+    sees is as long as the reference's steps, zero in a stand"""
     braking: Limit = float("inf")
-    """m/s2, at which the forward command that the policy is told falls at most, whatever is asked for"""
+    """m/s2, fastest fall of the forward command that the policy sees, whatever is asked for"""
     stopping_time: Amount = 0.0
-    """s, in which it falls by itself and 0.5 m/s, at most: who stands while the trunk still moves, falls"""
+    """s, least time in which that command falls by its own size and 0.5 m/s: a robot that stands while its trunk still
+    moves falls over"""
     launching: Limit = float("inf")
-    """m/s2, at which it rises at most from a stand: who is far behind the command gathers speed more slowly"""
+    """m/s2, fastest rise of that command from a stand: a robot far behind its command gathers speed more slowly"""
     launching_speed: Limit = float("inf")
-    """m/s, at which it would rise no more: the rate falls from `launching` along a straight line"""
+    """m/s, speed at which that command would rise no more: the rate falls linearly from `launching`"""
     history: tuple[Annotated[int, Within(1, 200)], ...] = ()
-    """control steps: the policy also sees by how much what it sees has changed since so many ago (at first: nothing)"""
+    """control steps: the policy also sees how much its observation has changed since so many steps ago (0 at first)"""
 
 
 COMMAND_LIMITS = ("braking", "stopping_time", "launching", "launching_speed")
@@ -71,10 +71,10 @@ class CommandConfig:
     stand_fraction: Share = 0.05  # share of targets that are zero
     acceleration: Annotated[Range, Within(0.001, 1000.0)] = (1.0, 8.0)
     """m/s2, rate at which the forward command approaches its target"""
-    turn_acceleration: Amount = 2.0  # m/s2 and rad/s2, likewise for lateral and yaw
+    turn_acceleration: Amount = 2.0  # m/s2 and rad/s2, rate of the lateral and yaw commands
     hold_time: Annotated[Range, Within(0.0, 1000.0)] = (1.0, 3.0)  # s, from reaching a target to the next draw
     stand_time: Annotated[Range | None, Within(0.0, 1000.0)] = None
-    """s, likewise where the target is to stand; None: as others"""
+    """s, from reaching a target to stand to the next draw; None: hold_time"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +96,7 @@ class ResetConfig:
 
     standing_fraction: Share = 0.3  # start at rest with the command ramping up; the others on the running reference
     standing_time: Annotated[Range, Within(0.0, 1000.0)] = (0.0, 0.0)
-    """s, for which a robot that starts at rest is told nothing: else it knows that a launch is coming, and leans"""
+    """s, for which a robot that starts at rest has the command to stand: else it expects the launch, and leans"""
     joint_noise: Amount = 0.05  # rad, uniform +-
     command_error: Amount = 0.0  # m/s, by which the command of a running start differs from its speed, at most
     velocity_noise: Amount = 0.1  # share of the reference's velocities, uniform +-
@@ -132,15 +132,15 @@ class TerminationConfig:
     min_up: BelowOne = 0.8  # vertical part of the body's z axis: 37 deg of tilt
     max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0  # rad/s or m/s in any coordinate: the physics has exploded
     max_overlap: Annotated[float, Within(0.0, 1.0)] = 0.005
-    """m, depth of a leg in another or in the trunk, where legs are solid: what soft contacts give way by in the judge.
-    Training has no contacts of legs, and ends an episode instead"""
+    """m, greatest depth of a leg in another leg or the trunk, where legs are solid: what C MuJoCo's soft contacts allow.
+    Training has no contacts between legs, and ends the episode instead"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Kernel:
-    """Of the tracking reward: exp(-2 e^2 / W^2) with W^2 = floor^2 + (speed commanded / width)^2, and for the yaw rate
-    W = yaw_width; but a share `tail` of either is a straight line that ends at an error of `reach` and half of the
-    command. The defaults are the paper's."""
+    """The tracking reward's kernel: exp(-2 e^2 / W^2) with W^2 = floor^2 + (commanded speed / width)^2, and for the yaw
+    rate W = yaw_width. A share `tail` of each reward is instead a straight line, which reaches zero at an error of
+    `reach` plus half the command. The defaults are the paper's."""
 
     floor: Extent = 1.0  # m/s
     width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
@@ -149,7 +149,7 @@ class Kernel:
     yaw_width: Extent = 1.0  # rad/s
     yaw_reach: Extent = 1.0  # rad/s
     memory: Annotated[float, Within(0.0, 10.0)] = 0.0
-    """s, over which the errors are averaged (exponentially) before: a trunk sways and turns within every stride"""
+    """s, time constant of an exponential average of the errors: a trunk sways and turns within every stride"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,14 +166,14 @@ class RewardConfig:
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
-    stand: Coefficient = 0.0  # likewise, of a unit of action where the command is to stand, averaged over 0.2 s
+    stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
     schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
     kernel: Kernel = Kernel()
 
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """Everything that BP2Env depends on."""
+    """All settings of BP2Env."""
 
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that residual actions, imitation rewards and episode starts are about; none: standing still"""
@@ -204,59 +204,3 @@ class EnvConfig:
             )
         if self.commands.hold_time[1] == 0.0:
             raise UserError("commands.hold_time must end above 0")
-
-
-def upgrade(data: Any) -> Any:
-    """The JSON of a policy's card or of a run's settings, made by any version, as `from_json` of this one reads it.
-
-    Once the lag of the current was a setting of the controller, and a spring's two stops were as stiff. Before that
-    both gaits of an `EnvConfig` held a copy of its robot. `EnvConfig` saw to it that the copies were equal, so
-    nothing is lost without them; a file in which one differs was never written by us. And the speed at which a gait
-    begins to step had the name of the curriculum's first speed. The first networks were not symmetric, the
-    tracking kernel had one number of its own, and the library that ships no name.
-
-    Raises:
-        ConfigError: a gait is of another robot than the environment.
-    """
-    if not isinstance(data, dict):
-        return data
-    if isinstance(ppo := data.get("ppo"), dict):
-        data = data | {"ppo": {"symmetric": False} | ppo}
-    env = data.get("env")
-    if not isinstance(env, dict):
-        return data
-    changed = _with_kernel(_with_losses(env))
-    for name in ("gait", "library"):
-        gait = env.get(name)
-        if not isinstance(gait, dict):
-            continue
-        if gait.get("hardware", env.get("hardware")) != env.get("hardware"):
-            raise ConfigError(f"env.{name}.hardware: is another robot than env.hardware")
-        names = {"start_speed": "stepping_speed"}
-        changed[name] = {names.get(key, key): value for key, value in gait.items() if key != "hardware"}
-        if gait.get("path") == "":
-            changed[name]["path"] = LIBRARIES[0]
-    return data | {"env": changed}
-
-
-def _with_kernel(env: dict[str, Any]) -> dict[str, Any]:
-    """The environment with the width of the tracking kernel where its other numbers are."""
-    reward = env.get("reward")
-    if not (isinstance(reward, dict) and "tracking_width" in reward):
-        return env
-    kept = {name: value for name, value in reward.items() if name != "tracking_width"}
-    return env | {"reward": kept | {"kernel": {"width": reward["tracking_width"]}}}
-
-
-def _with_losses(env: dict[str, Any]) -> dict[str, Any]:
-    """The environment with what is the drive's and the spring's in its hardware."""
-    hardware, control = env.get("hardware"), env.get("control")
-    if not isinstance(hardware, dict) or "losses" in hardware:
-        return dict(env)
-    hardware = dict(hardware)
-    if "spring_stop_stiffness" in hardware:
-        hardware.setdefault("rebound_stiffness", hardware["spring_stop_stiffness"])
-    if not (isinstance(control, dict) and "current_lag" in control):
-        return {**env, "hardware": hardware}
-    hardware["losses"] = {"current_lag": control["current_lag"]}
-    return {**env, "hardware": hardware, "control": {k: v for k, v in control.items() if k != "current_lag"}}

@@ -37,7 +37,7 @@ class PPOConfig:
     gae_lambda: Share = 0.95
     clipping: Scale = 0.2
     entropy_cost: Weight = 5e-3
-    entropy_decay: Decay = float("inf")  # train steps after which that has halved: c / (1 + step / this)
+    entropy_decay: Decay = float("inf")  # train steps after which the entropy cost has halved: c / (1 + step / this)
     value_coefficient: Weight = 1.0
     max_grad_norm: Scale = 1.0
     reward_scaling: Scale = 1.0

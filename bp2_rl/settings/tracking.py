@@ -10,7 +10,7 @@ from bp2_rl.base.serialization import load_config
 
 Tracker = Literal["wandb", "mlflow"]
 TRACKED = "tracker.json"
-"""In a run's folder: who follows the run, and by which name the tracker knows it."""
+"""The file in a run's folder that names the run's tracker, and the run by the tracker's own name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Tracked:
 
 
 def tracked(run_dir: Path) -> Tracked | None:
-    """Who follows the run in this folder, if anyone; raises `UserError` where the file is damaged."""
+    """Return the tracker of the run in this folder, if any; raise `UserError` where the file is damaged."""
     return load_config(Tracked, Path(run_dir) / TRACKED) if (Path(run_dir) / TRACKED).is_file() else None
 
 

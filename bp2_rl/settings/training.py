@@ -21,7 +21,6 @@ from bp2_rl.settings.env import (
     Kernel,
     ResetConfig,
     RewardConfig,
-    upgrade,
 )
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.reference import CollocationConfig
@@ -48,7 +47,7 @@ FOLLOWING = Kernel(floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3,
 """A slope at every error: sharp where motion is slow, wide where it is fast, a straight line beyond both, and blind to
 how the trunk sways and turns within a stride."""
 SMALL_FLEET = Kernel(width=9.0, tail=0.3, yaw_width=0.4)
-"""The `cpu` preset's, with tracking worth 1.25: what follows commands more closely is learned more slowly."""
+"""The kernel of the `cpu` preset, with tracking worth 1.25: closer tracking is learned more slowly."""
 OURS: dict[Stage, RewardConfig] = {
     "imitation": dataclasses.replace(PAPER["imitation"], tracking=2.0, kernel=FOLLOWING),
     "relaxed": dataclasses.replace(PAPER["relaxed"], tracking=2.0, torque=0.1, kernel=FOLLOWING),
@@ -57,27 +56,27 @@ OURS: dict[Stage, RewardConfig] = {
 nothing to gain by running faster. docs/notes/training.md has the ablation."""
 
 COMMANDS = CommandConfig(max_turn=4.0, limit_fraction=0.3, slow_fraction=0.2, stand_fraction=0.15)
-"""All that a robot is to follow: fast, slow, standing, turning."""
+"""The whole range of commands: fast, slow, standing, turning."""
 LAUNCHES = CommandConfig(max_forward=13.0, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 5.0))
-"""What is learned first: to gather speed, mostly straight on."""
+"""Easier commands for a first training: gather speed, mostly straight ahead."""
 HISTORY = (5, 10, 15, 20)
 """Control steps, 25 to 100 ms: a third of a stride, in which legs and trunk tell how fast the robot moves."""
 
 FRICTION: dict[RobotName, Range] = {"ideal": (0.55, 1.22), "built": (0.62, 1.38)}
 """Factors for ground of 0.5 to 1.1."""
 MILD_FRICTION: dict[RobotName, Range] = {"ideal": (0.67, 1.22), "built": (0.75, 1.38)}
-"""Likewise of 0.6 to 1.1."""
+"""Factors for ground of 0.6 to 1.1."""
 LOSSES: dict[RobotName, Range] = {"ideal": (1.0, 1.0), "built": (0.8, 1.2)}
 
 
 def on_robot(env: EnvConfig, robot: RobotName) -> EnvConfig:
-    """The environment with this robot, drawn around it as widely as what is assumed of it is uncertain."""
+    """Return the environment with this robot, randomised as widely as its assumed values are uncertain."""
     drawn = dataclasses.replace(env.randomization, friction=FRICTION[robot], losses=LOSSES[robot])
     return dataclasses.replace(env, hardware=ROBOTS[robot], randomization=drawn)
 
 
 def milder(env: EnvConfig, robot: RobotName) -> EnvConfig:
-    """The environment with less to withstand: what a small fleet learns sooner."""
+    """Return the environment with weaker randomisation, in which a small fleet learns sooner."""
     drawn = dataclasses.replace(
         env.randomization, friction=MILD_FRICTION[robot], mass=(0.95, 1.05), com_offset=0.01, latency=(0.0, 0.006),
         joint_velocity_noise=0.15, push_velocity=0.2,
@@ -86,8 +85,7 @@ def milder(env: EnvConfig, robot: RobotName) -> EnvConfig:
 
 
 def careful(env: EnvConfig) -> EnvConfig:
-    """The environment with what comes before and after running: launches with the command ahead, stops that end gently,
-    stands that last."""
+    """Return the environment with launches far behind the command, gentle stops and long stands."""
     return dataclasses.replace(
         env,
         control=dataclasses.replace(env.control, braking=4.0, stopping_time=0.9),
@@ -133,7 +131,7 @@ class Parent:
 
 @dataclasses.dataclass(frozen=True)
 class TrainConfig:
-    """Everything that a training run depends on; written to the run's config.json."""
+    """All settings of a training run, as the run's config.json holds them."""
 
     stage: Stage = "imitation"
     env: EnvConfig = EnvConfig()
@@ -143,11 +141,6 @@ class TrainConfig:
     parent: Parent | None = None
 
 
-def began(run_dir: Path) -> float:
-    """When a run began, s since 1970: its settings were written, and then it compiled. An OSError where it is gone."""
-    return (run_dir / CONFIG).stat().st_mtime
-
-
 def load_run_config(run_dir: Path) -> TrainConfig:
     """The config of a run; raises `UserError` where there is none."""
     require_name(run_dir)
@@ -155,13 +148,13 @@ def load_run_config(run_dir: Path) -> TrainConfig:
         raise UserError(f"no training run at {run_dir}: there is no such folder")
     if not (Path(run_dir) / CONFIG).is_file():
         raise UserError(f"{run_dir} is not a training run: it has no {CONFIG}")
-    return load_config(TrainConfig, Path(run_dir) / CONFIG, upgrade=upgrade)
+    return load_config(TrainConfig, Path(run_dir) / CONFIG)
 
 
 def make_config(
     stage: Stage, preset: Preset, weights: Weights | None = None, robot: RobotName = "built"
 ) -> TrainConfig:
-    """The settings of a stage at a size of machine; rewards by default `ours` for fast running, else `paper`."""
+    """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`."""
     weights = weights or ("paper" if preset == "smoke" else "ours")
     relaxed = stage == "relaxed"
     env = on_robot(EnvConfig(reward=(PAPER if weights == "paper" else OURS)[stage]), robot)

@@ -1,4 +1,4 @@
-"""Films beside a training: they follow the verdicts, on a page that is there from the first verdict on."""
+"""Films beside a training: they follow the results, on a page that is there from the first result on."""
 
 import dataclasses
 import re
@@ -11,12 +11,12 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
-from bp2_rl.evaluation.judge import Launched, Launching, Workers
-from bp2_rl.learning.exports import Hearing, Judge, Verdict
+from bp2_rl.evaluation.judge import JudgeProcesses, LaunchResult, PendingLaunches
+from bp2_rl.learning.exports import Judge, JudgeResult, PendingResult
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
-FAST, FALLEN = Launched(fell=False, speed=12.5), Launched(fell=True, speed=0.0)
+FAST, FALLEN = LaunchResult(fell=False, speed=12.5), LaunchResult(fell=True, speed=0.0)
 
 
 def known(launched):
@@ -25,8 +25,8 @@ def known(launched):
     return future
 
 
-class Fleet(Workers):
-    """Workers who know at once what comes of the policies, by their control steps."""
+class Fleet(JudgeProcesses):
+    """JudgeProcesses who know at once what comes of the policies, by their control steps."""
 
     def __init__(self, launched):
         self.launched, self.places = launched, 1
@@ -34,7 +34,7 @@ class Fleet(Workers):
     def submit(self, policy, kept=None, length=0.0):
         if kept is not None:
             kept.write_bytes(b"the launch's last seconds")
-        return Launching([known(self.launched[int(policy.name)])] * 3)
+        return PendingLaunches([known(self.launched[int(policy.name)])] * 3)
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def page(run_dir):
 def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, camera):
     with filming(Fleet({64: FALLEN, 128: FAST}), print) as judge:
         assert isinstance(judge, Judge)
-        assert isinstance(judge.submit(tmp_path / "policies" / "128"), Hearing)
-        assert hear(judge, tmp_path, 128, 64) == [Verdict(12.5, 0, 3, 12.5), Verdict(0.0, 3, 3, 0.0)]
+        assert isinstance(judge.submit(tmp_path / "policies" / "128"), PendingResult)
+        assert hear(judge, tmp_path, 128, 64) == [JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 3, 3, 0.0)]
     card = r"<video src=\"(.*?)\" poster=\"(.*?)\".*?<b>(.*?)</b>.*?<span class=\"(\w+)\">(.*?)</span>"
     shown = re.findall(card, page(tmp_path))
     assert shown == [
@@ -75,7 +75,7 @@ def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, ca
     assert "://" not in page(tmp_path)
 
 
-def test_a_verdict_does_not_wait_for_its_film_and_the_page_looks_for_more(tmp_path, camera):
+def test_a_result_does_not_wait_for_its_film_and_the_page_looks_for_more(tmp_path, camera):
     camera.clear()
     with filming(Fleet({64: FAST}), print) as judge:
         assert hear(judge, tmp_path, 64)
@@ -101,7 +101,7 @@ def test_a_training_that_is_stopped_does_not_wait_for_films(tmp_path, camera):
 
 
 @pytest.mark.parametrize("error", [NoVideo("no video: no GL library works here (egl: gone)"), OSError("disk full")])
-def test_where_no_film_can_be_made_one_line_says_so_and_the_verdicts_go_on(tmp_path, monkeypatch, error):
+def test_where_no_film_can_be_made_one_line_says_so_and_the_results_go_on(tmp_path, monkeypatch, error):
     def make_video(*_):
         raise error
 
@@ -118,7 +118,7 @@ def test_where_no_film_can_be_made_one_line_says_so_and_the_verdicts_go_on(tmp_p
 def test_a_resumed_run_keeps_the_films_that_it_had(tmp_path, camera):
     with filming(Fleet({64: FAST}), print) as judge:
         hear(judge, tmp_path, 64)
-    judged = {f"judged/{name}": value for name, value in dataclasses.asdict(Verdict(12.5, 0, 3, 12.5)).items()}
+    judged = {f"judged/{name}": value for name, value in dataclasses.asdict(JudgeResult(12.5, 0, 3, 12.5)).items()}
     line = ", ".join(f'"{name}": {value}' for name, value in ({"step": 64} | judged).items())
     (tmp_path / "metrics.jsonl").write_text(f"{{{line}}}\n")
     with filming(Fleet({128: FALLEN}), print) as judge:

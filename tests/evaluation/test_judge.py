@@ -1,4 +1,4 @@
-"""The judge beside a training: his verdicts are the benchmarks', and his processes end with him."""
+"""The judge beside a training: its results are the benchmarks', and its processes end with it."""
 
 import dataclasses
 import multiprocessing
@@ -14,8 +14,8 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
-from bp2_rl.evaluation.judge import LAUNCHES, Launch, Launched
-from bp2_rl.learning.exports import Verdict
+from bp2_rl.evaluation.judge import LAUNCHES, JudgedLaunch, LaunchResult
+from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, STAND_JOINTS
@@ -43,7 +43,7 @@ def slower(shipped):
 def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     """The benchmark computes in NumPy, and roundings part the two runs by 1e-8 m/s."""
     kept = tmp_path / "kept.npz"
-    launched = judging.launch(slower, slower.card.env, Launch(acceleration=3.0, hold=0.5), kept, 1.5)
+    launched = judging.measure_launch(slower, slower.card.env, JudgedLaunch(acceleration=3.0, hold=0.5), kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
     assert isinstance(result, RunMetrics)
@@ -84,25 +84,29 @@ def test_a_swift_machines_motors_may_change():
 
 
 def test_a_robot_that_falls_has_no_speed(slower):
-    launched = judging.launch(lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, LAUNCHES[1])
-    assert launched == Launched(fell=True, speed=0.0)
+    launched = judging.measure_launch(
+        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, LAUNCHES[1]
+    )
+    assert launched == LaunchResult(fell=True, speed=0.0)
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
-    assert judging.judge([Launched(False, 9.0), Launched(True, 0.0), Launched(False, 12.0)]) == Verdict(9.0, 1, 3, 7.0)
+    assert judging.combine(
+        [LaunchResult(False, 9.0), LaunchResult(True, 0.0), LaunchResult(False, 12.0)]
+    ) == JudgeResult(9.0, 1, 3, 7.0)
 
 
 def test_a_launch_may_be_of_a_worse_robot():
-    robot = Launch(3.0, 1.0, friction=0.75, mass=1.05, latency=0.005).robot(BUILT)
+    robot = JudgedLaunch(3.0, 1.0, friction=0.75, mass=1.05, latency=0.005).robot(BUILT)
     assert robot.friction == pytest.approx(0.6)
     assert robot.mass_scale == pytest.approx(1.05)
     assert robot.losses.latency == pytest.approx(0.01)
-    assert Launch(3.0, 1.0).robot(BUILT) == BUILT
+    assert JudgedLaunch(3.0, 1.0).robot(BUILT) == BUILT
 
 
 @pytest.fixture(scope="module")
 def slow_policy(shipped, tmp_path_factory):
-    """It is told 1 m/s at most, so that a verdict takes a moment."""
+    """It is told 1 m/s at most, so that a result takes a moment."""
     env = shipped.card.env
     env = dataclasses.replace(env, commands=dataclasses.replace(env.commands, max_forward=1.0))
     folder = tmp_path_factory.mktemp("slow") / "64"
@@ -110,24 +114,26 @@ def slow_policy(shipped, tmp_path_factory):
     return folder
 
 
-def wait_for(hearing):
+def wait_for(pending):
     deadline = time.monotonic() + 120
-    while not hearing.done():
+    while not pending.done():
         assert time.monotonic() < deadline
         time.sleep(0.02)
 
 
-def test_a_verdict_comes_from_other_processes_which_end_with_the_judge(slow_policy):
+def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_policy):
     policy, before = load_policy(slow_policy), multiprocessing.active_children()
-    with judging.judging(policy.card.env, None) as judge:
-        hearing = judge.submit(slow_policy)
-        assert not hearing.done()
-        assert hearing.speed() == 0.0
+    with judging.open_judge(policy.card.env, None) as judge:
+        pending = judge.submit(slow_policy)
+        assert not pending.done()
+        assert pending.speed() == 0.0
         workers = [worker for worker in multiprocessing.active_children() if worker not in before]
-        wait_for(hearing)
+        wait_for(pending)
         # The same programs on the same processor.
-        assert hearing.result() == judging.judge([judging.launch(policy, policy.card.env, one) for one in LAUNCHES])
-        assert hearing.speed() == hearing.result().speed > 0.0
+        assert pending.result() == judging.combine(
+            [judging.measure_launch(policy, policy.card.env, one) for one in LAUNCHES]
+        )
+        assert pending.speed() == pending.result().speed > 0.0
         judge.submit(slow_policy)  # nobody waits for this one
         began = time.monotonic()
     assert time.monotonic() - began < 2.0
@@ -137,14 +143,14 @@ def test_a_verdict_comes_from_other_processes_which_end_with_the_judge(slow_poli
 
 def test_a_judge_whose_process_is_killed_says_so(slow_policy):
     before = multiprocessing.active_children()
-    with judging.judging(load_policy(slow_policy).card.env, None) as judge:
-        hearing = judge.submit(slow_policy)
+    with judging.open_judge(load_policy(slow_policy).card.env, None) as judge:
+        pending = judge.submit(slow_policy)
         for worker in multiprocessing.active_children():
             if worker not in before:
                 worker.kill()
-        wait_for(hearing)
-        assert hearing.speed() == 0.0
+        wait_for(pending)
+        assert pending.speed() == 0.0
         with pytest.raises(RuntimeError, match="terminated abruptly"):
-            hearing.result()
+            pending.result()
         with pytest.raises(RuntimeError):
             judge.submit(slow_policy)

@@ -13,7 +13,8 @@ from aim import StandIn
 from bp2_rl.base.errors import RunStopped
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import latest_step
-from bp2_rl.learning.exports import Verdict, verdicts_of
+from bp2_rl.learning.exports import JudgeResult, judge_results
+from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.training import TrainConfig, make_config
@@ -42,14 +43,14 @@ def quick_robot():
 
 @dataclasses.dataclass
 class Heard:
-    verdict: Verdict | Exception
+    known: JudgeResult | Exception
     from_then_on: float = 0.0  # s, of the monotonic clock
     early: bool = False  # the speed is known at once
     error: Exception | None = None  # that keeps the judge from the rest
 
     def speed(self):
         known = self.early or self.done()
-        return self.verdict.speed if known and isinstance(self.verdict, Verdict) else 0.0
+        return self.known.speed if known and isinstance(self.known, JudgeResult) else 0.0
 
     def done(self):
         return time.monotonic() >= self.from_then_on
@@ -57,29 +58,29 @@ class Heard:
     def result(self):
         if self.error:
             raise self.error
-        if isinstance(self.verdict, Exception):
-            raise self.verdict
-        return self.verdict
+        if isinstance(self.known, Exception):
+            raise self.known
+        return self.known
 
 
 class Fake:
-    """A judge who knows beforehand what he will say of the policy after so many control steps."""
+    """A judge whose results are known beforehand, by control steps."""
 
     places = 1
 
-    def __init__(self, verdicts, after=0.0, early=False, error=None):
-        self.verdicts, self.after, self.early, self.error, self.asked = verdicts, after, early, error, []
+    def __init__(self, results, after=0.0, early=False, error=None):
+        self.results, self.after, self.early, self.error, self.asked = results, after, early, error, []
 
     def submit(self, policy: Path):
         assert load_policy(policy)
         self.asked.append(int(policy.name))
-        heard = self.verdicts[int(policy.name)]
+        heard = self.results[int(policy.name)]
         return Heard(heard, time.monotonic() + self.after, self.early, self.error)
 
 
 def steady(*speeds):
-    """Verdicts on the policies of every train step: their speeds, without a fall."""
-    return {(k + 1) * PER_STEP: Verdict(speed, 0, 3, speed) for k, speed in enumerate(speeds)}
+    """JudgeResults on the policies of every train step: their speeds, without a fall."""
+    return {(k + 1) * PER_STEP: JudgeResult(speed, 0, 3, speed) for k, speed in enumerate(speeds)}
 
 
 def weights(folder):
@@ -96,16 +97,16 @@ def log(run_dir):
 
 
 @pytest.mark.parametrize(
-    ("verdict", "words"),
+    ("result", "words"),
     [
-        (Verdict(12.34, 0, 3, 5.0), "12.3 m/s"),
-        (Verdict(12.34, 2, 3, 5.0), "12.3 m/s, 2 of 3 launches fell"),
-        (Verdict(0.0, 3, 3, 5.0), "3 of 3 launches fell"),
-        (Verdict(0.0, 0, 3, 5.0), "0.0 m/s"),
+        (JudgeResult(12.34, 0, 3, 5.0), "12.3 m/s"),
+        (JudgeResult(12.34, 2, 3, 5.0), "12.3 m/s, 2 of 3 launches fell"),
+        (JudgeResult(0.0, 3, 3, 5.0), "3 of 3 launches fell"),
+        (JudgeResult(0.0, 0, 3, 5.0), "0.0 m/s"),
     ],
 )
-def test_a_verdict_in_words(verdict, words):
-    assert str(verdict) == words
+def test_a_result_in_words(result, words):
+    assert str(result) == words
 
 
 def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
@@ -127,9 +128,9 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
 
 
 def test_the_best_policy_is_the_fastest_over_all_launches(tmp_path):
-    verdicts = {k * PER_STEP: Verdict(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)}
-    verdicts[3 * PER_STEP] = Verdict(0.0, 1, 3, 7.0)  # the first launch was the one in which it fell
-    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    results = {k * PER_STEP: JudgeResult(13.0, 2, 3, 13.0 / 3) for k in range(1, STEPS + 1)}
+    results[3 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.0)  # the first launch was the one in which it fell
+    run = training.start(small(), tmp_path / "run", judge=Fake(results))
     assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
 
 
@@ -145,7 +146,7 @@ def test_judging_changes_nothing_of_what_is_learned(tmp_path):
 
 
 def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
-    """He takes a second for each, in which the whole run is done."""
+    """The judge takes a second for each, in which the whole run is done."""
     judge = Fake(steady(*range(STEPS)), after=1.0)
     run = training.start(small(), tmp_path / "run", judge=judge)
     saves = {k * PER_STEP for k in (2, 4, 6, 8)}
@@ -156,37 +157,37 @@ def test_a_judge_that_is_behind_is_waited_for_and_given_saves_alone(tmp_path):
 
 
 def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
-    verdicts = steady(1, 12, 9, 11, 12, 13, 14, 15)
-    verdicts[2 * PER_STEP] = Verdict(0.0, 1, 3, 7.5)  # it falls in the launch that counts
-    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(verdicts))
+    results = steady(1, 12, 9, 11, 12, 13, 14, 15)
+    results[2 * PER_STEP] = JudgeResult(0.0, 1, 3, 7.5)  # it falls in the launch that counts
+    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(results))
     # Heard of during the train step after it.
     assert latest_step(run) == 5
-    assert training.is_finished(run)
+    assert is_finished(run)
     assert load_policy(run).card.results["judged"]["control_steps"] == 4 * PER_STEP
     assert f"reached 10.5 m/s: 11.0 m/s after {4 * PER_STEP} control steps, known " in log(run)
     training.resume(run, judge=Fake({}))  # there is nothing left to do, and nothing to judge
     assert latest_step(run) == 5
 
 
-def test_a_run_ends_as_soon_as_the_speed_is_known_and_waits_for_the_rest_of_that_verdict(tmp_path):
+def test_a_run_ends_as_soon_as_the_speed_is_known_and_waits_for_the_rest_of_that_result(tmp_path):
     judge = Fake(steady(1, 2, 11, 3, 3, 3, 3, 3), after=1.0, early=True)
     judge.places = STEPS
     run = training.start(small(until=10.5), tmp_path / "run", judge=judge)
     assert latest_step(run) == 4
     assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
     assert set(judged_lines(run)) >= {64, 128, 192}
-    assert training.is_finished(run)
+    assert is_finished(run)
 
 
 def test_a_judge_that_fails_when_the_speed_is_known_stops_the_run_which_can_go_on(tmp_path):
-    verdicts = steady(1, 2, 11, 12, 13, 14, 15, 16)
-    judge = Fake(verdicts, after=1.0, early=True, error=RuntimeError("killed"))
+    results = steady(1, 2, 11, 12, 13, 14, 15, 16)
+    judge = Fake(results, after=1.0, early=True, error=RuntimeError("killed"))
     judge.places = STEPS
-    with pytest.raises(RunStopped, match=r"the judge failed before his verdict was whole, kept step 4 of 8: python"):
+    with pytest.raises(RunStopped, match=r"the judge failed before .* the last policy, kept step 4 of 8: python"):
         training.start(small(until=10.5), tmp_path / "run", judge=judge)
-    assert not training.is_finished(tmp_path / "run")
-    training.resume(tmp_path / "run", judge=Fake(verdicts))
-    assert training.is_finished(tmp_path / "run")
+    assert not is_finished(tmp_path / "run")
+    training.resume(tmp_path / "run", judge=Fake(results))
+    assert is_finished(tmp_path / "run")
 
 
 def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
@@ -195,30 +196,30 @@ def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
     assert "reached" not in log(run)
 
 
-@pytest.mark.parametrize("verdicts_before", [0, 3])
-def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(tmp_path, verdicts_before):
+@pytest.mark.parametrize("results_before", [0, 3])
+def test_without_the_judge_training_goes_on_and_the_newest_policy_is_the_runs_own(tmp_path, results_before):
     """One warning, whether he is killed, raises or cannot be asked."""
-    verdicts: dict = steady(*range(STEPS, 0, -1))
-    for k in range(verdicts_before + 1, STEPS + 1):
-        verdicts[k * PER_STEP] = RuntimeError("a process of his\nwas killed")
-    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    results: dict = steady(*range(STEPS, 0, -1))
+    for k in range(results_before + 1, STEPS + 1):
+        results[k * PER_STEP] = RuntimeError("a process of his\nwas killed")
+    run = training.start(small(), tmp_path / "run", judge=Fake(results))
     assert latest_step(run) == STEPS
     assert log(run).count("warning") == 1
     assert "warning: no policy is judged any more, the newest is the run's own: a process of his was killed" in log(run)
     assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
-    assert len(judged_lines(run)) == verdicts_before
+    assert len(judged_lines(run)) == results_before
 
 
 def test_a_judge_that_fails_in_the_end_leaves_the_newest_policy(tmp_path):
-    verdicts: dict = {**steady(*range(STEPS, 0, -1)), STEPS * PER_STEP: KeyError()}
-    run = training.start(small(), tmp_path / "run", judge=Fake(verdicts))
+    results: dict = {**steady(*range(STEPS, 0, -1)), STEPS * PER_STEP: KeyError()}
+    run = training.start(small(), tmp_path / "run", judge=Fake(results))
     assert weights(run / "policy") == weights(run / "policies" / str(STEPS * PER_STEP))
 
 
-def test_a_resumed_run_knows_the_verdicts_of_before_and_has_the_others_judged(tmp_path, monkeypatch):
-    verdicts = steady(1, 2, 9, 4, 3, 2, 1, 1)
-    whole = training.start(small(), tmp_path / "whole", judge=Fake(verdicts))
-    judge = Fake(verdicts)
+def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(tmp_path, monkeypatch):
+    results = steady(1, 2, 9, 4, 3, 2, 1, 1)
+    whole = training.start(small(), tmp_path / "whole", judge=Fake(results))
+    judge = Fake(results)
 
     def caught_in_the_fourth_step(signals):
         signals.caught = signal.SIGTERM if len(judge.asked) == 3 else None
@@ -232,7 +233,7 @@ def test_a_resumed_run_knows_the_verdicts_of_before_and_has_the_others_judged(tm
     run = tmp_path / "run"
     assert latest_step(run) == 4
     assert set(judged_lines(run)) == {64, 128, 192}
-    judge = Fake(verdicts)
+    judge = Fake(results)
     training.resume(run, judge=judge)
     assert judge.asked == [k * PER_STEP for k in (4, 5, 6, 7, 8)]
     assert judged_lines(run) == judged_lines(whole)
@@ -252,7 +253,7 @@ def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
     assert weights(run / "policy") == before
 
 
-def test_damaged_lines_of_metrics_are_no_verdicts(tmp_path):
+def test_damaged_lines_of_metrics_are_no_results(tmp_path):
     (tmp_path / "metrics.jsonl").write_text(
         '{"step": 64, "judged/speed": 3, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
         '{"step": 64, "reward": 3}\n'
@@ -263,4 +264,4 @@ def test_damaged_lines_of_metrics_are_no_verdicts(tmp_path):
         '{"step": 256, "judged/speed": 5, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
         '{"step": 320, "judged/sp'
     )
-    assert verdicts_of(tmp_path, 192) == {64: Verdict(3.0, 0, 3, 2.0), 192: Verdict(4.0, 1, 3, 2.0)}
+    assert judge_results(tmp_path, 192) == {64: JudgeResult(3.0, 0, 3, 2.0), 192: JudgeResult(4.0, 1, 3, 2.0)}

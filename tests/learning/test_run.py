@@ -19,6 +19,7 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
 from bp2_rl.learning.log import summarize
+from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.tracking import tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
@@ -68,7 +69,7 @@ def metrics(run_dir):
 def test_a_run_leaves_config_metrics_checkpoints_policy_and_tensorboard(run):
     assert training.load_run_config(run) == tiny()
     assert latest_step(run) == 4
-    assert training.is_finished(run)
+    assert is_finished(run)
     lines = metrics(run)
     assert [line["step"] for line in lines] == [64, 128, 192, 256]
     assert {"reward", "falls", "speed_error", "curriculum_level", "reward/tracking", "loss/kl_mean"} <= lines[0].keys()
@@ -140,7 +141,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     levels = np.linspace(0.1, 0.9, 16, dtype=np.float32)
     old = old.replace(fleet=dataclasses.replace(old.fleet, info={**old.fleet.info, "curriculum": levels}))
     parent = tmp_path / "parent"
-    training._claim(parent)
+    parent.mkdir()
     training.save_config(parent / "config.json", tiny())
     save_checkpoint(parent, 4, old)
     config = dataclasses.replace(tiny(), stage="relaxed")
@@ -186,7 +187,7 @@ def test_a_folder_with_files_is_refused_and_left_as_it_was(tmp_path, holds, said
 
 
 def test_an_empty_folder_will_do(tmp_path):
-    training._claim(tmp_path)
+    training._require_empty(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

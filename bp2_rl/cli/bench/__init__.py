@@ -22,7 +22,7 @@ STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd"
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class BenchArguments:
     """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
 
     The presets set the sizes, as for train.py.
@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(argv: list[str]) -> None:
-    refuse_early(argv, "bp2 bench", Arguments, _with)
+    refuse_early(argv, "bp2 bench", BenchArguments, _with)
     use_processors(read_named(argv))
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.cli.bench.measuring import bench
@@ -87,13 +87,13 @@ def _bench(argv: list[str]) -> None:
     bench(argv)
 
 
-def parse(argv: list[str]) -> Arguments:
+def parse(argv: list[str]) -> BenchArguments:
     """The arguments, with the defaults of the preset that they name."""
     named = read_named(argv)
     preset, defaults = defaults_here("imitation", named.preset, robot=named.robot)
-    arguments = app.parse(Arguments, argv, "bp2 bench", default=_with(defaults))
+    arguments = app.parse(BenchArguments, argv, "bp2 bench", default=_with(defaults))
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _with(defaults: TrainConfig) -> Arguments:
-    return Arguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)
+def _with(defaults: TrainConfig) -> BenchArguments:
+    return BenchArguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo)

@@ -20,11 +20,11 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
 from bp2_rl.base.serialization import from_json, package_versions, save_config
-from bp2_rl.cli.bench import STEP, Arguments, parse
+from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, Case, PartName, measure_case
+from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
@@ -36,7 +36,7 @@ from bp2_rl.tools.throughput.report import (
     scaling_figure,
 )
 
-Size = tuple[int, int]
+BenchSize = tuple[int, int]
 """(robots, devices)."""
 
 FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
@@ -71,7 +71,7 @@ def bench(argv: list[str]) -> None:
     console.print(f"report: {folder / NUMBERS}", soft_wrap=True)
 
 
-def describe(arguments: Arguments) -> Bench:
+def describe(arguments: BenchArguments) -> Bench:
     """A report with nothing measured yet."""
     device = jax.devices()[0]
     backend = " ".join(device.client.platform_version.split())
@@ -87,7 +87,7 @@ def describe(arguments: Arguments) -> Bench:
     )
 
 
-def choose_sizes(arguments: Arguments) -> Iterator[Size]:
+def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
     """What to measure, without repetition; raises UserError where there are fewer devices than asked for."""
     there = jax.device_count()
     if max(arguments.devices, default=1) > there:
@@ -103,7 +103,7 @@ def choose_sizes(arguments: Arguments) -> Iterator[Size]:
     yield from dict.fromkeys(sizes)
 
 
-def measure_all(arguments: Arguments, sizes: Sequence[Size], console: Console) -> Iterator[Case]:
+def measure_all(arguments: BenchArguments, sizes: Sequence[BenchSize], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
     default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
     parts = arguments.parts or (("training",) if arguments.scaling else default)
@@ -118,24 +118,21 @@ def measure_all(arguments: Arguments, sizes: Sequence[Size], console: Console) -
         yield case
 
 
-def _measure(arguments: Arguments, size: Size, parts: Sequence[PartName], console: Console) -> Case:
+def _measure(arguments: BenchArguments, size: BenchSize, parts: Sequence[PartName], console: Console) -> Case:
     robots, devices = size
     case = measure_case(
         lambda robots: make_env(arguments, robots),
         arguments.ppo,
         robots,
         jax.devices()[:devices],
-        parts=parts,
-        seconds=arguments.seconds,
-        profile=arguments.profile,
-        tell=lambda measurement: _tell(console, say(measurement)),
+        BenchOptions(parts, arguments.seconds, arguments.profile, lambda timing: _tell(console, say(timing))),
     )
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
     return case
 
 
-def measure_gymnasium_rates(arguments: Arguments) -> dict[str, float]:
+def measure_gymnasium_rates(arguments: BenchArguments) -> dict[str, float]:
     """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
         raise not_installed("--peer gymnasium", "gymnasium", "gym")
@@ -145,7 +142,7 @@ def measure_gymnasium_rates(arguments: Arguments) -> dict[str, float]:
     return {str(robots): measure_gymnasium(arguments.env, robots, arguments.seconds) for robots in numbers}
 
 
-def make_env(arguments: Arguments, robots: int) -> BP2Env:
+def make_env(arguments: BenchArguments, robots: int) -> BP2Env:
     """The environment that is measured, for at most so many robots a device."""
     return BP2Env(arguments.env, impl=arguments.impl, num_robots=robots)
 

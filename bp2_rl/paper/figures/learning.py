@@ -1,7 +1,6 @@
 """How soon policies run: what the judge beside a training said of them, over control steps and over time."""
 
 import dataclasses
-import datetime
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -10,12 +9,11 @@ from matplotlib.figure import Figure
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.learning.exports import told_verdicts
-from bp2_rl.learning.monitor import LOG
+from bp2_rl.learning.exports import read_judge_results
+from bp2_rl.learning.monitor import run_began
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import LearningSettings
 from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
-from bp2_rl.settings.training import began
 
 LETTERS, SAMPLE = 100, 8  # letters that a line of the legend has room for, and of those a line's sample takes
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
@@ -26,7 +24,7 @@ class Judged:
     """A policy, under the judge's launches from a stand."""
 
     steps: int  # control steps before it
-    seconds: float  # from the first line of log.txt, settings read and robots made, until the verdict was known
+    seconds: float  # from the first line of log.txt, settings read and robots made, until its speed was known
     speed: float  # m/s, held for 5 s after a launch at 3 m/s2; 0 where it fell
     falls: int  # of all launches
 
@@ -71,13 +69,12 @@ def read_curve(run: Path) -> Curve:
         UserError: there is no training, or it had no judge.
     """
     try:
-        logged = datetime.datetime.fromisoformat((run / LOG).read_text().split(" ", 1)[0]).timestamp()
-        start = min(logged, began(run))  # of a copy that has forgotten the time: from the log
+        start = run_began(run)
     except (OSError, ValueError) as error:
         raise UserError(f"--runs: {run} is not the folder of a training that has begun") from error
     judged = [
-        Judged(record["step"], record["wall_time"] - start, verdict.speed, verdict.falls)
-        for record, verdict in told_verdicts(run)
+        Judged(record["step"], record["wall_time"] - start, result.speed, result.falls)
+        for record, result in read_judge_results(run)
         if isinstance(record.get("wall_time"), float)  # else a damaged line
     ]
     if not judged:

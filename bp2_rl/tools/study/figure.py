@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
-from bp2_rl.tools.study.judging import Judgement
+from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.study.outcome import GOAL, Outcome, both_stages, interquartile_mean
 from bp2_rl.tools.study.plan import VARIANTS
 
@@ -66,7 +66,7 @@ def top_speeds(outcomes: Sequence[Outcome]) -> Figure:
     return figure
 
 
-def _curve(runs: Sequence[Sequence[Judgement]]) -> tuple[np.ndarray, np.ndarray]:
+def _curve(runs: Sequence[Sequence[PolicyMeasurement]]) -> tuple[np.ndarray, np.ndarray]:
     """(control steps, top speeds "seed step") of a stage, where all seeds have a policy: a stopped run saves more."""
     by_step = [{j.control_steps: j.top_speed for j in run} for run in runs]
     steps = sorted(set.intersection(*map(set, by_step)))

@@ -10,11 +10,15 @@ from jaxtyping import Float
 from scipy import stats
 
 from bp2_rl.robot import specs
-from bp2_rl.tools.study.judging import Judgement, judgements
+from bp2_rl.tools.study.measuring import PolicyMeasurement, read_measurements
 from bp2_rl.tools.study.plan import VARIANTS, Training
 
 GOAL = specs.OUTDOOR_TOP_SPEED  # m/s
 RESAMPLES = 10_000
+
+
+Stages = tuple[list[PolicyMeasurement], list[PolicyMeasurement]]
+"""What was measured of the policies of an imitation run and of the relaxed run after it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,26 +61,26 @@ def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
     )
 
 
-def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, tuple[list[Judgement], list[Judgement]]]:
-    """The judgements of a variant's imitation and relaxed runs by seed, where there are both."""
+def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, Stages]:
+    """The read_measurements of a variant's imitation and relaxed runs by seed, where there are both."""
     origin = VARIANTS[variant].imitation or variant
     stages = {
         seed: (
-            judgements(folder / Training(origin, seed, "imitation").name),
-            judgements(folder / Training(variant, seed, "relaxed").name),
+            read_measurements(folder / Training(origin, seed, "imitation").name),
+            read_measurements(folder / Training(variant, seed, "relaxed").name),
         )
         for seed in seeds
     }
     return {seed: both for seed, both in stages.items() if all(both)}
 
 
-def _goal(first: list[Judgement], second: list[Judgement]) -> tuple[int | None, float | None]:
+def _goal(first: list[PolicyMeasurement], second: list[PolicyMeasurement]) -> tuple[int | None, float | None]:
     """(control steps, wall time) of the first policy of a run and its sequel that reaches GOAL."""
     whole = first[-1].wall_time
-    for judgement, before in [(j, 0.0) for j in first] + [(j, whole) for j in second]:
-        if judgement.top_speed >= GOAL:
-            here = judgement.wall_time
-            return judgement.control_steps, None if here is None or before is None else before + here
+    for measurement, before in [(j, 0.0) for j in first] + [(j, whole) for j in second]:
+        if measurement.top_speed >= GOAL:
+            here = measurement.wall_time
+            return measurement.control_steps, None if here is None or before is None else before + here
     return None, None
 
 

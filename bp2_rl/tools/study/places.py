@@ -1,6 +1,7 @@
 """Where trainings run: as processes of this machine, one on each GPU, or as jobs that submitit hands to a cluster."""
 
 import contextlib
+import dataclasses
 import datetime
 import os
 import queue
@@ -9,14 +10,15 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl import NPROC_IS_OURS
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
-from bp2_rl.base.workers import PARENT
+from bp2_rl.base.workers import PARENT, spawned
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.settings.jobs import JobsConfig
 
@@ -83,6 +85,55 @@ def begin(
         log.flush()
         command = [sys.executable, *train, *arguments]
         return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT, pass_fds=tuple(keep))
+
+
+@dataclasses.dataclass(frozen=True)
+class Resources:
+    """What the trainings of a study or a search run on."""
+
+    gpus: Sequence[str]  # of this machine, as CUDA_VISIBLE_DEVICES names them; none: one training on what JAX finds
+    judges: int  # processes that measure policies here
+    say: Callable[[str], None]  # takes lines of progress
+    jobs: JobsConfig = JobsConfig()  # whether the trainings are jobs of a cluster; its machines then measure, too
+
+    @contextlib.contextmanager
+    def open(self, folder: Path, lock: int) -> Iterator[tuple["Place", Executor, ThreadPoolExecutor]]:
+        """Open the place of the trainings, the processes that measure policies, and a thread for each slot.
+
+        An exception in the block stops the trainings, which save what they have. The processes end with the thread
+        that submits their first task: let one that outlives the block submit.
+
+        Args:
+            folder: of the work.
+            lock: descriptor of the folder's lock, which the trainings on this machine hold as well.
+        """
+        here = self.jobs.executor == "here"
+        place: Place = Here(self.gpus, lock, self.say) if here else Jobs(self.jobs, folder, self.say)
+        with spawned(self.judges, use_cpu) as measuring, ThreadPoolExecutor(place.slots) as threads:
+            try:
+                yield place, measuring, threads
+            except BaseException:
+                place.stop()
+                threads.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+def visible_gpus() -> tuple[str, ...]:
+    """NVIDIA's GPUs as CUDA_VISIBLE_DEVICES names them; empty where there are none."""
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if named is not None:
+        return tuple(filter(None, named.split(",")))
+    if shutil.which("nvidia-smi") is None:
+        return ()
+    listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout
+    return tuple(map(str, range(sum(line.startswith("GPU") for line in listed.splitlines()))))
+
+
+def use_cpu() -> None:
+    """Let JAX compute on the CPU in this process, and leave the GPUs to the trainings."""
+    import jax
+
+    jax.config.update("jax_platforms", "cpu")
 
 
 class Here:
@@ -205,11 +256,10 @@ class Job:
         if self._process.wait() != 0:
             return False
         self._process = None
-        from bp2_rl.tools.study.judging import judge
-        from bp2_rl.tools.study.training import on_the_processor
+        from bp2_rl.tools.study.measuring import measure_policies
 
-        on_the_processor()
-        judge(self._run_dir)
+        use_cpu()
+        measure_policies(self._run_dir)
         return True
 
     def checkpoint(self) -> Any:

@@ -35,24 +35,24 @@ VARIANTS: dict[str, Variant] = {
         "kinematic gait, absolute actions, Table S4's weights",
         ("--reference", "kinematic", "--env.control.mode", "absolute", "--weights", "paper"), ("--weights", "paper"),
     ),
-    "ordinary": Variant("ordinary networks", ("--ppo.no-symmetric",)),
-    "momentary": _both("weights of the moment, not their average", "--ppo.averaging", "0"),
-    "hopping": Variant("slow trots that hop", ("--env.library.path", "bp2_trot")),
-    "forgetful": Variant("no history in the observation", ("--env.control.history",)),
-    "flat": _both(
+    "plain_networks": Variant("networks without left-right symmetry", ("--ppo.no-symmetric",)),
+    "no_averaging": _both("the newest weights instead of their average", "--ppo.averaging", "0"),
+    "hopping": Variant("a motion library whose slow trots hop", ("--env.library.path", "bp2_trot")),
+    "no_history": Variant("no history in the observation", ("--env.control.history",)),
+    "paper_kernel": _both(
         "the paper's tracking kernel", "--env.reward.kernel.floor", "1", "--env.reward.kernel.width", "inf",
         "--env.reward.kernel.tail", "0", "--env.reward.kernel.yaw-width", "1", "--env.reward.kernel.yaw-reach", "1",
         "--env.reward.kernel.memory", "0",
     ),
     "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
-    "crooked": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
-    "certain": Variant("no randomisation", ("--env.randomization.no-enabled",)),
-    "hasty": Variant(
-        "commands told as steeply as they are asked for",
+    "no_symmetry_reward": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),
+    "no_randomization": Variant("no randomisation", ("--env.randomization.no-enabled",)),
+    "no_launch_limit": Variant(
+        "no limit on how fast the command rises",
         ("--env.control.launching", "inf", "--env.control.launching-speed", "inf"),
     ),
     "restless": Variant("no reward for standing still", relaxed=("--env.reward.stand", "0"), imitation="ours"),
-    "ready": Variant(
+    "no_standing_wait": Variant(
         "no wait before the first launch", relaxed=("--env.reset.standing-time", "0", "0"), imitation="ours"
     ),
 }  # fmt: skip
@@ -68,7 +68,7 @@ class Training:
 
     @property
     def name(self) -> str:
-        """Its folder's name."""
+        """The name of the run's folder."""
         return f"{self.variant}-{self.seed}-{self.stage}"
 
 

@@ -47,7 +47,7 @@ FEWEST = 3  # timed calls, however long they take
 MOST = 1000
 
 
-class Part(NamedTuple):
+class BenchPart(NamedTuple):
     """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again and again."""
 
     name: PartName
@@ -57,7 +57,7 @@ class Part(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Measurement:
+class PartTiming:
     """One part at one size. Rates are by the median call; a call is one unroll of all robots."""
 
     part: PartName
@@ -83,7 +83,7 @@ class Case:
 
     robots: int
     devices: int
-    measurements: tuple[Measurement, ...] = ()
+    measurements: tuple[PartTiming, ...] = ()
     state_bytes_per_robot: float | None = None  # what is kept of a robot between train steps
     device_peak_bytes: int | None = None  # of the fullest device since the process began; None where not known
     shares: dict[str, float] = dataclasses.field(default_factory=dict)  # see `share_out`
@@ -121,43 +121,47 @@ class Compilations:
         self.from_cache += event == "/jax/compilation_cache/cache_hits"
 
 
+@dataclasses.dataclass(frozen=True)
+class BenchOptions:
+    """What is measured, for how long, and where it is reported."""
+
+    parts: Sequence[PartName] = PARTS  # physics only of BP2Env, brax only on one device
+    seconds: float = 2.0  # of timed calls for each part; at least three calls are timed
+    profile: Path | None = None  # folder for jax.profiler's trace of two train steps
+    tell: Callable[[PartTiming], None] = lambda timing: None  # receives each timing as soon as it is measured
+
+
 def measure_case(
     make_env: Callable[[int], envs.Env],
     config: PPOConfig,
     robots: int,
     devices: Sequence[Any],
-    *,
-    parts: Sequence[PartName] = PARTS,
-    seconds: float = 2.0,
-    profile: Path | None = None,
-    tell: Callable[[Measurement], None] = lambda measurement: None,
+    options: BenchOptions,
 ) -> Case:
-    """Measure `parts` with `robots` robots on `devices`.
+    """Measure the parts of training with `robots` robots on `devices`.
 
     Args:
         make_env: the environment for at most so many robots a device.
         config: hyperparameters; `robots` stands in for their `num_envs`.
         robots: all devices together.
         devices: JAX's devices to use.
-        parts: of `PARTS`; the physics alone only of BP2Env, Brax only on one device.
-        seconds: to spend on timed calls, for each part; three calls are timed in any case.
-        profile: a folder for jax.profiler's trace of two train steps; None for none.
-        tell: hears each measurement as it comes.
+        options: what to measure and where to report it.
 
     Returns:
-        Also where the robots don't fit the devices or their memory: then with an `error`, and what came before it.
+        The timings. Where the robots don't fit the devices or their memory, the case has an `error` and the timings
+        that came before it.
     """
-    measurements: list[Measurement] = []
+    measurements: list[PartTiming] = []
     state_bytes = error = None
     try:
         env = make_env(-(-robots // len(devices)))
         learner = PPO(env, dataclasses.replace(config, num_envs=robots), devices)
         state = learner.init(0)
         state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
-        for part in make_parts(learner, state, parts):
-            trace = profile if part.name == "training" else None
-            measurements.append(measure(part, learner, seconds, trace))
-            tell(measurements[-1])
+        for part in make_parts(learner, state, options.parts):
+            trace = options.profile if part.name == "training" else None
+            measurements.append(measure(part, learner, options.seconds, trace))
+            options.tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
     peaks = [(device.memory_stats() or {}).get("peak_bytes_in_use") for device in devices]
@@ -166,7 +170,7 @@ def measure_case(
     return Case(robots, len(devices), tuple(measurements), state_bytes, peak, shares, error)
 
 
-def share_out(measurements: Sequence[Measurement]) -> dict[str, float]:
+def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
     """What a train step spends its time on, as shares that add up to 1; empty where a part was not measured.
 
     By the best call of each, which other programs disturbed least. The parts ran by themselves, where XLA cannot fuse
@@ -182,7 +186,7 @@ def share_out(measurements: Sequence[Measurement]) -> dict[str, float]:
     return {name: value / seconds["training"] for name, value in parts.items()}
 
 
-def measure(part: Part, learner: PPO, seconds: float, profile: Path | None = None) -> Measurement:
+def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None) -> PartTiming:
     """Compile a part of `learner`, warm it up, and time its calls for so many seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
@@ -207,7 +211,7 @@ def measure(part: Part, learner: PPO, seconds: float, profile: Path | None = Non
                 carry, _ = jax.block_until_ready(program(carry, *fixed))
     low, median, high = statistics.quantiles(times, n=4, method="inclusive")
     rate = learner.config.steps_per_train_step / median
-    return Measurement(
+    return PartTiming(
         part=name,
         robots=robots,
         devices=devices,
@@ -229,27 +233,27 @@ def measure(part: Part, learner: PPO, seconds: float, profile: Path | None = Non
 # --- The parts -----------------------------------------------------------------------------------------------
 
 
-def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> Iterator[Part]:
-    """Those of `PARTS` that are named and that the learner has, one by one; `training` consumes `state`."""
+def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> Iterator[BenchPart]:
+    """Yield the named parts that the learner has, in the order of `PARTS`; `training` consumes `state`."""
     env, networks = learner.fleet.env, (state.params, state.normalizer)
     keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
     keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner.robots)
     if "physics" in names and isinstance(env, BP2Env):
         yield _physics(learner, env, state)
     if "environment" in names:
-        yield Part("environment", _on_each_device(learner, partial(_live, learner)), state.fleet, (zeros, keys))
+        yield BenchPart("environment", _on_each_device(learner, partial(_live, learner)), state.fleet, (zeros, keys))
     if "resets" in names:
-        yield Part("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
+        yield BenchPart("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
     yield from _networks(learner, state, keys, names)
     if "acting" in names:
-        yield Part("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
+        yield BenchPart("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
-        yield Part("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
+        yield BenchPart("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
 
 
-def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[Part]:
+def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[BenchPart]:
     """Policy and gradient steps; their data are gone when the next part begins."""
     if not {"policy", "sgd"} & set(names):
         return
@@ -270,7 +274,7 @@ def _on_each_device(
     return jax.jit(local)
 
 
-def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
+def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
     """The joints hold the targets of the first control step. Every call begins anew, before a robot could fall."""
     first: Any = state.fleet.pipeline_state
 
@@ -285,7 +289,7 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> Part:
         return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
 
     fixed = (first.physics, jax.jit(jax.vmap(aim))(first), first.randomization)
-    return Part("physics", _on_each_device(learner, simulate), (), fixed)
+    return BenchPart("physics", _on_each_device(learner, simulate), (), fixed)
 
 
 def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -> tuple[envs.State, tuple[()]]:
@@ -307,13 +311,13 @@ def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys:
 
 
 def _repeat(learner: PPO, observations: Any) -> Any:
-    """The same observations at every step of an unroll; an argument, so that XLA cannot see that they are."""
+    """Repeat observations over an unroll, to be passed as an argument: XLA must not see that they are equal."""
     length = learner.config.unroll_length
     repeated = jax.tree.map(lambda x: jnp.broadcast_to(x, (length, *x.shape)), observations)
     return jax.device_put(repeated, NamedSharding(learner.mesh, TIMES_ROBOTS))
 
 
-def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array) -> Part:
+def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: jax.Array) -> BenchPart:
     def act(carry: tuple[()], params: Any, normalizer: Any, observations: Any, keys: Any) -> tuple[tuple[()], Any]:
         infer = jax.vmap(learner.infer((normalizer, params.policy)))
 
@@ -324,10 +328,10 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 
     in_specs = (EVERYWHERE, EVERYWHERE, EVERYWHERE, TIMES_ROBOTS, ROBOTS)
     program = _on_each_device(learner, act, in_specs, (EVERYWHERE, TIMES_ROBOTS))
-    return Part("policy", program, (), (*networks, observations, keys))
+    return BenchPart("policy", program, (), (*networks, observations, keys))
 
 
-def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
+def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
         params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key, state.step)
@@ -335,7 +339,7 @@ def _sgd(learner: PPO, state: TrainState, data: Transition) -> Part:
 
     fixed = (state.normalizer, data, state.key)
     program = jax.jit(improve, out_shardings=learner.everywhere)
-    return Part("sgd", program, (state.params, state.optimizer), fixed)
+    return BenchPart("sgd", program, (state.params, state.optimizer), fixed)
 
 
 def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> Transition:
@@ -356,7 +360,7 @@ def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> T
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
 
-def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> Part:
+def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart:
     config = learner.config
     env = brax_training.wrap(learner.fleet.env, config.episode_length)
 
@@ -367,7 +371,7 @@ def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> Part:
         fleet, data = acting.generate_unroll(env, fleet, policy, now, config.unroll_length, ("truncation",))
         return (fleet, key), data
 
-    return Part("brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks)
+    return BenchPart("brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks)
 
 
 # --- What JAX says of itself ---------------------------------------------------------------------------------

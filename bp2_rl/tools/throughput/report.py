@@ -12,7 +12,7 @@ from rich.table import Table
 from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.learning.monitor import count
 from bp2_rl.settings.training import TrainConfig
-from bp2_rl.tools.throughput.measure import Case, Measurement, PartName
+from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 
 NUMBERS, PICTURE = "bench.json", "scaling.png"
 NOT_MEASURED = "-"
@@ -51,7 +51,7 @@ class Bench:
 # --- On the terminal -----------------------------------------------------------------------------------------
 
 
-def say(measurement: Measurement) -> str:
+def say(measurement: PartTiming) -> str:
     """A measurement in a line."""
     m = measurement
     devices = f" on {m.devices} devices" if m.devices > 1 else ""
@@ -78,7 +78,7 @@ def print_table(bench: Bench, console: Console) -> None:
         console.print(line, soft_wrap=True, highlight=False, markup=False)
 
 
-def _cells(m: Measurement) -> Iterable[str]:
+def _cells(m: PartTiming) -> Iterable[str]:
     return (
         m.part,
         str(m.robots),
@@ -131,7 +131,7 @@ def peer_ratio(bench: Bench) -> float | None:
 
 
 def _memory(bench: Bench) -> list[str]:
-    """Of a robot, where most were trained, and the peaks."""
+    """Return lines on the memory for each robot, in the largest case that was trained, and on the peaks."""
     lines = []
     trained = [m for case in bench.cases for m in case.measurements if m.part == "training"]
     kept = {(case.robots, case.devices): case.state_bytes_per_robot for case in bench.cases}

@@ -4,21 +4,18 @@ A folder of runs, trial-NUMBER, and Optuna's SQLite file. What is there is not d
 the way goes on where it stands.
 """
 
-import concurrent.futures
 import dataclasses
 from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 from typing import Any
 
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
-from bp2_rl.base.workers import spawned
 from bp2_rl.robot.specs import RobotName
-from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import Preset, make_config
-from bp2_rl.tools.study.judging import Judgement, judge
-from bp2_rl.tools.study.places import Here, Jobs, Place
-from bp2_rl.tools.study.training import on_the_processor
+from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
+from bp2_rl.tools.study.places import Place, Resources
 from bp2_rl.tools.tuning.space import Dimension
 
 SETTINGS, STORAGE = "search.json", "tune.db"
@@ -63,28 +60,10 @@ class _Settings:
     settings: str  # hash of the preset's, by which a change of the defaults is seen
 
 
-def run(
-    search: Search,
-    folder: Path,
-    *,
-    trials: int,
-    jobs: JobsConfig,
-    gpus: Sequence[str],
-    judges: int,
-    say: Callable[[str], None],
-) -> list[Trial]:
-    """Search until the folder holds so many trials; all of them, the fastest first.
+def run(search: Search, folder: Path, trials: int, resources: Resources) -> list[Trial]:
+    """Search until the folder holds so many trials, earlier calls' included; return all, the fastest first.
 
     An interruption ends the trainings, which save what they have; their trials go on at the next call.
-
-    Args:
-        search: what for.
-        folder: made if need be.
-        trials: those of earlier calls included.
-        jobs: where the trainings run.
-        gpus: of this machine, as CUDA_VISIBLE_DEVICES names them.
-        judges: processes that judge here.
-        say: takes lines of progress.
 
     Raises:
         UserError: the folder holds another search, or another process is at work on it.
@@ -94,74 +73,53 @@ def run(
         settings = config_hash(make_config("imitation", search.preset, robot=search.robot))
         claim_folder(folder, SETTINGS, _Settings(search, settings), "a search")
         study = _study(search, folder)
-        place: Place = Here(gpus, lock, say) if jobs.executor == "here" else Jobs(jobs, folder, say)
-        with (
-            spawned(judges, on_the_processor) as judging,
-            concurrent.futures.ThreadPoolExecutor(place.slots) as threads,
-        ):
-            # Judges end with the thread that starts them, so this one does.
-            try:
-                _Searcher(study, search, folder, place, judging, threads, say).search(trials)
-            except BaseException:
-                place.stop()
-                threads.shutdown(wait=False, cancel_futures=True)
-                raise
+        with resources.open(folder, lock) as (place, measuring, threads):
+            searcher = _Searcher(study, search, folder, resources.say)
+            searcher.search(trials, place, measuring, threads)
         return _ranked(study, search)
 
 
 class _Searcher:
-    """Asks Optuna, and tells it what came out, from one thread; the trainings are waited for in others."""
+    """Asks Optuna for trials, and tells it their results, from one thread; other threads wait for the trainings."""
 
-    def __init__(
-        self,
-        study: Any,
-        search: Search,
-        folder: Path,
-        place: Place,
-        judging: concurrent.futures.Executor,
-        threads: concurrent.futures.Executor,
-        say: Callable[[str], None],
-    ):
+    def __init__(self, study: Any, search: Search, folder: Path, say: Callable[[str], None]):
         self._study, self._search, self._folder, self._say = study, search, folder, say
-        self._place, self._judging, self._threads = place, judging, threads
-        self._at_work: dict[concurrent.futures.Future[Any], int] = {}  # trainings and verdicts -> number of the trial
 
-    def search(self, trials: int) -> None:
-        """Go on with what was stopped, then ask for more, as many at a time as there is room for."""
+    def search(self, trials: int, place: Place, measuring: Executor, threads: Executor) -> None:
+        """Go on with trials that were stopped, then ask for more; run as many at a time as `place` has slots."""
         known = self._study.get_trials(deepcopy=False)
         waiting = [(trial.number, trial.params) for trial in known if trial.state.name == "RUNNING"]
         asked = len(known)
-        while self._at_work or waiting or asked < trials:
-            while len(self._at_work) < self._place.slots and (waiting or asked < trials):
+        at_work: dict[Future[Any], int] = {}  # trainings and measurements -> number of the trial
+        while at_work or waiting or asked < trials:
+            while len(at_work) < place.slots and (waiting or asked < trials):
                 if waiting:
                     number, values = waiting.pop(0)
                 else:
                     trial = self._study.ask(_distributions(self._search.space))
                     number, values, asked = trial.number, trial.params, asked + 1
-                self._train(number, self._search.flags(values))
-            done, _ = concurrent.futures.wait(self._at_work, return_when=concurrent.futures.FIRST_COMPLETED)
+                flags, run_dir = self._search.flags(values), self._folder / run_name(number)
+                self._say(f"{run_name(number)}: {' '.join(flags)}")
+                at_work[threads.submit(place.train, self._search.command(flags, run_dir), run_dir)] = number
+            done, _ = wait(at_work, return_when=FIRST_COMPLETED)
             for one in done:
-                self._go_on(self._at_work.pop(one), one.result())
+                number, result = at_work.pop(one), one.result()
+                if result is True:
+                    at_work[measuring.submit(measure_policies, self._folder / run_name(number))] = number
+                else:
+                    self._tell(number, result)
 
-    def _train(self, number: int, flags: Sequence[str]) -> None:
-        self._say(f"{run_name(number)}: {' '.join(flags)}")
-        run_dir = self._folder / run_name(number)
-        training = self._threads.submit(self._place.train, self._search.command(flags, run_dir), run_dir)
-        self._at_work[training] = number
-
-    def _go_on(self, number: int, outcome: bool | list[Judgement]) -> None:
-        """A training has ended, or its policies have been judged."""
+    def _tell(self, number: int, measured: bool | list[PolicyMeasurement]) -> None:
+        """Tell Optuna how a trial ended: with measured policies, or with a training that failed."""
         from optuna.trial import TrialState
 
-        run_dir = self._folder / run_name(number)
-        if outcome is True:
-            self._at_work[self._judging.submit(judge, run_dir)] = number
-        elif not outcome:
-            self._say(f"{run_name(number)} failed: see {run_dir}.txt")
+        name = run_name(number)
+        if not isinstance(measured, list) or not measured:
+            self._say(f"{name} failed: see {self._folder / name}.txt")
             self._study.tell(number, state=TrialState.FAIL)
         else:
-            speed = max(one.top_speed for one in outcome)
-            self._say(f"{run_name(number)}: {speed:.2f} m/s")
+            speed = max(one.top_speed for one in measured)
+            self._say(f"{name}: {speed:.2f} m/s")
             self._study.tell(number, speed)
 
 

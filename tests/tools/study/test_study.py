@@ -19,14 +19,15 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import study as command
-from bp2_rl.cli.train import Arguments, _parse
+from bp2_rl.cli.train import TrainArguments, _parse
+from bp2_rl.evaluation import judge
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.env import Kernel
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import PAPER, RunConfig, Stage, TrainConfig, make_config
-from bp2_rl.tools.study import judging, outcome, places, training
-from bp2_rl.tools.study.judging import Judgement
+from bp2_rl.tools.study import measuring, outcome, places, training
+from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
 
 PLAN = Plan(variants=("ours", "paper"), seeds=(0, 1), preset="smoke", steps=(2048, 1024))
@@ -45,27 +46,27 @@ def test_variants_of_the_relaxed_stage_go_on_from_the_same_imitation_run():
 SETS = {
     "ours": {},
     "paper": {},
-    "crooked": {},
+    "no_symmetry_reward": {},
     "restless": {},
-    "ready": {},
+    "no_standing_wait": {},
     "kinematic": {"env.reference": "kinematic"},
     "none": {"env.reference": "none"},
     "standing": {"env.reset.standing_fraction": 1.0},
     "published": {"env.reference": "kinematic", "env.control.mode": "absolute"},
-    "ordinary": {"ppo.symmetric": False},
-    "momentary": {"ppo.averaging": 0.0},
+    "plain_networks": {"ppo.symmetric": False},
+    "no_averaging": {"ppo.averaging": 0.0},
     "hopping": {"env.library.path": "bp2_trot"},
-    "forgetful": {"env.control.history": ()},
-    "flat": {"env.reward.kernel": Kernel()},
+    "no_history": {"env.control.history": ()},
+    "paper_kernel": {"env.reward.kernel": Kernel()},
     "unscheduled": {"env.reward.schedule": "off"},
-    "hasty": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
-    "certain": {"env.randomization.enabled": False},
+    "no_launch_limit": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
+    "no_randomization": {"env.randomization.enabled": False},
 }
 """What a variant changes in both stages, besides the weights of rewards."""
 SETS_LATER = {
-    "crooked": {"env.reward.symmetry": 0.0},
+    "no_symmetry_reward": {"env.reward.symmetry": 0.0},
     "restless": {"env.reward.stand": 0.0},
-    "ready": {"env.reset.standing_time": (0.0, 0.0)},
+    "no_standing_wait": {"env.reset.standing_time": (0.0, 0.0)},
 }
 """Likewise, in the relaxed stage alone."""
 
@@ -92,7 +93,7 @@ def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
         assert config.env.reward == reward
 
 
-def _config(parsed: Arguments, stage: Stage) -> TrainConfig:
+def _config(parsed: TrainArguments, stage: Stage) -> TrainConfig:
     return TrainConfig(stage, parsed.env, parsed.ppo, parsed.run, parsed.impl)
 
 
@@ -118,24 +119,23 @@ def trained(tmp_path, monkeypatch, make_card):
         run_dir = self._folder / training.name
         config = dataclasses.replace(make_config("imitation", "smoke"), run=RunConfig(steps=2048))
         for steps in (1024, 2048):
-            card = make_card(physics_steps=5 * steps, created="2026-01-01T00:01:00Z")
+            card = make_card(physics_steps=5 * steps, results={"wall_time": 60.0})
             layers = tuple(
                 (np.zeros(shape, np.float32), np.zeros(shape[1], np.float32)) for shape in ((47, 4), (4, 12))
             )
             mean = np.full(47, steps + len(started), np.float32)
             save_policy(run_dir / POLICIES / str(steps), Policy(card, mean, np.ones(47, np.float32), layers))
         save_config(run_dir / "config.json", config)
-        run_dir.with_suffix(".txt").write_text(f"2026-01-01T00:00:00+00:00 --out {run_dir}\nnoise\n")
         return True
 
-    def judge(policy, wall):
+    def measure(policy, wall):
         steps = policy.card.physics_steps // 5
-        return Judgement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
+        return PolicyMeasurement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
 
     failing: set[str] = set()
     monkeypatch.setattr(training._Trainer, "_train", run_train)
-    monkeypatch.setattr(training, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
-    monkeypatch.setattr(judging, "_judge", judge)
+    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(measuring, "_measure", measure)
     return tmp_path / "study", started, failing
 
 
@@ -144,14 +144,14 @@ REAL_TRAIN = training._Trainer._train
 
 def run(folder, plan=PLAN):
     said: list[str] = []
-    return training.run(plan, folder, gpus=("0", "1"), judges=1, say=said.append), said
+    return training.run(plan, folder, places.Resources(("0", "1"), 1, said.append)), said
 
 
 def test_a_study_trains_each_run_once_and_judges_every_saved_policy(trained):
     folder, started, _ = trained
     assert run(folder)[0] == []
     assert sorted(started) == sorted(training.name for chain in PLAN.chains for training in chain)
-    judged = judging.judgements(folder / "paper-1-relaxed")
+    judged = measuring.read_measurements(folder / "paper-1-relaxed")
     assert [(j.control_steps, j.top_speed, j.wall_time) for j in judged] == [(1024, 8.0, 60.0), (2048, 16.0, 60.0)]
     before = list(started)
     assert run(folder)[0] == []
@@ -163,7 +163,7 @@ def test_a_policy_that_was_replaced_is_judged_anew(trained, monkeypatch):
     run(folder)
     (run_dir,) = folder.glob("paper-1-relaxed")
     save_policy(run_dir / POLICIES / "1024", load_policy(run_dir / POLICIES / "2048"))
-    assert [j.control_steps for j in judging.judge(run_dir)] == [2048, 2048]
+    assert [j.control_steps for j in measuring.measure_policies(run_dir)] == [2048, 2048]
 
 
 def test_what_needs_a_failed_run_is_not_begun_and_the_others_go_on(trained):
@@ -295,7 +295,8 @@ def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
         output = (tmp_path / RUN.name).with_suffix(".txt")
         while not (output.is_file() and "-m" in output.read_text()):
             time.sleep(0.01)
-        running.stop()
+        running.stopped = True
+        running._place.stop()
         chain.result(timeout=30.0)
     assert running.failed == PLAN.chains[0]
     running.follow(PLAN.chains[1])
@@ -311,7 +312,7 @@ from bp2_rl.tools.study.plan import Plan
 if __name__ == "__main__":
     places.sys.executable = sys.argv[1]
     plan = Plan(("ours",), (0,), "smoke", (2048, 1024))
-    training.run(plan, Path(sys.argv[2]), gpus=(), judges=1, say=print)
+    training.run(plan, Path(sys.argv[2]), places.Resources((), 1, print))
 """
 TRAINING = """
 import os, signal, time
@@ -334,7 +335,7 @@ def test_a_killed_studys_trainings_save_and_end_and_nobody_else_works_there_befo
     study.write_text(STUDY)
     fake.write_text(f"#!{PYTHON}\n{TRAINING}")
     fake.chmod(0o755)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     log = folder / "ours-0-imitation.txt"
     with subprocess.Popen([PYTHON, study, fake, folder], cwd=tmp_path, env=environment) as process:
         wait_until(lambda: log.is_file() and log.read_text().endswith("training\n"))
@@ -386,14 +387,13 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
     plan = dataclasses.replace(PLAN, variants=("ours",), seeds=(0,))
     run(folder, plan)
     monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
     monkeypatch.setattr(training._Trainer, "_train", REAL_TRAIN)
     monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
     gathered: list[str] = []
     jobs = JobsConfig(executor="local", gpus=0, cpus=1)
-    missing = training.run(
-        plan, folder, gpus=(), judges=1, say=print, jobs=jobs, judged=lambda training: gathered.append(training.name)
-    )
+    resources = places.Resources((), 1, print, jobs)
+    missing = training.run(plan, folder, resources, lambda training: gathered.append(training.name))
     assert missing == []
     assert gathered == ["ours-0-imitation", "ours-0-relaxed"]
     first, second = (folder / "ours-0-imitation.txt").read_text().splitlines()
@@ -408,21 +408,23 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
 def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
     """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
 
-    def rollout(policy, ramp, config, machine):
+    def rollout(policy, ramp, config, machine, hardware=None):
         speed = ramp.target[0]
         return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
 
-    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
-    judgement = judging._judge(make_policy(), None)
-    assert judgement.top_speed == pytest.approx(9.0)
-    assert judgement.falls == 2
+    for module in (judge, measuring):
+        monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    measured = measuring._measure(make_policy(), None)
+    assert measured.top_speed == pytest.approx(9.0)
+    assert measured.falls == 2
 
 
 def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
-    monkeypatch.setattr(judging, "rollout_mujoco", lambda *_, machine: make_run(fell_at=7.9))
-    judgement = judging._judge(make_policy(), None)
-    assert (judgement.top_speed, judgement.falls, judgement.cruise_speed) == (0.0, 3, 0.0)
-    assert judgement.cruise_cost is None
+    for module in (judge, measuring):
+        monkeypatch.setattr(module, "rollout_mujoco", lambda *_, **__: make_run(fell_at=7.9))
+    measured = measuring._measure(make_policy(), None)
+    assert (measured.top_speed, measured.falls, measured.cruise_speed) == (0.0, 3, 0.0)
+    assert measured.cruise_cost is None
 
 
 def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_than_told(
@@ -430,16 +432,17 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
 ):
     told: list[float] = []
 
-    def rollout(policy, ramp, config, machine):
+    def rollout(policy, ramp, config, machine, hardware=None):
         told.append(ramp.target[0])
         return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
 
-    monkeypatch.setattr(judging, "rollout_mujoco", rollout)
-    judgement = judging._judge(make_policy(), None)
+    for module in (judge, measuring):
+        monkeypatch.setattr(module, "rollout_mujoco", rollout)
+    measured = measuring._measure(make_policy(), None)
     # 12.4 m/s under 15.5: told 12.4 it could not be faster, so that is not tried.
     assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)
-    assert judgement.cruise_speed == pytest.approx(10.0, rel=1e-3)
-    assert judgement.cruise_cost == 0.0  # nothing in this run takes power
+    assert measured.cruise_speed == pytest.approx(10.0, rel=1e-3)
+    assert measured.cruise_cost == 0.0  # nothing in this run takes power
 
 
 def test_the_interquartile_mean_leaves_out_the_outer_quarters():
@@ -455,7 +458,7 @@ def test_the_bootstrap_interval_is_scipys():
 
 def test_the_goal_is_reached_by_the_first_policy_that_does_in_either_stage():
     def judged(*speeds, wall=10.0, before=0):
-        return [Judgement(before + i, "", wall * i, v, 0, 0.0, None) for i, v in enumerate(speeds, start=1)]
+        return [PolicyMeasurement(before + i, "", wall * i, v, 0, 0.0, None) for i, v in enumerate(speeds, start=1)]
 
     slow, fast = judged(3.0, 9.0), judged(9.0, 10.74, 10.0, before=2)
     assert outcome._goal(fast, fast) == (4, 20.0)

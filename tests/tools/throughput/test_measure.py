@@ -18,8 +18,9 @@ from bp2_rl.tools.throughput import measure as bench
 from bp2_rl.tools.throughput.measure import (
     OUT_OF_MEMORY,
     PARTS,
+    BenchOptions,
+    BenchPart,
     Compilations,
-    Part,
     make_parts,
     measure,
     measure_case,
@@ -54,7 +55,7 @@ def sleep(seconds, x):
 @pytest.fixture(scope="module")
 def sleepy():
     told = []
-    case = measure_case(lambda robots: Sleepy(), TINY, 16, ONE, seconds=0.6, tell=told.append)
+    case = measure_case(lambda robots: Sleepy(), TINY, 16, ONE, BenchOptions(seconds=0.6, tell=told.append))
     assert case.error is None
     assert tuple(told) == case.measurements
     return case
@@ -113,13 +114,13 @@ def test_a_program_is_compiled_once_to_be_timed_and_called():
     add = jax.jit(lambda x: (x + 1.0, ()))
     learner, x = PPO(Aim(), TINY, ONE), jnp.zeros(3)
     with Compilations() as compiled:
-        measure(Part("policy", add, x, ()), learner, 1e-9)
+        measure(BenchPart("policy", add, x, ()), learner, 1e-9)
     assert compiled.count == 1
 
 
 def test_a_program_that_compiles_at_every_call_is_caught():
     grow = jax.jit(lambda x: (jnp.append(x, 0.0), ()))
-    measured = measure(Part("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9)
+    measured = measure(BenchPart("policy", grow, jnp.zeros(1), ()), PPO(Aim(), TINY, ONE), 1e-9)
     assert measured.compilations >= measured.repeats == bench.FEWEST
 
 
@@ -129,12 +130,14 @@ def test_memory_is_that_of_the_arrays():
             state: Any = super().reset(rng)
             return state.replace(info={**state.info, "ballast": jnp.zeros(100)})
 
-    light, heavy = (measure_case(lambda robots, env=env: env(), TINY, 16, ONE, parts=[]) for env in (Aim, Heavy))
+    light, heavy = (
+        measure_case(lambda robots, env=env: env(), TINY, 16, ONE, BenchOptions(parts=[])) for env in (Aim, Heavy)
+    )
     assert light.state_bytes_per_robot is not None
     assert heavy.state_bytes_per_robot == light.state_bytes_per_robot + 400
     add = jax.jit(lambda x, y: (x + y, ()))
     x = jnp.zeros(1000)
-    measured = measure(Part("policy", add, x, (x,)), PPO(Aim(), TINY, ONE), 1e-9)
+    measured = measure(BenchPart("policy", add, x, (x,)), PPO(Aim(), TINY, ONE), 1e-9)
     # Two arguments and one result, 4 bytes a number; the rest is bookkeeping.
     assert measured.program_bytes is not None
     assert measured.program_bytes == pytest.approx(3 * 4000, abs=64)
@@ -175,7 +178,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
 
 
 def test_a_number_of_robots_that_does_not_fit_is_an_error_of_its_own():
-    case = measure_case(lambda robots: Aim(), TINY, 15, ONE)
+    case = measure_case(lambda robots: Aim(), TINY, 15, ONE, BenchOptions())
     assert case.measurements == ()
     assert "15" in str(case.error)
     assert "num_minibatches" in str(case.error)
@@ -187,7 +190,7 @@ def test_memory_that_runs_out_ends_a_size_and_keeps_what_was_measured():
             rows = jnp.outer(jnp.ones(1 << 24) * action, jnp.ones(1 << 22))  # 2^46 numbers
             return super().step(state, action + jnp.sort(rows, axis=0)[0, 0])
 
-    case = measure_case(lambda robots: Huge(), TINY, 16, ONE, parts=["resets", "acting"], seconds=0.01)
+    case = measure_case(lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "acting"], 0.01))
     assert case.error == OUT_OF_MEMORY
     assert [m.part for m in case.measurements] == ["resets"]
 
@@ -203,4 +206,4 @@ def test_other_failures_are_not_taken_for_a_lack_of_memory():
             return super().step(state, action).replace(obs=obs)
 
     with pytest.raises(jax.errors.JaxRuntimeError, match="wrong"):
-        measure_case(lambda robots: Failing(), TINY, 16, ONE, parts=["environment"], seconds=0.01)
+        measure_case(lambda robots: Failing(), TINY, 16, ONE, BenchOptions(["environment"], 0.01))

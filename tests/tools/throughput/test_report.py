@@ -10,19 +10,19 @@ from rich.console import Console
 
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.training import make_config
-from bp2_rl.tools.throughput.measure import Case, Measurement, PartName
+from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 
 BASE = make_config("imitation", "gpu").ppo.num_envs
 
 
-def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> Measurement:
+def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> PartTiming:
     values = {
         "seconds": 24 * robots / rate, "best_seconds": 23 * robots / rate, "spread": 0.02, "repeats": 5,
         "compilations": 0, "trace_seconds": 6.4, "compile_seconds": 41.2, "from_cache": False,
         "program_bytes": 1_250_000_000, "bytes_per_robot": 1.25e9 / robots,
     } | others  # fmt: skip
-    return Measurement(part, robots, devices, rate, 5 * rate, **values)
+    return PartTiming(part, robots, devices, rate, 5 * rate, **values)
 
 
 def case(robots: int, devices: int, **rates: float) -> Case:

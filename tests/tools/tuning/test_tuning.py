@@ -8,8 +8,8 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import tune as command
-from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.tools.study.judging import Judgement
+from bp2_rl.tools.study import places
+from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.tuning import search as tuning
 from bp2_rl.tools.tuning.search import Search, Trial
 from bp2_rl.tools.tuning.space import parse_dimension
@@ -42,23 +42,21 @@ def search(tmp_path, monkeypatch):
     """Searches in one folder; a robot is as fast as the error of tracking is near 3, and slower with each epoch."""
     pytest.importorskip("optuna", reason="Optuna is not installed (the extra `tune`)")
 
-    def judged(run_dir: Path) -> list[Judgement]:
+    def judged(run_dir: Path) -> list[PolicyMeasurement]:
         words = next(words for where, words in place.trained if where == run_dir)
         tracking, epochs = (float(words[words.index(f"--{one.flag}") + 1]) for one in SPACE[:2])
         speed = 10.0 - abs(tracking - 3.0) - epochs
-        return [Judgement(1, "", None, speed, 0, 0.0, None), Judgement(2, "", None, 0.0, 3, 0.0, None)]
+        return [PolicyMeasurement(1, "", None, speed, 0, 0.0, None), PolicyMeasurement(2, "", None, 0.0, 3, 0.0, None)]
 
     def run(trials: int, here: Place, sought: Search = SEARCH) -> list[Trial]:
         nonlocal place
         place = here
-        return tuning.run(
-            sought, tmp_path / "tune", trials=trials, jobs=JobsConfig(), gpus=(), judges=1, say=lambda _: None
-        )
+        return tuning.run(sought, tmp_path / "tune", trials, places.Resources((), 1, lambda _: None))
 
     place = Place()
-    monkeypatch.setattr(tuning, "Here", lambda *_: place)
-    monkeypatch.setattr(tuning, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
-    monkeypatch.setattr(tuning, "judge", judged)
+    monkeypatch.setattr(places, "Here", lambda *_: place)
+    monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
+    monkeypatch.setattr(tuning, "measure_policies", judged)
     return run
 
 

@@ -1,0 +1,106 @@
+"""Measure a run's saved policies: what each does in C MuJoCo, from a standing start."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+
+from bp2_rl.base.folders import folder_names
+from bp2_rl.base.serialization import load_config, save_config
+from bp2_rl.env.observations import layout_of
+from bp2_rl.evaluation.judge import LAUNCHES, measure_launch
+from bp2_rl.learning.exports import POLICIES
+from bp2_rl.learning.monitor import LOG
+from bp2_rl.learning.policy import Policy, load_policy
+from bp2_rl.robot import specs
+from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.metrics import HELD, RunMetrics, measure
+from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.schedule import Ramp
+
+MEASURED = "measured.json"
+CRUISE = 10.0  # m/s, at which the cost of transport is measured
+LADDER = (1.0, 0.8, 0.6)  # commands under which a policy is launched, shares of the training's fastest
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyMeasurement:
+    """What one saved policy does in C MuJoCo, from a standing start."""
+
+    control_steps: int  # of all its training, the stages before included
+    weights_sha256: str  # of the policy
+    wall_time: float | None  # s, from the beginning of the stage's run, compilation included; None if it was resumed
+    top_speed: float  # m/s, best of the launches under LADDER; 0 if all fell
+    falls: int  # launches that ended in a fall
+    cruise_speed: float  # m/s, mean under the command that should make it CRUISE; 0 unless held
+    cruise_cost: float | None  # electrical cost of transport there; None unless held within 10 % of CRUISE
+
+
+@dataclasses.dataclass(frozen=True)
+class _Measured:
+    """The file beside a run's policies."""
+
+    ladder: tuple[float, ...]
+    policies: tuple[PolicyMeasurement, ...]
+
+
+def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
+    """Measure each saved policy of a run in order, and write `MEASURED` beside them; measure no policy twice."""
+    known = {one.weights_sha256: one for one in read_measurements(run_dir)}
+    resumed = _was_resumed(run_dir)
+    result: list[PolicyMeasurement] = []
+    names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
+    for name in sorted(names, key=int):
+        policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
+        measurement = known.get(policy.card.weights_sha256)
+        if measurement is None:
+            measurement = _measure(policy, None if resumed else policy.card.results.get("wall_time"))
+            jax.clear_caches()  # each policy is a program of its own
+        result.append(measurement)
+    save_config(run_dir / MEASURED, _Measured(LADDER, tuple(result)))
+    return result
+
+
+def read_measurements(run_dir: Path) -> list[PolicyMeasurement]:
+    """Return what `measure_policies` has written; empty where there is nothing yet."""
+    path = run_dir / MEASURED
+    if not path.is_file():
+        return []
+    measured = load_config(_Measured, path)
+    return list(measured.policies) if measured.ladder == LADDER else []
+
+
+def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
+    env, best, falls = policy.card.env, 0.0, 0
+    for share in LADDER:
+        if best >= share * env.commands.max_forward:
+            break  # a slower command makes no faster run
+        launch = measure_launch(policy, env, dataclasses.replace(LAUNCHES[0], share=share))
+        falls += launch.fell
+        best = max(best, launch.speed)
+    cruise = _cruise(policy, CRUISE)
+    if cruise.fell_at is None and cruise.mean_speed > 0.5 * CRUISE:
+        cruise = _cruise(policy, CRUISE**2 / cruise.mean_speed)  # correct for a robot slower or faster than commanded
+    cruising = cruise.fell_at is None and abs(cruise.mean_speed - CRUISE) <= 0.1 * CRUISE
+    return PolicyMeasurement(
+        control_steps=policy.card.physics_steps // specs.SUBSTEPS,
+        weights_sha256=policy.card.weights_sha256,
+        wall_time=wall_time,
+        top_speed=best,
+        falls=falls,
+        cruise_speed=cruise.mean_speed if cruise.fell_at is None else 0.0,
+        cruise_cost=cruise.electrical_cost_of_transport if cruising else None,
+    )
+
+
+def _cruise(policy: Policy, speed: float) -> RunMetrics:
+    """Run a policy at a commanded speed, m/s, at most the fastest command of its training."""
+    env = policy.card.env
+    ramp = Ramp((min(speed, env.commands.max_forward), 0.0, 0.0), hold=HELD).under(env.control)
+    return measure(rollout_mujoco(policy, ramp, env, machine=SwiftMachine))
+
+
+def _was_resumed(run_dir: Path) -> bool:
+    """Return whether more than one process trained a run."""
+    log = run_dir / LOG
+    return log.is_file() and " resumed at step " in log.read_text()
