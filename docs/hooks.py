@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import importlib.util
 import io
 import os
 import re
@@ -52,17 +53,28 @@ def _linked(source: Path) -> str:
 def _commands() -> str:
     sections = [INTRODUCTION, "## bp2\n", _block(["--help"])]
     for name in bp2.COMMANDS:
-        sections += [f"## bp2 {name}\n", _block([name, "--help"])]
-        for part in _below(name):
-            sections += [f"### bp2 {name} {part}\n", _block([name, part, "--help"])]
+        sections += _sections("##", "bp2_rl.cli", [name])
     return "\n".join(sections)
 
 
-def _below(name: str) -> list[str]:
-    """The commands below a command."""
-    if name == "figures":
+def _sections(heading: str, package: str, words: list[str]) -> list[str]:
+    """The help of a command of this package, and of all commands below it, a section each."""
+    sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help"])]
+    if words[-1] == FLAG:
+        return sections
+    package = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
+    for part in _below(package):
+        sections += _sections(f"{heading}#", package, [*words, part])
+    return sections
+
+
+def _below(package: str) -> list[str]:
+    """The names of the commands below a command whose module is `package`."""
+    if package == "bp2_rl.paper.cli.figures":
         return [*FIGURES, FLAG]
-    return list(getattr(importlib.import_module(f"bp2_rl.cli.{name}"), "COMMANDS", ()))
+    if importlib.util.find_spec(package.rpartition(".")[0]) is None or importlib.util.find_spec(package) is None:
+        return []
+    return list(getattr(importlib.import_module(package), "COMMANDS", ()))
 
 
 def _block(words: list[str]) -> str:
