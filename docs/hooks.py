@@ -58,23 +58,16 @@ def _commands() -> str:
 
 
 def _sections(heading: str, package: str, words: list[str]) -> list[str]:
-    """The help of a command of this package, and of all commands below it, a section each."""
+    """The help of a command whose module lies in this package, and of all commands below it, a section each."""
     sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help"])]
-    if words[-1] == FLAG:
-        return sections
-    package = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
-    for part in _below(package):
-        sections += _sections(f"{heading}#", package, [*words, part])
+    below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
+    if below == "bp2_rl.paper.cli.figures":  # one module for all of its commands
+        for part in (*FIGURES, FLAG):
+            sections += [f"{heading}# bp2 {' '.join([*words, part])}\n", _block([*words, part, "--help"])]
+    elif importlib.util.find_spec(below) is not None:
+        for part in getattr(importlib.import_module(below), "COMMANDS", ()):
+            sections += _sections(f"{heading}#", below, [*words, part])
     return sections
-
-
-def _below(package: str) -> list[str]:
-    """The names of the commands below a command whose module is `package`."""
-    if package == "bp2_rl.paper.cli.figures":
-        return [*FIGURES, FLAG]
-    if importlib.util.find_spec(package.rpartition(".")[0]) is None or importlib.util.find_spec(package) is None:
-        return []
-    return list(getattr(importlib.import_module(package), "COMMANDS", ()))
 
 
 def _block(words: list[str]) -> str:
