@@ -39,15 +39,17 @@ def _linked(source: Path) -> str:
     """The text of a file of the root, with its links as they are within `docs/`; code is not on the site."""
 
     def link(found: re.Match[str]) -> str:
-        text, target = found["text"], found["target"]
+        text, target, anchor = found["text"], found["target"], found["anchor"] or ""
         if target in PAGES:
-            return f"[{text}]({PAGES[target]})"
+            return f"[{text}]({PAGES[target]}{anchor})"
         if target.startswith("docs/"):
             place = target.removeprefix("docs/")
-            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'})"
+            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'}{anchor})"
         return found[0] if "://" in target else f"`{text}`"
 
-    return re.sub(r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)\)", link, source.read_text(encoding="utf-8"))
+    return re.sub(
+        r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)(?P<anchor>#[^)]*)?\)", link, source.read_text(encoding="utf-8")
+    )
 
 
 def _commands() -> str:
