@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import importlib.util
 import io
 import os
 import re
@@ -38,31 +39,37 @@ def _linked(source: Path) -> str:
     """The text of a file of the root, with its links as they are within `docs/`; code is not on the site."""
 
     def link(found: re.Match[str]) -> str:
-        text, target = found["text"], found["target"]
+        text, target, anchor = found["text"], found["target"], found["anchor"] or ""
         if target in PAGES:
-            return f"[{text}]({PAGES[target]})"
+            return f"[{text}]({PAGES[target]}{anchor})"
         if target.startswith("docs/"):
             place = target.removeprefix("docs/")
-            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'})"
+            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'}{anchor})"
         return found[0] if "://" in target else f"`{text}`"
 
-    return re.sub(r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)\)", link, source.read_text(encoding="utf-8"))
+    return re.sub(
+        r"\[(?P<text>[^]]*)\]\((?P<target>[^)#]+)(?P<anchor>#[^)]*)?\)", link, source.read_text(encoding="utf-8")
+    )
 
 
 def _commands() -> str:
     sections = [INTRODUCTION, "## bp2\n", _block(["--help"])]
     for name in bp2.COMMANDS:
-        sections += [f"## bp2 {name}\n", _block([name, "--help"])]
-        for part in _below(name):
-            sections += [f"### bp2 {name} {part}\n", _block([name, part, "--help"])]
+        sections += _sections("##", "bp2_rl.cli", [name])
     return "\n".join(sections)
 
 
-def _below(name: str) -> list[str]:
-    """The commands below a command."""
-    if name == "figures":
-        return [*FIGURES, FLAG]
-    return list(getattr(importlib.import_module(f"bp2_rl.cli.{name}"), "COMMANDS", ()))
+def _sections(heading: str, package: str, words: list[str]) -> list[str]:
+    """The help of a command whose module lies in this package, and of all commands below it, a section each."""
+    sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help"])]
+    below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
+    if below == "bp2_rl.paper.cli.figures":  # one module for all of its commands
+        for part in (*FIGURES, FLAG):
+            sections += [f"{heading}# bp2 {' '.join([*words, part])}\n", _block([*words, part, "--help"])]
+    elif importlib.util.find_spec(below) is not None:
+        for part in getattr(importlib.import_module(below), "COMMANDS", ()):
+            sections += _sections(f"{heading}#", below, [*words, part])
+    return sections
 
 
 def _block(words: list[str]) -> str:
