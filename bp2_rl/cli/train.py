@@ -250,7 +250,7 @@ def use_processors(named: Named) -> None:
             impl = load_run_config(named.goes_on).impl
     elif impl is None:
         impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
-    if impl in ("c", "kernel"):
+    if impl == "kernel":
         os.environ["NPROC"] = str(processors())
     if impl == "kernel" and DEVICES not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
@@ -302,8 +302,6 @@ def defaults_here(
     on_cpu = jax.default_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     defaults = make_config(stage, preset, weights, robot or "built")
-    if defaults.impl == "c" and not on_cpu:
-        defaults = dataclasses.replace(defaults, impl="jax")
     return preset, defaults
 
 

@@ -20,7 +20,6 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
-from bp2_rl.env.physics.c import CPhysics
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
@@ -40,9 +39,8 @@ class BP2Env(envs.Env):
     (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
-    `impl` chooses the physics engine: MJX's `jax` runs anywhere; MJX's `warp` is for NVIDIA GPUs, not exactly
-    repeatable, and steps at most `num_robots` robots at once; `c`, C MuJoCo, is the fastest where there is no GPU.
-    `rows` are the reward's, by name: Table S4's, or these and your own.
+    `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the largest batch that `warp` steps at
+    once; the other engines ignore it. `rows` are the reward's terms by name: Table S4's, or these and your own.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
@@ -289,8 +287,6 @@ class BP2Env(envs.Env):
 
 def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
     motors = motors_of(config)
-    if impl == "c":
-        return CPhysics(config.hardware, motors)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)

@@ -20,7 +20,7 @@ Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
 """Of what may have none."""
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
-Impl = Literal["jax", "kernel", "warp", "c"]
+Impl = Literal["jax", "kernel", "warp"]
 """Implementations of the physics."""
 
 

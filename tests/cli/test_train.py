@@ -13,7 +13,7 @@ from bp2_rl.settings.training import make_config
     [
         ([], "3"),  # without an accelerator the kernel simulates
         (["--preset", "cpu"], "3"),
-        (["--preset", "gpu", "--impl", "c"], "3"),
+        (["--preset", "gpu", "--impl", "kernel"], "3"),
         (["--preset", "cpu", "--impl", "jax"], "1"),
         (["--preset", "smoke"], "1"),
         (["--resume", "nowhere"], "1"),
@@ -35,7 +35,6 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
     for words, before, after in (
         (["--preset", "cpu"], "", "--xla_force_host_platform_device_count=3"),
         (["--preset", "cpu"], "--a=1", "--a=1 --xla_force_host_platform_device_count=3"),
-        (["--preset", "cpu", "--impl", "c"], "", ""),
         (["--impl", "kernel"], *2 * ("--xla_force_host_platform_device_count=1",)),
     ):
         monkeypatch.setenv("NPROC", "1")

@@ -29,8 +29,8 @@ def test_every_named_environment_is_registered_with_its_settings(playground):
 
 
 def test_under_playgrounds_wrapper_it_is_bp2_env(playground):
-    loaded = playground.registry.load("BP2", config_overrides={"impl": "c"})
-    env = maker_of("bp2")(impl="c")
+    loaded = playground.registry.load("BP2", config_overrides={"impl": "kernel"})
+    env = maker_of("bp2")(impl="kernel")
     assert loaded.env.config == env.config
     assert loaded.observation_size == {name: (size,) for name, size in env.observation_size.items()}
     wrapped = playground.wrapper.wrap_for_brax_training(loaded, episode_length=3)
