@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -20,6 +20,7 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
+from bp2_rl.env.named import CONFIGS, DEFAULT
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
@@ -39,6 +40,7 @@ class BP2Env(envs.Env):
     (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
+    `config` is by default that of the environment `bp2` (`env.named`): the built robot, our rewards.
     `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the largest batch that `warp` steps at
     once; the other engines ignore it. `rows` are the reward's terms by name: Table S4's, or these and your own.
 
@@ -53,7 +55,7 @@ class BP2Env(envs.Env):
         num_robots: int = 1,
         rows: Mapping[str, rewards.Row] = rewards.ROWS,
     ):
-        self.config = config = config or EnvConfig()
+        self.config = config = config or CONFIGS[DEFAULT]()
         self.rows = rows
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -291,3 +293,12 @@ def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots:
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)
     return MjxPhysics(model, motors, resistance, impl, num_robots)
+
+
+def maker_of(name: str) -> Callable[..., BP2Env]:
+    """Return what makes the environment of this name; a config passed to it replaces that environment's settings."""
+
+    def make(config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
+        return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)
+
+    return make

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import Env, spaces
 
-from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.named import maker_of
+from bp2_rl.env.bp2_env import BP2Env, maker_of
 from bp2_rl.settings.env import EnvConfig, Impl
 
 LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.max_speed` has ended its episode

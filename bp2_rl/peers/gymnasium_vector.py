@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.named import maker_of
+from bp2_rl.env.bp2_env import maker_of
 from bp2_rl.peers import EPISODE
 from bp2_rl.peers.gymnasium_env import CRITIC, POLICY, draw_key, spaces_of
 from bp2_rl.settings.env import EnvConfig, Impl

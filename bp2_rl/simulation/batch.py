@@ -19,13 +19,13 @@ from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
 from bp2_rl.robot import specs
 from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.simulation.driver import ActionFunction
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Schedule
-from bp2_rl.simulation.trajectory import yaw_of
 
 Array = Any  # numpy or jax array
 

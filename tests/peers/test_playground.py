@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.named import CONFIGS, maker_of
+from bp2_rl.env.bp2_env import maker_of
+from bp2_rl.env.named import CONFIGS
 from bp2_rl.peers import PLAYGROUND, register_playground
 
 

@@ -33,15 +33,15 @@ def impl(request, monkeypatch) -> Impl:
 
 @cache
 def stepper(impl: Impl):
-    return jax.jit(jax.vmap(BP2Env(impl=impl, num_robots=ROBOTS).step))
+    return jax.jit(jax.vmap(BP2Env(EnvConfig(), impl=impl, num_robots=ROBOTS).step))
 
 
 @cache
 def start(randomised: bool):
-    state = jax.jit(jax.vmap(BP2Env().reset))(KEYS)
+    state = jax.jit(jax.vmap(BP2Env(EnvConfig()).reset))(KEYS)
     if randomised:
         return state
-    env = BP2Env()
+    env = BP2Env(EnvConfig())
     nominal = randomization.nominal(env.mj_model.nbody, env.config.hardware)
     nominal = jax.tree.map(lambda x: jnp.broadcast_to(x, (ROBOTS, *x.shape)), nominal)
     return state.replace(pipeline_state=state.pipeline_state.replace(randomization=nominal))

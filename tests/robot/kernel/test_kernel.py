@@ -12,7 +12,7 @@ from landing import converged, random_states
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.randomization import Randomization, draw
-from bp2_rl.robot.kernel import constraints, millisecond, pieces
+from bp2_rl.robot.kernel import constraints, fusion_barriers, millisecond
 from bp2_rl.robot.kernel.design import Design
 from bp2_rl.robot.kernel.legs import Masses
 from bp2_rl.robot.kernel.millisecond import Moving, step
@@ -124,8 +124,8 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
 
 
 def as_on_a_gpu(monkeypatch, **options):
-    monkeypatch.setattr(pieces.Pieces, "of", lambda friction: pieces.Pieces(None))
-    monkeypatch.setattr(millisecond, "in_one_kernel", functools.partial(pieces._pallas, **options))
+    monkeypatch.setattr(fusion_barriers.FusionBarriers, "of", lambda friction: fusion_barriers.FusionBarriers(None))
+    monkeypatch.setattr(millisecond, "in_one_kernel", functools.partial(fusion_barriers._pallas, **options))
 
 
 def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
