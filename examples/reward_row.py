@@ -23,7 +23,7 @@ def level_trunk(x: RewardInputs, config: RewardConfig, at: Weights) -> Scalar:
     return 0.1 * jnp.exp(-20.0 * (1.0 - x.e_z[2]))
 
 
-def weigh(steps: int, robots: int, impl: Impl = "c") -> dict[str, float]:
+def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
     """The mean of every row over so many control steps of so many robots, with actions of zero."""
     config = make_config("imitation", "smoke").env
     env = BP2Env(config, impl=impl, num_robots=robots, rows={**ROWS, "level_trunk": level_trunk})

@@ -29,6 +29,13 @@ def _compilation_cache() -> Path | None:
 
 def pytest_addoption(parser):
     parser.addoption("--kills", type=int, default=3, help="how often the killed run of test_stops.py is killed")
+    parser.addoption("--fuzz", action="store_true", help="draw other examples in each run of the property tests")
+
+
+def pytest_configure(config):
+    """Property tests try the same examples in every run, unless the command says --fuzz."""
+    hypothesis.settings.register_profile("repeatable", derandomize=True)
+    hypothesis.settings.load_profile("default" if config.getoption("--fuzz") else "repeatable")
 
 
 # In the environment, so that the commands which tests start have them too, and before JAX reads it on import.
@@ -48,6 +55,7 @@ COMPILER = f"--xla_cpu_parallel_codegen_split_count=1 {FUSION}"
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {COMPILER}".strip()
 
 import flax.struct  # noqa: E402
+import hypothesis  # noqa: E402
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 import numpy as np  # noqa: E402

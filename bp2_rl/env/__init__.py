@@ -5,8 +5,8 @@ from bp2_rl.robot import mjx  # noqa: F401  # before Brax, which imports MJX and
 from brax import envs
 # isort: on
 
-from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.named import CONFIGS, maker_of
+from bp2_rl.env.bp2_env import BP2Env, maker_of
+from bp2_rl.env.named import CONFIGS
 from bp2_rl.settings.env import EnvConfig
 
 __all__ = ["BP2Env", "EnvConfig"]

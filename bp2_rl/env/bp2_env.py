@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -20,7 +20,7 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import Outcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
-from bp2_rl.env.physics.c import CPhysics
+from bp2_rl.env.named import CONFIGS, DEFAULT
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
@@ -40,9 +40,9 @@ class BP2Env(envs.Env):
     (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
-    `impl` chooses the physics engine: MJX's `jax` runs anywhere; MJX's `warp` is for NVIDIA GPUs, not exactly
-    repeatable, and steps at most `num_robots` robots at once; `c`, C MuJoCo, is the fastest where there is no GPU.
-    `rows` are the reward's, by name: Table S4's, or these and your own.
+    `config` is by default that of the environment `bp2` (`env.named`): the built robot, our rewards.
+    `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the largest batch that `warp` steps at
+    once; the other engines ignore it. `rows` are the reward's terms by name: Table S4's, or these and your own.
 
     `state.info` holds `rng` and `curriculum` (the robot's level in [0, 1], which outlives episodes).
     """
@@ -55,7 +55,7 @@ class BP2Env(envs.Env):
         num_robots: int = 1,
         rows: Mapping[str, rewards.Row] = rewards.ROWS,
     ):
-        self.config = config = config or EnvConfig()
+        self.config = config = config or CONFIGS[DEFAULT]()
         self.rows = rows
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -289,9 +289,16 @@ class BP2Env(envs.Env):
 
 def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
     motors = motors_of(config)
-    if impl == "c":
-        return CPhysics(config.hardware, motors)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
         return KernelPhysics(model, motors, resistance)
     return MjxPhysics(model, motors, resistance, impl, num_robots)
+
+
+def maker_of(name: str) -> Callable[..., BP2Env]:
+    """Return what makes the environment of this name; a config passed to it replaces that environment's settings."""
+
+    def make(config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
+        return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)
+
+    return make

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import foot_position
+from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
@@ -177,8 +177,7 @@ class Heading(struct.PyTreeNode):
 def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
     """Velocity, body vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
-    forward = math.rotate(jnp.array([1.0, 0.0, 0.0]), quat)
-    yaw = jnp.arctan2(forward[1], forward[0])
+    yaw = yaw_of(quat)
     c, s = jnp.cos(yaw), jnp.sin(yaw)
     to_heading = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return Heading(

@@ -2,7 +2,6 @@
 
 import jax
 import jax.numpy as jnp
-import mujoco
 from flax import struct
 from jaxtyping import Array, Float
 
@@ -85,19 +84,6 @@ def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) 
         body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),
         geom_friction=model.geom_friction.at[:, 0].set(randomization.friction),
     )
-
-
-def randomize_c_model(model: mujoco.MjModel, nominal: mujoco.MjModel, randomization: Randomization, trunk: int) -> None:
-    """Give C MuJoCo's `model`, a `lean` one, what `randomize_model` gives MJX's.
-
-    As there, what MuJoCo derives from the masses when it compiles a model (`mj_setConst`: the weights by which
-    constraints are made soft) stays that of the nominal robot.
-    """
-    model.body_mass[:] = nominal.body_mass * randomization.mass
-    model.body_inertia[:] = nominal.body_inertia * randomization.mass[:, None]
-    model.body_ipos[trunk] = nominal.body_ipos[trunk] + randomization.com_offset
-    model.body_sameframe[trunk] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # else C MuJoCo does not look at body_ipos
-    model.pair_friction[:, :2] = randomization.friction
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:

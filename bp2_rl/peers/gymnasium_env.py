@@ -1,4 +1,4 @@
-"""BP2 as a Gymnasium environment on C MuJoCo: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
+"""BP2 as a Gymnasium environment: `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")`.
 
 The MDP is `BP2Env`'s: observation, action, reward, randomisation and falls. What the critic sees
 beyond the policy's observation is in `info["privileged_state"]`.
@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import Env, spaces
 
-from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.named import maker_of
+from bp2_rl.env.bp2_env import BP2Env, maker_of
 from bp2_rl.settings.env import EnvConfig, Impl
 
 LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.max_speed` has ended its episode
@@ -39,12 +38,12 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
     Args:
         name: one of `env.named.CONFIGS`.
         config: settings in place of those.
-        impl: the physics; C MuJoCo unless you say otherwise.
+        impl: the physics engine, BP2's own kernel by default.
     """
 
     metadata = {"render_modes": [], "render_fps": 200}  # noqa: RUF012  # Gymnasium's own
 
-    def __init__(self, name: str = "bp2", config: EnvConfig | None = None, impl: Impl = "c"):
+    def __init__(self, name: str = "bp2", config: EnvConfig | None = None, impl: Impl = "kernel"):
         self.env = maker_of(name)(config, impl=impl)
         self.observation_space, self.action_space = spaces_of(self.env)
         self.render_mode = None

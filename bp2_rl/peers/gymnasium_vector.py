@@ -1,7 +1,6 @@
 """Many BP2s in one Gymnasium environment: `gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=8)`.
 
-All robots are one batch: a single compiled program, and C MuJoCo on all processors. Each robot runs as the single
-environment with its seed does.
+All robots are one batch in a single compiled program. Each robot runs as in the single environment with its seed.
 """
 
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.named import maker_of
+from bp2_rl.env.bp2_env import maker_of
 from bp2_rl.peers import EPISODE
 from bp2_rl.peers.gymnasium_env import CRITIC, POLICY, draw_key, spaces_of
 from bp2_rl.settings.env import EnvConfig, Impl
@@ -36,7 +35,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         max_episode_steps: control steps after which an episode is cut off.
         name: one of `env.named.CONFIGS`.
         config: settings in place of those.
-        impl: the physics; C MuJoCo unless you say otherwise.
+        impl: the physics engine, BP2's own kernel by default.
 
     Raises:
         UserError: fewer than one robot.
@@ -50,7 +49,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         max_episode_steps: int = EPISODE,
         name: str = "bp2",
         config: EnvConfig | None = None,
-        impl: Impl = "c",
+        impl: Impl = "kernel",
     ):
         if num_envs < 1:
             raise UserError(f"num_envs must be at least 1, got {num_envs}")

@@ -13,6 +13,7 @@ from bp2_rl.base.bounds import Within
 from bp2_rl.env.commands import launch_rate
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
@@ -22,7 +23,6 @@ from bp2_rl.simulation.machine import DT, STATE
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.rollout import standing_start
 from bp2_rl.simulation.schedule import ACCELERATION
-from bp2_rl.simulation.trajectory import yaw_of
 from bp2_rl.simulation.world import LEVEL, shove
 
 BRAKING = 1.5  # m/s2, at which a slower speed is commanded where the controller does not ease stops itself

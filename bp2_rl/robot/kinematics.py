@@ -69,7 +69,8 @@ def joint_angles(
     p, leg_length = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype), hardware.leg_length
     d = _outwards(xp, feet.dtype)
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
-    z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - _SHORTEST_SQUARED**0.5, z)  # off the abduction axis itself
+    # A foot on the abduction axis is moved below it, by more than it can be above.
+    z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z)
     h = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
     abad = xp.atan2(d * z + h * y, d * y - h * z)
     lower = leg_length - compression
@@ -95,6 +96,13 @@ def reach(compression: float = 0.0, *, leg_length: float = specs.THIGH_LENGTH) -
         float(np.sqrt(leg_length**2 + lower**2 + 2.0 * leg_length * lower * np.cos(knee))) for knee in specs.KNEE_RANGE
     )
     return folded, straight
+
+
+def yaw_of(quaternion: Any) -> Any:
+    """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
+    xp = quaternion.__array_namespace__()
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 # --- In the sagittal plane: x forward, z up, angles about +y -------------------------------------------------------

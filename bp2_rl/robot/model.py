@@ -45,19 +45,21 @@ def load_model(
     timestep: float = PHYSICS_STEP,
     visual: bool = True,
     feet_only: bool = False,
-    lean: bool = False,
     weighed: bool = False,
     scene: Callable[[mujoco.MjSpec], None] | None = None,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
     """BP2 on flat ground as a compiled model.
 
-    `visual=False` leaves out what physics does not need (looks, sensors, lights, cameras) and `feet_only` the collision
-    of trunk and floor and, if the legs are solid, of legs with each other and the trunk; both make MJX faster. What is
-    left changes no leg's physics. `lean` makes such a model faster in C MuJoCo: it has no motors, whose torques are to
-    be applied to the coordinates; its contacts are `FOOT_GEOMS` on the floor, pair by pair, and its sensors report the
-    position of each foot (m, world), in the order of the legs. Those of a `weighed` one report the forces on its feet,
-    for `foot_forces`. `scene` changes the ground, last of all.
+    Args:
+        hardware: the robot's parameters.
+        timestep: s.
+        visual: False leaves out what physics does not need (looks, sensors, lights, cameras); MJX is faster without.
+        feet_only: leave out the collision of trunk and floor and, if legs are solid, of legs with each other and with
+            the trunk. The feet's contacts stay as they are; MJX is faster.
+        weighed: replace all sensors by four that report the forces on the feet, for `foot_forces`.
+        scene: changes the ground, last of all.
+        xml: another MJCF file in place of the packaged scene.
 
     Raises:
         ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
@@ -71,10 +73,7 @@ def load_model(
     if feet_only:
         for name in TRUNK_GEOMS:
             _find(spec, "geom", name).conaffinity = 0
-    if lean:
-        _make_lean(spec)
     if weighed:
-        assert not lean, "the sensors of a lean model report where its feet are"
         _weigh(spec)
     if scene is not None:
         scene(spec)
@@ -82,7 +81,7 @@ def load_model(
         model = spec.compile()
     except ValueError as error:
         raise ModelError(f"{_scene(xml)} does not compile: {_one_line(error)}") from error
-    if (model.nq, model.nv, model.nu) != (NQ, NV, 0 if lean else NU):
+    if (model.nq, model.nv, model.nu) != (NQ, NV, NU):
         raise ModelError(
             f"{_scene(xml)} has nq, nv, nu = {model.nq}, {model.nv}, {model.nu}; BP2 has {NQ}, {NV}, {NU}: "
             "4 legs of abad, hip, knee and spring under a free trunk, and 12 motors"
@@ -220,21 +219,6 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
     for name in TRUNK_GEOMS:
         _find(spec, "geom", name).conaffinity |= all_legs
-
-
-def _make_lean(spec: mujoco.MjSpec) -> None:
-    """Leave no search for contacts, nor for islands of constraints: there is one robot, and four feet."""
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
-    for element in (*spec.actuators, *(_find(spec, "geom", name) for name in TRUNK_GEOMS)):
-        spec.delete(element)
-    _find(spec, "geom", "floor").contype = 0
-    for name in FOOT_GEOMS:
-        foot = _find(spec, "geom", name)
-        slide, spin, roll = foot.friction
-        pair: Any = spec.add_pair(geomname1="floor", geomname2=name, condim=foot.condim)
-        pair.friction, pair.solref, pair.solimp = (slide, slide, spin, roll, roll), foot.solref, foot.solimp
-        position = spec.add_sensor(name=f"{name}_position", objname=name)
-        position.type, position.objtype = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_GEOM
 
 
 def _weigh(spec: mujoco.MjSpec) -> None:

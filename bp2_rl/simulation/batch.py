@@ -1,8 +1,8 @@
 """One policy on many randomised robots at once, all under the same command schedule.
 
 Each robot is drawn as in training (friction, masses, motors, gains, latency, sensor noise, pushes) and starts at rest.
-The robots run in the training environment itself, with C MuJoCo or MJX as its physics, so that what is disturbed here
-is what was disturbed there.
+The robots run in the training environment itself, with BP2's kernel or MJX as its physics, so that what is disturbed
+here is what was disturbed there.
 """
 
 import dataclasses
@@ -19,13 +19,13 @@ from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import heading
 from bp2_rl.robot import specs
 from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.simulation.driver import ActionFunction
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Schedule
-from bp2_rl.simulation.trajectory import yaw_of
 
 Array = Any  # numpy or jax array
 
@@ -53,7 +53,7 @@ def rollout_batch(
     seed: int = 0,
     randomization: RandomizationConfig | None = None,
     operator: HeadingHold = HEADING_HOLD,
-    impl: Literal["c", "jax"] = "c",
+    impl: Literal["kernel", "jax"] = "kernel",
 ) -> BatchRun:
     """Run many robots from a standing start, each with its own draw of `randomization`.
 
@@ -65,7 +65,7 @@ def rollout_batch(
         seed: of everything that is drawn.
         randomization: from what the robots are drawn; the ranges of training by default.
         operator: the outer loop that keeps each robot on its line.
-        impl: `c`, C MuJoCo on the host's processors, or `jax`, MJX.
+        impl: the physics engine: `kernel`, BP2's own, or `jax`, MJX.
     """
     hardware = config.hardware
     config = dataclasses.replace(

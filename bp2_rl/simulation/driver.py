@@ -17,9 +17,9 @@ from bp2_rl.env.observations import add_noise, measure
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.trajectory import yaw_of
 
 Array = Any  # numpy or jax array
 ActionFunction = Callable[[Array], Array]  # observation -> action, deterministic

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 from bp2_rl.env.controller import Controller
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, foot_forces
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
@@ -37,7 +38,7 @@ from bp2_rl.simulation.rollout import (
     sampled_commands,
 )
 from bp2_rl.simulation.schedule import Schedule
-from bp2_rl.simulation.trajectory import Trajectory, yaw_of
+from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose
 
 FEW, MOST = 4, 24

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.base.serialization import from_json, to_json
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.specs import HardwareSpec
 
 FORMAT = "bp2_rl.trajectory/1"
@@ -139,10 +139,3 @@ class _Facts:
     hardware: HardwareSpec
     name: str
     backend: str
-
-
-def yaw_of(quaternion: Any) -> Any:
-    """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
-    xp = quaternion.__array_namespace__()
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

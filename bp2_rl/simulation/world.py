@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.robot import specs
-from bp2_rl.simulation.trajectory import yaw_of
+from bp2_rl.robot.kinematics import yaw_of
 
 LENGTH, BREADTH = 130.0, 12.0  # m, of the rough ground: from 5 m behind the start, to both sides of it
 BEHIND = 5.0  # m

@@ -33,6 +33,7 @@ from bp2_rl.settings.env import (
     RewardConfig,
     TerminationConfig,
 )
+from bp2_rl.settings.training import make_config
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -41,7 +42,7 @@ ZERO = jnp.zeros((ROBOTS, 12))
 
 @pytest.fixture(scope="module")
 def env() -> BP2Env:
-    return BP2Env()
+    return BP2Env(EnvConfig())
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +73,10 @@ def test_it_is_a_registered_brax_environment(env: BP2Env):
     assert isinstance(envs.get_environment("bp2", config=env.config), bp2_rl.env.BP2Env)
 
 
+def test_the_default_is_the_environment_bp2():
+    assert BP2Env().config == envs.get_environment("bp2").config == make_config("imitation", "gpu").env
+
+
 def test_sizes_are_what_reset_and_step_return(env, start, step):
     after = step(start, ZERO)
     for state in (start, after):
@@ -83,7 +88,7 @@ def test_sizes_are_what_reset_and_step_return(env, start, step):
 
 
 def test_brax_wrappers_run_it():
-    wrapped = wrap(BP2Env(impl="c"), episode_length=5)
+    wrapped = wrap(BP2Env(EnvConfig(), impl="kernel"), episode_length=5)
     state = jax.jit(wrapped.reset)(KEYS[:2])
     step = jax.jit(wrapped.step)
     for _ in range(6):
@@ -249,7 +254,7 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
 
 
 def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start):
-    env = BP2Env(impl="c")
+    env = BP2Env(EnvConfig(), impl="kernel")
     told = jnp.broadcast_to(jnp.array([6.0, 0.0, 2.0]), (ROBOTS, 3))
     after = jax.jit(jax.vmap(lambda *arguments: env.step(*arguments[:2], command=arguments[2])))(start, ZERO, told)
     expected = np.tile([6.0, 0.0, env.config.commands.max_turn / 6.0], (ROBOTS, 1))
@@ -365,7 +370,7 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
 def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     kernel = Kernel(memory=0.2)
     config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(kernel=kernel))
-    env = BP2Env(config, impl="c")
+    env = BP2Env(config, impl="kernel")
     before = jax.jit(env.reset)(jax.random.PRNGKey(3))
     after = jax.jit(env.step)(before, jnp.full(12, 0.1))
     np.testing.assert_allclose(after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4)

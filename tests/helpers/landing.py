@@ -1,6 +1,5 @@
 """States, landings and what the simulators make of them; shared by the tests of the model and of its dynamics."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -116,7 +115,7 @@ def land_on_mujoco(model: mujoco.MjModel, start: Landing) -> np.ndarray:
     return np.reshape(places, (len(start.qpos), -1, 5, 3))
 
 
-def land_on_mjx(model: mujoco.MjModel, start: Landing, take_step: Callable = mjx.step) -> np.ndarray:
+def land_on_mjx(model: mujoco.MjModel, start: Landing) -> np.ndarray:
     """Places of trunk and four feet, as `land_on_mujoco`, in float32."""
     device_model, feet = mjx.put_model(model), foot_geom_ids(model)
     blank = mjx.make_data(device_model)
@@ -125,7 +124,7 @@ def land_on_mjx(model: mujoco.MjModel, start: Landing, take_step: Callable = mjx
         (data, torque), (target, target_velocity) = carry, targets
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
         torque = act.joint_torque(MOTOR, torque, q, qd, target, target_velocity, DT)
-        data = take_step(device_model, data.replace(ctrl=torque))
+        data = mjx.step(device_model, data.replace(ctrl=torque))
         places = jnp.concatenate([data.qpos[None, :3], mjx.kinematics(device_model, data).geom_xpos[feet]])
         return (data, torque), places
 

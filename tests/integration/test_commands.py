@@ -16,7 +16,7 @@ from bp2_rl.learning.policy import load_policy
 
 ROOT = Path(__file__).parents[2]
 SMALL = [
-    "--preset", "smoke", "--impl", "c", "--ppo.num-envs", "16", "--ppo.unroll-length", "4",
+    "--preset", "smoke", "--impl", "kernel", "--ppo.num-envs", "16", "--ppo.unroll-length", "4",
     "--ppo.num-minibatches", "2", "--ppo.policy-layers", "16", "--ppo.value-layers", "16",
     "--run.steps", "128", "--run.checkpoints", "1",
 ]  # fmt: skip

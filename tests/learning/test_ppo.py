@@ -16,6 +16,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env import BP2Env
 from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.ppo import PPO, make_networks
+from bp2_rl.settings.env import EnvConfig
 
 
 def assert_equal(a, b):
@@ -162,7 +163,7 @@ def test_stock_brax_trains_bp2(monkeypatch):
     monkeypatch.setattr(jax, "device_put_replicated", device_put_replicated, raising=False)
     progress = []
     _, params, _ = brax_ppo.train(
-        BP2Env(impl="kernel", num_robots=8), num_timesteps=64, episode_length=20,
+        BP2Env(EnvConfig(), impl="kernel", num_robots=8), num_timesteps=64, episode_length=20,
         num_envs=8, unroll_length=4, batch_size=8, num_minibatches=1,
         num_updates_per_batch=1, normalize_observations=True, run_evals=False, max_devices_per_host=1,
         log_training_metrics=True, training_metrics_steps=32, progress_fn=lambda step, _: progress.append(step),

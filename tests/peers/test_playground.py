@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.named import CONFIGS, maker_of
+from bp2_rl.env.bp2_env import maker_of
+from bp2_rl.env.named import CONFIGS
 from bp2_rl.peers import PLAYGROUND, register_playground
 
 
@@ -29,8 +30,8 @@ def test_every_named_environment_is_registered_with_its_settings(playground):
 
 
 def test_under_playgrounds_wrapper_it_is_bp2_env(playground):
-    loaded = playground.registry.load("BP2", config_overrides={"impl": "c"})
-    env = maker_of("bp2")(impl="c")
+    loaded = playground.registry.load("BP2", config_overrides={"impl": "kernel"})
+    env = maker_of("bp2")(impl="kernel")
     assert loaded.env.config == env.config
     assert loaded.observation_size == {name: (size,) for name, size in env.observation_size.items()}
     wrapped = playground.wrapper.wrap_for_brax_training(loaded, episode_length=3)

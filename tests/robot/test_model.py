@@ -1,6 +1,5 @@
 """The MuJoCo model: what it weighs, how it stands, and that MJX and C MuJoCo agree on how it moves."""
 
-import dataclasses
 from pathlib import Path
 
 import jax
@@ -19,15 +18,12 @@ from bp2_rl.robot.model import (
     FOOT_GEOMS,
     MOTOR_QPOS,
     MOTOR_QVEL,
-    NQ,
-    NV,
     SOLE_SITES,
     SPRING_QPOS,
     SPRING_QVEL,
     TRUNK_GEOMS,
     ModelError,
     foot_geom_ids,
-    let_converge,
     load_model,
     load_spec,
 )
@@ -247,14 +243,15 @@ def test_springs_and_stops_push_alike_in_mjx(one_step_on_mjx):
     np.testing.assert_allclose(passive[:, SPRING_QVEL], force, atol=0.02)  # 36 kN/m x float32's 1e-8 m, damping's 1e-6
 
 
-def test_mjx_and_mujoco_agree_on_a_touchdown_at_10_m_per_s():
-    """Trunk and feet over 150 ms, to 1e-3 m; MJX with the model's own few iterations, C MuJoCo converged in float64."""
+@pytest.mark.parametrize("feet_only", [False, True])
+def test_mjx_and_mujoco_agree_on_a_touchdown_at_10_m_per_s(feet_only):
+    """Trunk and feet over 150 ms, to 1e-4 m; MJX with the model's own few iterations, C MuJoCo converged in float64."""
     start = landing(robots=16)
-    on_mjx = land_on_mjx(load_model(visual=False), start)
+    on_mjx = land_on_mjx(load_model(visual=False, feet_only=feet_only), start)
     on_mujoco = land_on_mujoco(converged(load_model(visual=False)), start)
     depth = specs.FOOT_RADIUS - on_mujoco[:, :, 1:, 2]
     assert (depth.max(axis=1) > 0.0).mean() > 0.9  # nearly every foot lands, one diagonal after the other
-    np.testing.assert_allclose(on_mjx, on_mujoco, atol=1e-3, rtol=0)
+    np.testing.assert_allclose(on_mjx, on_mujoco, atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize(("impratio", "iterations", "enough"), [(1, None, True), (1, 4, False), (10, None, False)])
@@ -380,36 +377,6 @@ def test_dropping_visuals_and_all_contacts_but_the_feets_keeps_the_physics():
         accelerations.append(data.qacc.copy())
         assert data.ncon > 0
     np.testing.assert_array_equal(*accelerations)
-
-
-@pytest.mark.parametrize("hardware", [specs.IDEAL, specs.BUILT])
-def test_a_lean_model_accelerates_as_the_judges(hardware):
-    """200 states with feet on the floor and in it, of robots that the contacts of trunk and legs leave alone.
-
-    The solver is converged to 1e-8 of accelerations of up to 1e4; sums are taken in another order.
-    """
-    full = load_model(dataclasses.replace(hardware, solid_legs=False))
-    lean = load_model(hardware, visual=False, feet_only=True, lean=True)
-    lean.pair_friction[:, :2], full.geom_friction[foot_geom_ids(full), 0] = 0.7, 0.7
-    for model in (full, lean):
-        let_converge(model)
-    rng, touching = np.random.default_rng(0), 0
-    for _ in range(200):
-        datas = mujoco.MjData(full), mujoco.MjData(lean)
-        qpos, qvel = full.key("run").qpos + rng.uniform(-0.1, 0.1, NQ), rng.normal(0.0, 5.0, NV)
-        qpos[2], torque = rng.uniform(0.5, 0.6), rng.uniform(-100.0, 100.0, 12)
-        for data in datas:
-            data.qpos, data.qvel = qpos, qvel
-        datas[0].ctrl = torque
-        datas[1].qfrc_applied[MOTOR_QVEL] = torque
-        for model, data in zip((full, lean), datas, strict=True):
-            mujoco.mj_forward(model, data)
-        assert datas[0].ncon == datas[1].ncon
-        touching += datas[0].ncon > 0
-        np.testing.assert_allclose(datas[1].qacc, datas[0].qacc, rtol=0, atol=1e-9 * np.max(np.abs(datas[0].qacc)))
-        feet = datas[0].geom_xpos[foot_geom_ids(full)]
-        np.testing.assert_array_equal(datas[1].sensordata.reshape(4, 3), feet)
-    assert 50 < touching < 200
 
 
 @pytest.mark.parametrize(("feet_only", "contacts"), [(False, 4), (True, 0)])

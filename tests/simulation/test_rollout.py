@@ -8,6 +8,7 @@ import pytest
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.termination import fall
 from bp2_rl.robot.actuator import joint_torque
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
@@ -20,7 +21,6 @@ from bp2_rl.simulation.rollout import (
     standing_start,
 )
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import yaw_of
 from bp2_rl.simulation.world import LEVEL, World
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))

@@ -10,6 +10,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import measure
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import GRAVITY, IDEAL, STAND_JOINTS, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig
@@ -17,7 +18,6 @@ from bp2_rl.simulation.machine import Machine
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import rollout_mujoco, standing_start
 from bp2_rl.simulation.schedule import Course, Ramp
-from bp2_rl.simulation.trajectory import yaw_of
 from bp2_rl.simulation.world import BEHIND, GRID, LEVEL, Push, World, sensed_pose
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))

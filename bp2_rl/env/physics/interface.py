@@ -1,7 +1,10 @@
-"""What a control step asks of the physics, whichever engine simulates it.
+"""The interface of the physics engines: five physics steps of 1 ms per control step.
 
-A simulator takes one robot through the five physics steps of a control step, with the joint torque (PD, envelope,
-motor) recomputed at each: `mjx.MjxPhysics` within XLA, `c.CPhysics` on the host's processors.
+Every engine recomputes the joint torque (PD law, current loop, envelope, bus) at each physics step:
+
+    jax     MJX as it is (`physics.mjx`): the reference, runs anywhere
+    kernel  BP2's own fused form of the same equations (`physics.kernel`): the fastest, runs anywhere
+    warp    MJX on NVIDIA's Warp (`physics.mjx`): for NVIDIA GPUs, not exactly repeatable
 """
 
 from typing import Any, Protocol, runtime_checkable

@@ -13,7 +13,7 @@ from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import dynamics, losses, specs
+from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
@@ -33,7 +33,12 @@ class Remembered(NamedTuple):
 
 
 class MjxPhysics:
-    """MJX's JAX implementation with BP2's own constraint solver (`robot.dynamics`), or MJX on NVIDIA's Warp.
+    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of BP2's motors.
+
+    Before each step of 1 ms the motors' torque is computed (PD law, current loop, envelope, bus) and applied as `ctrl`;
+    what resists motion (`robot.losses`) is applied as `qfrc_applied`. Torque is held for the step and keeps to the
+    envelope at the step's start. A hardware's `envelope="throughout"`, which also bounds the torque at the step's end,
+    is honoured by the judge alone (`simulation.machine`); training treats it as `start`, in every engine.
 
     Args:
         model: BP2 on flat ground, without what is only seen.
@@ -55,7 +60,6 @@ class MjxPhysics:
         num_robots: int = 1,
     ):
         self.model, self._template = _put_on_device(model, impl, num_robots)
-        self._step = dynamics.step if impl == "jax" else mjx.step
         self.motors, self.resistance = motors, resistance
         self._trunk = int(model.body("trunk").id)
         self._feet = foot_geom_ids(model)
@@ -94,7 +98,7 @@ class MjxPhysics:
         data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
         if resistance is not None:
             data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque)))
-        data = self._step(model, data)
+        data = mjx.step(model, data)
         return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
 
 

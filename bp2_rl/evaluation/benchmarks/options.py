@@ -1,7 +1,7 @@
 """What may be chosen about a benchmark; read before JAX is imported, so that a mistake is answered at once."""
 
 import dataclasses
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.robot.specs import RobotName
@@ -9,7 +9,6 @@ from bp2_rl.settings.training import LARGEST_SEED
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
 Backend = Literal["mujoco", "mjx"]
-Flags = TypeVar("Flags", bound="Setup")
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 
@@ -35,6 +34,6 @@ class Setup:
         """The flags that are not at their default."""
         return tuple(f.name for f in dataclasses.fields(self) if getattr(self, f.name) != f.default)
 
-    def only(self: Flags, flags: tuple[str, ...]) -> Flags:
+    def only(self, flags: tuple[str, ...]) -> "Setup":
         """Return these flags alone; every other one is left to the benchmark."""
         return type(self)(**{name: getattr(self, name) for name in flags})

@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, Generic
+from typing import Any, Generic, TypeVar
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
-from bp2_rl.evaluation.benchmarks.options import Flags
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
 from bp2_rl.evaluation.benchmarks.sensitivity import ramp_to_sensitivity, sensitivity
@@ -18,6 +18,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.schedule import Ramp
 
 ALL = "all"
+Flags = TypeVar("Flags", bound=Setup)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +47,7 @@ BENCHMARKS = {
 }
 
 
-def choose(name: str, setup: Flags, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS) -> dict[str, Flags]:
+def choose(name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = BENCHMARKS) -> dict[str, Setup]:
     """Return the benchmarks of this name, each with what is chosen of it; `all` gives each the flags that it knows.
 
     Raises:

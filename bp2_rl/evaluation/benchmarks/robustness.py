@@ -92,7 +92,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="robustness",
         subject=f"{robots} {name} robots, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
-        backend="MJX" if setup.backend == "mjx" else "C MuJoCo",
+        backend="MJX" if setup.backend == "mjx" else "BP2's kernel",
         conditions=said
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
@@ -119,13 +119,13 @@ def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     )
 
 
-_IMPLS: dict[str, Literal["c", "jax"]] = {"mujoco": "c", "mjx": "jax"}
+_IMPLS: dict[str, Literal["kernel", "jax"]] = {"mujoco": "kernel", "mjx": "jax"}
 
 
 def describe_fleet_simulator(backend: str) -> str:
     """The physics in one line."""
     mjx = f"MJX {mujoco.__version__} on JAX {jax.__version__}"
-    engine = mjx if backend == "mjx" else f"C MuJoCo {mujoco.__version__}"
+    engine = mjx if backend == "mjx" else f"BP2's kernel on JAX {jax.__version__}"
     return (
         f"{engine}, 1 kHz, in the environment of training: legs pass through each other, "
         "and torques keep to the envelope at the start of each ms; policy at 200 Hz"

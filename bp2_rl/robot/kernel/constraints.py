@@ -19,8 +19,8 @@ from jaxtyping import Array
 
 from bp2_rl.robot.kernel.design import Design, Softness
 from bp2_rl.robot.kernel.equations import Accelerations, Arrow, Rows
+from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import Legs, Rotation
-from bp2_rl.robot.kernel.pieces import Pieces
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
 ITERATIONS = 4
@@ -120,7 +120,7 @@ class Constraints(NamedTuple):
 
 
 def solve_constraints(
-    pieces: Pieces, inertia: Arrow, force: Accelerations, constraints: Constraints, start: Accelerations
+    barriers: FusionBarriers, inertia: Arrow, force: Accelerations, constraints: Constraints, start: Accelerations
 ) -> tuple[Accelerations, Accelerations]:
     """The accelerations, and the force that acts in all: the constraints' own added.
 
@@ -128,14 +128,14 @@ def solve_constraints(
     """
 
     def iterate(_: Array | int, x: Accelerations) -> Accelerations:
-        right, stiff = pieces(_pulled, constraints, force, x)
-        return solve(pieces, inertia, right, pieces(Constraints.curvature, constraints, stiff))
+        right, stiff = barriers(_pulled, constraints, force, x)
+        return solve(barriers, inertia, right, barriers(Constraints.curvature, constraints, stiff))
 
     x = jax.lax.fori_loop(0, ITERATIONS, iterate, start)
-    return x, pieces(_pushed, constraints, force, x)
+    return x, barriers(_pushed, constraints, force, x)
 
 
-def solve(pieces: Pieces, matrix: Arrow, right: Accelerations, more: Arrow | None = None) -> Accelerations:
+def solve(barriers: FusionBarriers, matrix: Arrow, right: Accelerations, more: Arrow | None = None) -> Accelerations:
     """x of (matrix + more) x = right, positive definite: Cholesky with the legs first, the trunk last.
 
     The trunk's part of `more` is yet to be summed over the legs.
@@ -144,11 +144,11 @@ def solve(pieces: Pieces, matrix: Arrow, right: Accelerations, more: Arrow | Non
         trunk, coupling, legs = None, matrix.coupling, matrix.legs
     else:
         trunk, coupling, legs = more.trunk, _sum(matrix.coupling, more.coupling), _sum(matrix.legs, more.legs)
-    factor = pieces(_cholesky, legs)
-    border = pieces(_border, factor, coupling, right.legs)
-    schur, rest = pieces(_schur, matrix.trunk, trunk, border, right.trunk)
-    x = pieces(_solve_dense, schur, rest)
-    return Accelerations(x, pieces(_solve_legs, factor, border, x))
+    factor = barriers(_cholesky, legs)
+    border = barriers(_border, factor, coupling, right.legs)
+    schur, rest = barriers(_schur, matrix.trunk, trunk, border, right.trunk)
+    x = barriers(_solve_dense, schur, rest)
+    return Accelerations(x, barriers(_solve_legs, factor, border, x))
 
 
 def _pulled(constraints: Constraints, force: Accelerations, x: Accelerations) -> tuple[Accelerations, OfRows]:

@@ -165,7 +165,7 @@ def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
 
 def _require(known: Any, what: str) -> None:
     if not known:
-        raise UserError(f"--impl kernel does not know {what} as in this model: use --impl jax, or c on a CPU")
+        raise UserError(f"--impl kernel does not know {what} as in this model: use --impl jax")
 
 
 def _column(x: Float[np.ndarray, "4"]) -> Float[Array, "4 1"]:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Masses, Momentum, Part, Plane, Rotation
-from bp2_rl.robot.kernel.pieces import Pieces
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
 Rows = list[list[Number]]
@@ -42,14 +42,14 @@ class Arrow(NamedTuple):
     legs: Rows  # 4 x 4, (4, N)
 
 
-def inertia_matrix(pieces: Pieces, design: Design, masses: Masses, legs: Legs, rotation: Rotation) -> Arrow:
+def inertia_matrix(barriers: FusionBarriers, design: Design, masses: Masses, legs: Legs, rotation: Rotation) -> Arrow:
     """The inertia matrix, kg, kg m and kg m2."""
-    whole = pieces(Composite.of, legs)
-    momenta = pieces(Legs.momenta, legs, whole)
+    whole = barriers(Composite.of, legs)
+    momenta = barriers(Legs.momenta, legs, whole)
     return Arrow(
-        trunk=pieces(partial(_trunk_block, design), masses, legs, whole, rotation),
-        coupling=pieces(partial(_coupling, design), legs, momenta, rotation),
-        legs=pieces(partial(_legs_block, design), legs, momenta),
+        trunk=barriers(partial(_trunk_block, design), masses, legs, whole, rotation),
+        coupling=barriers(partial(_coupling, design), legs, momenta, rotation),
+        legs=barriers(partial(_legs_block, design), legs, momenta),
     )
 
 

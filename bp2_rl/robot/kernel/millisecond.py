@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 from bp2_rl.robot.kernel.constraints import Constraints, constraints_of, solve, solve_constraints
 from bp2_rl.robot.kernel.design import LEG, TRUNK, Design
 from bp2_rl.robot.kernel.equations import Accelerations, Arrow, inertia_matrix, smooth_force
+from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
 from bp2_rl.robot.kernel.legs import Legs, Masses, Rotation
-from bp2_rl.robot.kernel.pieces import Pieces, in_one_kernel
 from bp2_rl.robot.kernel.vectors import Number, Vector
 
 Quaternion = tuple[Number, Number, Number, Number]
@@ -63,24 +63,24 @@ class _State(NamedTuple):
 def _step(
     design: Design, masses: Masses, friction: Number, state: _State, applied: Accelerations
 ) -> tuple[_State, Number]:
-    pieces = Pieces.of(friction)
-    rotation, legs, inertia = in_one_kernel(partial(_posed, pieces), design, masses, state)
+    barriers = FusionBarriers.of(friction)
+    rotation, legs, inertia = in_one_kernel(partial(_posed, barriers), design, masses, state)
     force, constraints, start, heights = in_one_kernel(
-        partial(_acted_on, pieces), design, masses, friction, legs, rotation, state, applied
+        partial(_acted_on, barriers), design, masses, friction, legs, rotation, state, applied
     )
-    acceleration, total = in_one_kernel(partial(solve_constraints, pieces), inertia, force, constraints, start)
-    after = in_one_kernel(partial(_moved, pieces), design, inertia, rotation, state, acceleration, total)
+    acceleration, total = in_one_kernel(partial(solve_constraints, barriers), inertia, force, constraints, start)
+    after = in_one_kernel(partial(_moved, barriers), design, inertia, rotation, state, acceleration, total)
     return after, heights
 
 
-def _posed(pieces: Pieces, design: Design, masses: Masses, state: _State) -> tuple[Rotation, Legs, Arrow]:
+def _posed(barriers: FusionBarriers, design: Design, masses: Masses, state: _State) -> tuple[Rotation, Legs, Arrow]:
     """Where everything is, and its inertia."""
-    rotation, legs = pieces(partial(_pose, design), masses, state.quaternion, state.legs)
-    return rotation, legs, inertia_matrix(pieces, design, masses, legs, rotation)
+    rotation, legs = barriers(partial(_pose, design), masses, state.quaternion, state.legs)
+    return rotation, legs, inertia_matrix(barriers, design, masses, legs, rotation)
 
 
 def _acted_on(
-    pieces: Pieces,
+    barriers: FusionBarriers,
     design: Design,
     masses: Masses,
     friction: Number,
@@ -91,15 +91,15 @@ def _acted_on(
 ) -> tuple[Accelerations, Constraints, Accelerations, Number]:
     """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
     velocity = state.velocity
-    force = pieces(partial(smooth_force, design), masses, legs, rotation, state.legs[3], velocity, applied)
-    constraints, heights = pieces(
+    force = barriers(partial(smooth_force, design), masses, legs, rotation, state.legs[3], velocity, applied)
+    constraints, heights = barriers(
         partial(constraints_of, design), legs, rotation, friction, state.place[2], state.legs, velocity
     )
     return force, constraints, state.warmstart.in_world(rotation), heights
 
 
 def _moved(
-    pieces: Pieces,
+    barriers: FusionBarriers,
     design: Design,
     inertia: Arrow,
     rotation: Rotation,
@@ -108,8 +108,8 @@ def _moved(
     total: Accelerations,
 ) -> _State:
     """The state after the step under these forces in all; the next starts from these accelerations."""
-    damped = solve(pieces, _damped(inertia, design), total)
-    after = pieces(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
+    damped = solve(barriers, _damped(inertia, design), total)
+    after = barriers(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
     return after._replace(warmstart=acceleration.in_mujoco(rotation))
 
 

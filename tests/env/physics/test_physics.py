@@ -1,8 +1,5 @@
-"""The physics engines: C MuJoCo and Warp against MJX, and what a host outside XLA must not do."""
+"""The physics engines: the kernel and Warp against MJX."""
 
-import os
-import subprocess
-import sys
 from functools import cache
 
 import jax
@@ -10,14 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.controller import motors_of
-from bp2_rl.env.physics import c
 from bp2_rl.env.physics.interface import AGES, in_force
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 
 ROBOTS, STEPS = 64, 100
@@ -28,11 +22,9 @@ ACTIONS = 0.1 * jax.random.normal(jax.random.PRNGKey(1), (STEPS, ROBOTS, 12))
 FEET = slice(47 + 3 + 1 + 4 + 4, 47 + 3 + 1 + 4 + 4 + 4)  # contacts in the critic's observation
 
 
-@pytest.fixture(params=["kernel", "c", "warp"])
+@pytest.fixture(params=["kernel", "warp"])
 def impl(request, monkeypatch) -> Impl:
     """Every engine but MJX's own. Warp is for GPUs, but its kernels run on processors, too."""
-    if request.param == "c" and jax.default_backend() != "cpu":
-        pytest.skip("C MuJoCo is for processors: set JAX_PLATFORMS=cpu")
     if request.param == "warp":
         pytest.importorskip("warp", reason="needs the extra `warp`")
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
@@ -41,15 +33,16 @@ def impl(request, monkeypatch) -> Impl:
 
 @cache
 def stepper(impl: Impl):
-    return jax.jit(jax.vmap(BP2Env(impl=impl, num_robots=ROBOTS).step))
+    return jax.jit(jax.vmap(BP2Env(EnvConfig(), impl=impl, num_robots=ROBOTS).step))
 
 
 @cache
 def start(randomised: bool):
-    state = jax.jit(jax.vmap(BP2Env().reset))(KEYS)
+    state = jax.jit(jax.vmap(BP2Env(EnvConfig()).reset))(KEYS)
     if randomised:
         return state
-    nominal = randomization.nominal(BP2Env().mj_model.nbody, IDEAL)
+    env = BP2Env(EnvConfig())
+    nominal = randomization.nominal(env.mj_model.nbody, env.config.hardware)
     nominal = jax.tree.map(lambda x: jnp.broadcast_to(x, (ROBOTS, *x.shape)), nominal)
     return state.replace(pipeline_state=state.pipeline_state.replace(randomization=nominal))
 
@@ -151,96 +144,6 @@ def test_legs_in_each_other_end_an_episode_whoever_simulates_it(impl):
 
 def test_legs_in_each_other_end_an_episode_in_mjx():
     assert_tangled("jax")
-
-
-# --- C MuJoCo, called from XLA -------------------------------------------------------------------------------
-
-
-def test_c_gives_equal_bits_for_equal_arguments_in_any_company():
-    """Exact resume stands on it: neither the other robots of a batch nor what was simulated before may matter."""
-    state, env = start(True).pipeline_state, BP2Env(impl="c")
-    targets = jax.jit(jax.vmap(env.controller.act))(state.controller, state.command.current, ACTIONS[0])[1]
-    arguments = state.physics, targets, state.randomization
-    simulate = jax.jit(jax.vmap(env.simulate))
-    first = simulate(*arguments)
-    order = np.random.default_rng(0).permutation(ROBOTS)
-    for robots in (order, order[:3], np.array([5] * 7)):
-        some = simulate(*jax.tree.map(lambda x, robots=robots: x[robots], arguments))
-        jax.tree.map(lambda x, y, robots=robots: np.testing.assert_array_equal(x, y[robots]), some, first)
-    fresh = jax.jit(jax.vmap(BP2Env(impl="c").simulate))(*arguments)
-    jax.tree.map(np.testing.assert_array_equal, fresh, first)
-
-
-def test_c_gives_equal_bits_in_pieces_of_any_size_on_any_number_of_threads(monkeypatch):
-    rng, robots = np.random.default_rng(0), physics(start(True))
-    history = rng.normal(0.0, 1.0, (2, ROBOTS, 3, 12))
-    drawn = jax.tree.leaves(start(True).pipeline_state.randomization)
-    given = robots.qpos, robots.qvel, robots.qacc_warmstart, robots.torque, *history, *drawn
-    given = [np.asarray(x, np.float32) for x in given]
-    found = []
-    for piece, threads in ((1000, 2), (5, 1), (3, 3)):
-        monkeypatch.setattr(c, "PIECE", piece)
-        monkeypatch.setattr(c, "processors", lambda threads=threads: threads)
-        found.append([np.full((ROBOTS, size), np.nan, np.float32) for size in (23, 22, 22, 12, 12, 12, 4)])
-        c._Host(BUILT, motors_of(EnvConfig(hardware=BUILT)))(found[-1], given)
-    for other in found[1:]:
-        jax.tree.map(np.testing.assert_array_equal, other, found[0])
-    assert np.isfinite(found[0][0]).all()
-
-
-@pytest.mark.parametrize("size", [np.nan, np.inf, 1e9, 1e30])
-@pytest.mark.parametrize("field", ["qpos", "qvel", "qacc_warmstart", "torque"])
-def test_c_sees_no_state_that_is_no_physics_and_says_nothing_of_it(field, size, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    state = start(True)
-    bad = getattr(physics(state), field).at[3, 8].set(size)
-    bad = state.pipeline_state.replace(physics=physics(state).replace(**{field: bad}))
-    after = stepper("c")(state.replace(pipeline_state=bad), ACTIONS[0])
-    healthy = stepper("c")(state, ACTIONS[0])
-    others = np.arange(ROBOTS) != 3
-    np.testing.assert_array_equal(after.obs["state"][others], healthy.obs["state"][others])
-    if field in ("qpos", "qvel") or not np.isfinite(np.float32(size)):
-        assert float(after.metrics["fall/exploded"][3]) == 1.0
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves((after.obs, after.reward, after.metrics)))
-    assert not list(tmp_path.iterdir())  # MUJOCO_LOG.TXT
-    assert capfd.readouterr() == ("", "")
-
-
-def test_c_runs_on_several_devices_and_inside_loops():
-    """Two host devices call at the same time, each with half of the robots."""
-    program = """
-import jax, jax.numpy as jnp, numpy as np
-from jax.sharding import Mesh, PartitionSpec
-from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.randomization import nominal
-
-assert jax.device_count() == 2
-env = BP2Env(impl="c")
-state = env.starts.at_rest(), nominal(env.mj_model.nbody, env.config.hardware), 0.1 * jnp.sin(jnp.arange(12.0))
-physics, robot, change = jax.tree.map(lambda x: jnp.tile(x, (16,) + (1,) * x.ndim), state)
-change *= jnp.arange(16.0)[:, None] / 16
-
-def run(physics, robot, change):
-    def step(physics, robot, change):
-        targets = env.controller.act(env.controller.init(), jnp.zeros(3), change)[1]
-        return env.simulate(physics, targets, robot)[0]
-    return jax.lax.scan(lambda physics, _: (jax.vmap(step)(physics, robot, change), None), physics, length=50)[0]
-
-robots = PartitionSpec("robots")
-mesh = Mesh(np.array(jax.devices()), ("robots",))
-spread = jax.shard_map(run, mesh=mesh, in_specs=robots, out_specs=robots, check_vma=False)
-both, alone = (jax.jit(f)(physics, robot, change) for f in (spread, run))
-assert len(np.unique(both.qpos[:, 9])) == 16
-jax.tree.map(np.testing.assert_array_equal, both, alone)
-"""
-    flags = {"XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
-    subprocess.run([sys.executable, "-c", program], env=os.environ | flags, check=True, timeout=120)
-
-
-def test_c_says_what_to_do_where_jax_has_an_accelerator(monkeypatch):
-    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    with pytest.raises(UserError, match="JAX_PLATFORMS=cpu"):
-        BP2Env(impl="c")
 
 
 def test_the_large_presets_train_in_our_kernel_unless_told_otherwise():

@@ -130,7 +130,7 @@ def test_the_limit_of_the_steering_is_that_of_the_environment():
     assert describe_steering(commands, 10.74).endswith(f"{limit:.3f} rad/s at 10.74 m/s")
 
 
-@pytest.mark.parametrize(("backend", "impl"), [("mujoco", "c"), ("mjx", "jax")])
+@pytest.mark.parametrize(("backend", "impl"), [("mujoco", "kernel"), ("mjx", "jax")])
 def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, assert_fits, backend, impl):
     asked = {}
 

@@ -13,6 +13,7 @@ from aim import TINY, Aim
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.observations import STAND
 from bp2_rl.learning.ppo import PPO
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.training import make_config
 from bp2_rl.tools.throughput import measure as bench
 from bp2_rl.tools.throughput.measure import (
@@ -165,7 +166,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
         held = jax.tree.map(lambda before, now: before.at[0].set(now), physics.targets, targets)
         return physics.replace(qvel=physics.qvel + 1, targets=held), None, None
 
-    env = BP2Env()
+    env = BP2Env(EnvConfig())
     monkeypatch.setattr(env, "simulate", simulate)
     config = dataclasses.replace(make_config("imitation", "smoke").ppo, num_envs=8)
     learner = PPO(env, config, ONE)

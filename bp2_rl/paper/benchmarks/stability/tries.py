@@ -26,13 +26,13 @@ from bp2_rl.paper.benchmarks.stability.steady import (
 )
 from bp2_rl.paper.orbits import returns
 from bp2_rl.paper.orbits.pushes import largest
+from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.flock import Flock, Moment, Recorded, together
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import yaw_of
 
 NOBODY = HeadingHold(limit=0.0)
 DRAWS = 100  # of the bootstrap

@@ -1,4 +1,7 @@
-"""In what pieces the step is computed: a few kernels on a GPU, many small programs on a processor."""
+"""Barriers against XLA's fusion: a conditional whose condition always holds, which XLA cannot know, on processors.
+
+On GPUs the step is divided into a few kernels (Pallas) instead.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -12,30 +15,30 @@ BLOCK, WARPS = 32, 4
 """Robots that a block of threads computes on a GPU, by so many warps: a thread a leg."""
 
 
-class Pieces(NamedTuple):
-    """Computes a piece of a program apart from the rest.
+class FusionBarriers(NamedTuple):
+    """Computes a piece of a program apart from the rest, within a conditional that always holds.
 
-    XLA lets whatever is cheap be computed anew in each loop that needs it, and has no measure of how much that is in
-    long chains of products and sums: on a processor the whole step took twice as long as without any such fusion. What
-    is inside of a conditional is not fused with what is outside. The condition always holds, but XLA cannot know.
+    XLA computes whatever is cheap anew in each loop that needs it, and does not see how much that is in long chains of
+    products and sums: on a processor the whole step took twice as long as without any such fusion. XLA does not fuse
+    the inside of a conditional with the outside.
     """
 
     always: Bool[Array, ""] | None  # None: compute all in one
 
     @classmethod
-    def of(cls, friction: Any) -> "Pieces":
-        """By the sign of a floor's friction, on processors; elsewhere there are kernels."""
+    def of(cls, friction: Any) -> "FusionBarriers":
+        """Barriers for processors, whose condition is that the floor's friction is not negative; none on GPUs."""
         return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
 
     def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
-        """piece(*inputs)."""
+        """Return piece(*inputs), behind the barrier."""
         if self.always is None:
             return piece(*inputs)
         return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
 
 
 def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
-    """function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
+    """Return function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
 
     Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
     each other. The function may close over numbers, but not over arrays.
