@@ -132,8 +132,8 @@ class TerminationConfig:
     min_up: BelowOne = 0.8  # vertical part of the body's z axis: 37 deg of tilt
     max_speed: Annotated[float, Within(0.1, 1e6)] = 200.0  # rad/s or m/s in any coordinate: the physics has exploded
     max_overlap: Annotated[float, Within(0.0, 1.0)] = 0.005
-    """m, greatest depth of a leg in another leg or the trunk, where legs are solid, as deep as C MuJoCo's contacts let
-    them. Training has no contacts between legs, and ends the episode instead"""
+    """m, largest depth of a leg in another or in the trunk, where legs are solid: what C MuJoCo's soft contacts allow.
+    Training has no contacts between legs, and ends the episode instead"""
 
 
 @dataclasses.dataclass(frozen=True)

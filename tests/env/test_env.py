@@ -74,7 +74,9 @@ def test_it_is_a_registered_brax_environment(env: BP2Env):
 
 
 def test_the_default_is_the_environment_bp2():
-    assert BP2Env().config == envs.get_environment("bp2").config == make_config("imitation", "gpu").env
+    named = envs.get_environment("bp2")
+    assert isinstance(named, BP2Env)
+    assert BP2Env().config == named.config == make_config("imitation", "gpu").env
 
 
 def test_sizes_are_what_reset_and_step_return(env, start, step):

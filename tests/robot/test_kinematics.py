@@ -107,7 +107,7 @@ def test_soles_are_where_mujoco_has_them(seed, robot):
     arrays(np.float32, (4, 3), elements=st.floats(-3.0, 3.0, width=32)),
     arrays(np.float32, (4,), elements=st.floats(0.0, 0.25, width=32)),
 )
-@example(np.tile(np.float32([0.0, 0.0, 1e-4]), (4, 1)), np.zeros(4, np.float32))
+@example(np.tile(np.array([0.0, 0.0, 1e-4], np.float32), (4, 1)), np.zeros(4, np.float32))
 def test_no_foot_position_gives_infinite_angles_or_derivatives(offset, compression):
     """Anywhere, hip included: too far, too near, above the trunk, on the abduction axis."""
     feet = jnp.asarray(kinematics.leg_origins(), jnp.float32) + offset
