@@ -67,12 +67,12 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """The same for text, in UTF-8."""
+    """Write text in UTF-8, whole or not at all."""
     write_bytes(path, text.encode())
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
-    """The same for named arrays, by `np.savez` or `np.savez_compressed`."""
+    """Write named arrays with `np.savez` or `np.savez_compressed`, whole or not at all."""
     with new_file(path) as file:
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
 

@@ -41,7 +41,7 @@ class PipelineState(struct.PyTreeNode):
 
     @property
     def qd(self) -> Float[Array, "... 22"]:
-        """Their rates, likewise."""
+        """Return MuJoCo's velocities: m/s, rad/s."""
         return self.physics.qvel
 
 
@@ -108,7 +108,7 @@ class Starts:
         return self._untangled(qpos, jnp.where(standing, 0.0, qvel))
 
     def _untangled(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
-        """The same where legs keep clear of each other; where they do not, each in the plane of its own hip."""
+        """Return a state whose legs keep clear of each other: where they do not, each leg is put in its hip's plane."""
         tangled = termination.tangled(qpos, self._config.termination, self._config.hardware)
         if tangled is None:
             return qpos, qvel

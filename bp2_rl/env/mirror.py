@@ -40,7 +40,7 @@ def _signs(*sign: int) -> Mirror:
 
 
 def _by_leg(*sign: int) -> Mirror:
-    """Of so many numbers a leg."""
+    """Return the mirror of an array that has `len(sign)` numbers a leg."""
     width = len(sign)
     return Mirror(tuple(width * leg + i for leg in LEGS for i in range(width)), sign * len(LEGS))
 

@@ -44,7 +44,7 @@ class Network(struct.PyTreeNode):
 
     @classmethod
     def from_spec(cls, heat: MotorHeat, winding_to_case: Parameter) -> "Network":
-        """That of this motor, with this resistance (K/W) between winding and case."""
+        """Return the network of a motor with this resistance (K/W) between winding and case."""
         return cls(
             winding_capacity=heat.winding_capacity,
             winding_to_case=winding_to_case,
@@ -58,7 +58,7 @@ class Network(struct.PyTreeNode):
 
 
 class Temperatures(struct.PyTreeNode):
-    """Of each motor, C."""
+    """Temperatures of every motor, C."""
 
     winding: Motors
     case: Motors

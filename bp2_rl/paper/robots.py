@@ -19,7 +19,7 @@ Mass = Annotated[float, Within(1e-6, 1e6), Heading("mass [kg]")]
 
 
 @dataclasses.dataclass(frozen=True)
-class Robot:
+class PublishedRobot:
     """One row of the paper's Table S1; what is not published is None."""
 
     robot: str
@@ -53,9 +53,9 @@ class Mammal:
     top_speed: Annotated[float, Within(1e-3, 1e3), Heading("top speed [km/h]")]  # as Hirt et al. tabulate it
 
 
-def read_robots() -> tuple[Robot, ...]:
+def read_robots() -> tuple[PublishedRobot, ...]:
     """The paper's Table S1, in its order."""
-    return read_table(asset_path(TABLE_S1), Robot)
+    return read_table(asset_path(TABLE_S1), PublishedRobot)
 
 
 def read_mammals(path: Path) -> tuple[Mammal, ...]:

@@ -93,7 +93,7 @@ class BP2Playground(mjx_env.MjxEnv):
 
     @functools.cached_property
     def mjx_model(self) -> mjx.Model:
-        """The same for MJX, to look at: each robot's friction and masses are drawn by `BP2Env` itself."""
+        """Return the model for MJX, to look at: `BP2Env` itself draws each robot's friction and masses."""
         return mjx.put_model(self.env.mj_model)
 
     def render(

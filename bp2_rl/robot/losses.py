@@ -44,7 +44,7 @@ class Resistance(struct.PyTreeNode):
 
     @classmethod
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
-        """That of this robot; None where nothing resists."""
+        """Return the resistance of a robot; None where nothing resists."""
         losses = hardware.losses
         least_toe = LEAST_TOE * min(hardware.toe_mass / specs.TOE_MASS, 1.0)
         resistance = cls(

@@ -234,12 +234,12 @@ class HardwareSpec:
 
     @property
     def thigh_inertia(self) -> float:
-        """Of a thigh about its centre of mass, across its length, kg m2, before the scale of all masses."""
+        """Return a thigh's inertia about its centre of mass, across its length, kg m2, before masses are scaled."""
         return self.thigh_mass / THIGH_MASS * THIGH_INERTIA
 
     @property
     def toe_inertia(self) -> float:
-        """Likewise of a toe."""
+        """Return a toe's inertia about its centre of mass, across its length, kg m2, before masses are scaled."""
         return self.toe_mass / TOE_MASS * TOE_INERTIA
 
     @property
@@ -254,7 +254,7 @@ class HardwareSpec:
 
     @property
     def trunk_pitch_inertia(self) -> float:
-        """Of the trunk with its abduction links about its centre, kg m2."""
+        """Return the pitch inertia, kg m2, of the trunk with its abduction links about its centre."""
         links = 4.0 * (ABAD_INERTIA + ABAD_MASS * (HIP_FORE_AFT + ABAD_COM_FORE_AFT) ** 2)
         return TRUNK_PITCH_INERTIA + (self.trunk_inertia_share - 1.0) * (TRUNK_PITCH_INERTIA - links)
 

@@ -65,7 +65,7 @@ class KernelPhysics:
     def _side_by_side(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "N 4"]]:
-        """Of robots in the first axis: the kernel has them in the last."""
+        """Step robots that lie along the first axis; inside the kernel they lie along the last."""
         design, masses = self.design, Masses.of(self.design, robot.mass.T, robot.com_offset.T)
         motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
         if resistance is not None:
@@ -108,6 +108,6 @@ def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]
 
 
 def _of_the_motors(torque: Float[Array, "N 12"]) -> Float[Array, "N 22"]:
-    """Their forces on MuJoCo's coordinates."""
+    """Return the motors' torques as forces on MuJoCo's coordinates."""
     legs = jnp.pad(torque.reshape(-1, 4, 3), ((0, 0), (0, 0), (0, 1)))
     return jnp.pad(legs.reshape(-1, 16), ((0, 0), (6, 0)))

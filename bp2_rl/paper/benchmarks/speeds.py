@@ -25,7 +25,7 @@ Result = TypeVar("Result")
 
 
 def commands_below(speeds: Sequence[float], top: float) -> tuple[float, ...]:
-    """Those of the speeds that are below the top one, m/s, and that."""
+    """Return the speeds below the top speed, and the top speed, m/s."""
     return (*(speed for speed in speeds if speed < top), top)
 
 

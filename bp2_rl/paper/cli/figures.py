@@ -18,7 +18,7 @@ from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import choose
 from bp2_rl.paper.cli.index import FLAG, run_all
-from bp2_rl.paper.figures.registry import FIGURES, Entry
+from bp2_rl.paper.figures.registry import FIGURES, FigureEntry
 
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
@@ -29,7 +29,7 @@ NARROWEST = 130  # columns of a table: a number that is cut off is worse than a 
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
+class FigureReport:
     """What metrics.json holds."""
 
     figure: str
@@ -65,7 +65,7 @@ def _figure(name: str, argv: Sequence[str]) -> None:
     print(f"pictures and numbers: {arguments.out}")
 
 
-def _arguments(name: str, entry: Entry) -> type[Any]:
+def _arguments(name: str, entry: FigureEntry) -> type[Any]:
     """The figure's settings, and where its report goes."""
     where = tyro.conf.arg(metavar="DIR", help="the report's folder")
     fields = (
@@ -82,7 +82,7 @@ def open_folder(folder: Path, name: str) -> None:
         UserError: it cannot be made or written, or holds anything but an old report of this figure.
     """
     open_report(folder, METRICS, "report")
-    if (folder / METRICS).is_file() and (old := load_config(Report, folder / METRICS).figure) != name:
+    if (folder / METRICS).is_file() and (old := load_config(FigureReport, folder / METRICS).figure) != name:
         raise UserError(f"--out {folder} holds a report of {old}: name another folder for {name}")
 
 
@@ -91,7 +91,7 @@ def leave(folder: Path, name: str, settings: Any, drawn: "Drawn") -> None:
     from bp2_rl.base.plotting import save_figure
 
     said = tuple(to_json(comparison) for comparison in drawn.comparisons)
-    report = Report(name, FIGURES[name].panel, to_json(settings), said, to_json(drawn.results))
+    report = FigureReport(name, FIGURES[name].panel, to_json(settings), said, to_json(drawn.results))
     save_config(folder / METRICS, report)
     for picture, figure in drawn.pictures.items():
         save_figure(figure, folder / f"{picture}.png")

@@ -22,7 +22,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY, BenchmarkName
 from bp2_rl.paper.cli.eval import DeepBenchmarkName
 from bp2_rl.paper.figures.registry import FIGURES
-from bp2_rl.paper.index.item import Row, fill
+from bp2_rl.paper.index.item import IndexRow, fill
 from bp2_rl.paper.index.items import GROUPS
 from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
 
@@ -32,7 +32,7 @@ PAGE, METRICS, LOG = "index.html", "metrics.json", "log.txt"
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class IndexArguments:
     """Make every panel of the paper that can be made, and one page that says of each item what is ours.
 
     What a command made before is taken as it is, if the policy, the shipped files and the version are the same.
@@ -71,11 +71,13 @@ class FailedError(Exception):
 def run_all(argv: Sequence[str]) -> int:
     """The command; returns its exit status."""
     return app.run(
-        lambda: _make_all(app.parse(Arguments, [word for word in argv if word != FLAG], f"bp2 paper figures {FLAG}"))
+        lambda: _make_all(
+            app.parse(IndexArguments, [word for word in argv if word != FLAG], f"bp2 paper figures {FLAG}")
+        )
     )
 
 
-def _make_all(chosen: Arguments) -> None:
+def _make_all(chosen: IndexArguments) -> None:
     """Run what has to be run, one command after the other, and write the page anew after each."""
     policy = chosen.policy or asset_path(DEFAULT_POLICY)
     for name in (policy, chosen.out):
@@ -112,7 +114,7 @@ def _open(folder: Path) -> None:
             raise UserError(f"--out {folder} holds another report: name another folder") from None
 
 
-def _make(source: Source, choice: Choice, key: str, chosen: Arguments) -> bool:
+def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> bool:
     """Let a command leave its report in its folder; whether it had to: not if that is there.
 
     Raises:
@@ -166,7 +168,7 @@ def _checksum(file: Path) -> str:
     return hashlib.sha256(read_bytes(file)).hexdigest()
 
 
-def _write(chosen: Arguments, missing: dict[str, str]) -> None:
+def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
     """The page and its numbers, of what there is."""
     from bp2_rl.paper.index.page import Made, index_page
 
@@ -194,10 +196,10 @@ def _write(chosen: Arguments, missing: dict[str, str]) -> None:
     save_config(chosen.out / METRICS, report)
 
 
-def policy_name(chosen: Arguments) -> str:
+def policy_name(chosen: IndexArguments) -> str:
     """The policy, wherever it lies: the one that ships, or a folder's name."""
     return "that ships" if chosen.policy is None else chosen.policy.name
 
 
-def _numbers(row: Row) -> dict[str, Any]:
+def _numbers(row: IndexRow) -> dict[str, Any]:
     return {part.at: part.value for part in (*row.ours, *row.because) if not isinstance(part, str)}

@@ -20,7 +20,7 @@ COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
+class JudgedPolicy:
     """A policy, under the judge's launches from a stand."""
 
     steps: int  # control steps before it
@@ -34,15 +34,15 @@ class Curve:
     """A run's policies, the first one first."""
 
     run: str
-    judged: tuple[Judged, ...]
+    judged: tuple[JudgedPolicy, ...]
 
     @property
-    def reached(self) -> Judged | None:
+    def reached(self) -> JudgedPolicy | None:
         """The first policy as fast as BP2 outdoors."""
         return next((one for one in self.judged if one.speed >= OUTDOOR_TOP_SPEED), None)
 
     @property
-    def best(self) -> Judged:
+    def best(self) -> JudgedPolicy:
         """The fastest policy."""
         return max(self.judged, key=lambda one: one.speed)
 
@@ -73,7 +73,7 @@ def read_curve(run: Path) -> Curve:
     except (OSError, ValueError) as error:
         raise UserError(f"--runs: {run} is not the folder of a training that has begun") from error
     judged = [
-        Judged(record["step"], record["wall_time"] - start, result.speed, result.falls)
+        JudgedPolicy(record["step"], record["wall_time"] - start, result.speed, result.falls)
         for record, result in read_judge_results(run)
         if isinstance(record.get("wall_time"), float)  # else a damaged line
     ]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
 
-class Entry(NamedTuple):
+class FigureEntry(NamedTuple):
     """One figure."""
 
     panel: str  # of the paper
@@ -86,32 +86,32 @@ def _binding(settings: BindingSettings) -> "Drawn":
 
 
 FIGURES = {
-    "scaling": Entry(
+    "scaling": FigureEntry(
         "Fig. 1, inset, Table S1",
         "greatest speed over body mass, and what is asked of the motors",
         ScalingSettings,
         _scaling,
     ),
-    "race": Entry("Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, _race),
-    "robot": Entry(
+    "race": FigureEntry("Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, _race),
+    "robot": FigureEntry(
         "Fig. 2, Fig. S1, Table S3", "the robot as it is modelled, and its dimensions", RobotSettings, _robot
     ),
-    "rewards": Entry("Table S4", "reward coefficients, and how their weights go with speed", RewardsSettings, _rewards),
-    "strides": Entry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
-    "operating": Entry("Fig. 5 E", "torque over speed of hips and knees, three cycles", OperatingSettings, _operating),
-    "learning": Entry(
+    "rewards": FigureEntry("Table S4", "reward coefficients, and their weights over speed", RewardsSettings, _rewards),
+    "strides": FigureEntry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
+    "operating": FigureEntry("Fig. 5 E", "torque over speed of hips and knees", OperatingSettings, _operating),
+    "learning": FigureEntry(
         "beyond the paper",
         "how soon policies run, over control steps and over time",
         LearningSettings,
         _learning,
     ),
-    "identifiability": Entry(
+    "identifiability": FigureEntry(
         "beyond the paper",
         "which assumptions the paper's numbers pin down, and which nothing does; takes minutes",
         IdentifiabilitySettings,
         _identifiability,
     ),
-    "binding": Entry(
+    "binding": FigureEntry(
         "beyond the paper",
         "which limits hold the optimiser back over speed, and the policy beside it; takes minutes",
         BindingSettings,

@@ -15,7 +15,7 @@ CIRCLE = 24  # points
 LOOKS = 2  # group of the geoms that are looks
 
 
-class Part(NamedTuple):
+class SilhouettePart(NamedTuple):
     """One geom, seen along an axis."""
 
     outline: Float[np.ndarray, "K 2"]  # m
@@ -23,7 +23,7 @@ class Part(NamedTuple):
     leg: str | None  # FR to RL; None: the trunk
 
 
-def outlines(model: mujoco.MjModel, data: mujoco.MjData, axes: tuple[int, int]) -> list[Part]:
+def outlines(model: mujoco.MjModel, data: mujoco.MjData, axes: tuple[int, int]) -> list[SilhouettePart]:
     """The convex outlines of all that is seen, the farthest first.
 
     Args:
@@ -40,12 +40,12 @@ def outlines(model: mujoco.MjModel, data: mujoco.MjData, axes: tuple[int, int]) 
         flat = points[:, axes]
         body = model.body(model.geom_bodyid[geom]).name
         leg = body[:2] if body[:2] in LEGS else None
-        parts.append(Part(flat[ConvexHull(flat).vertices], float(data.geom_xpos[geom] @ view), leg))
+        parts.append(SilhouettePart(flat[ConvexHull(flat).vertices], float(data.geom_xpos[geom] @ view), leg))
     return sorted(parts, key=lambda part: part.nearness)
 
 
 def draw(
-    axes: Axes, parts: list[Part], colors: dict[str | None, str], *, right: float = 0.0, alpha: float = 1.0
+    axes: Axes, parts: list[SilhouettePart], colors: dict[str | None, str], *, right: float = 0.0, alpha: float = 1.0
 ) -> None:
     """Outlines as filled shapes, moved to the right by so many metres."""
     for part in parts:
@@ -59,7 +59,7 @@ def draw(
         axes.add_patch(shape)
 
 
-def extent(parts: list[Part]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+def extent(parts: list[SilhouettePart]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """The least and the greatest coordinates of these parts, m."""
     points = np.concatenate([part.outline for part in parts])
     return points.min(axis=0), points.max(axis=0)

@@ -52,7 +52,7 @@ class Number(NamedTuple):
     at: str  # SOURCE:PATH
 
 
-class Row(NamedTuple):
+class IndexRow(NamedTuple):
     """An item with its numbers filled in."""
 
     item: Item
@@ -66,7 +66,7 @@ Reports = Mapping[str, Any]
 _NUMBER = re.compile(r"\{(\w+:[^|{}]+)\|([^{}]*)\}")
 
 
-def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> Row:
+def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> IndexRow:
     """The item's row.
 
     Args:
@@ -81,13 +81,13 @@ def fill(item: Item, reports: Reports, missing: Mapping[str, str]) -> Row:
     needed |= {at.partition(":")[0] for at in (*places(item), *(check.at for check in item.checks))}
     lacking = sorted(needed - reports.keys())
     if lacking:
-        return Row(item, "not run", (), tuple(f"{name}: {missing.get(name, 'not run')}" for name in lacking[:1]))
+        return IndexRow(item, "not run", (), tuple(f"{name}: {missing.get(name, 'not run')}" for name in lacking[:1]))
     if item.checks:
         held = all(check.holds(look_up(reports, check.at)) for check in item.checks)
         verdict: Verdict = "same" if held else "differs"
     else:
         verdict = item.stated or "not comparable"
-    return Row(item, verdict, _filled(item.ours, reports), _filled(item.because, reports))
+    return IndexRow(item, verdict, _filled(item.ours, reports), _filled(item.because, reports))
 
 
 def places(item: Item) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bp2_rl.base.files import read_bytes
 from bp2_rl.evaluation.report.page import document
-from bp2_rl.paper.index.item import Number, Row, Verdict
+from bp2_rl.paper.index.item import IndexRow, Number, Verdict
 from bp2_rl.paper.index.sources import Source
 
 VERDICTS: tuple[Verdict, ...] = ("same", "differs", "not comparable", "needs hardware", "not run")
@@ -25,7 +25,7 @@ class Made(NamedTuple):
 
 
 def index_page(
-    groups: Mapping[str, Iterable[Row]],
+    groups: Mapping[str, Iterable[IndexRow]],
     made: Iterable[Made],
     commands: Mapping[str, str],
     missing: Mapping[str, str],
@@ -56,20 +56,20 @@ def index_page(
     )
 
 
-def _tiles(rows: Iterable[Row]) -> str:
+def _tiles(rows: Iterable[IndexRow]) -> str:
     rows = tuple(rows)
     counts = ((verdict, sum(row.verdict == verdict for row in rows)) for verdict in VERDICTS)
     tiles = "".join(f"<div><b>{count}</b><span>{verdict}</span></div>" for verdict, count in counts)
     return f"<section class=tiles>{tiles}</section>"
 
 
-def _table(rows: Iterable[Row], commands: Mapping[str, str], there: set[tuple[str, str]]) -> str:
+def _table(rows: Iterable[IndexRow], commands: Mapping[str, str], there: set[tuple[str, str]]) -> str:
     head = "".join(f"<th>{name}</th>" for name in ("Item", "The paper", "Ours", "Verdict", "Command"))
     body = "".join(_line(row, commands, there) for row in rows)
     return f"<table class=items><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _line(row: Row, commands: Mapping[str, str], there: set[tuple[str, str]]) -> str:
+def _line(row: IndexRow, commands: Mapping[str, str], there: set[tuple[str, str]]) -> str:
     item = row.item
     command = item.command or commands.get(item.source or "", "")
     shown = f"<code>{html.escape(command)}</code>" if command else ""

@@ -27,7 +27,7 @@ class Fit:
 
     @property
     def radius(self) -> float:
-        """Of its spectrum."""
+        """Return the spectral radius of the map."""
         return radius(self.matrix)
 
 

@@ -16,7 +16,7 @@ PER_CYCLE = 256  # samples a cycle: beyond the 100th harmonic nothing is looked 
 
 @dataclasses.dataclass(frozen=True)
 class Spectrum:
-    """Of one signal; shares are of its variance."""
+    """The spectrum of one signal; shares are shares of the signal's variance."""
 
     cycles: int
     peak: float  # the strongest frequency over the cycle's

@@ -11,7 +11,7 @@ LEAST_EVENTS = 3
 
 @dataclasses.dataclass(frozen=True)
 class Jitter:
-    """Of one kind of event, once a cycle."""
+    """How regularly an event comes that happens once a cycle."""
 
     events: int
     phase: float  # cycles, mean place in the clock's cycle, 0 to 1

@@ -13,7 +13,7 @@ from scipy.special import ellipk
 
 
 def in_phase_frequency(mass_ratio: float) -> float:
-    """Of two small swings side by side against the beam; side by side in antiphase it is 1, and the beam rests."""
+    """Return the frequency, over w0, of two small swings in phase. In antiphase it is 1, and the beam rests."""
     return math.sqrt(1.0 + 2.0 / mass_ratio)
 
 
@@ -36,12 +36,12 @@ def shares(mass_ratio: float) -> tuple[float, float]:
 
 
 def antiphase_period(amplitude: float) -> float:
-    """Of two in antiphase, in 1 / w0, at any amplitude: the beam rests, and each is a pendulum of its own."""
+    """Return the period, in 1 / w0, of two pendulums in antiphase at any amplitude: the beam rests."""
     return 4.0 * float(ellipk(math.sin(amplitude / 2.0) ** 2))
 
 
 def in_phase_period(amplitude: float, mass_ratio: float, pendulums: int = 2) -> float:
-    """Of pendulums that swing as one, in 1 / w0, at any amplitude, by quadrature.
+    """Return the period, in 1 / w0, of pendulums that swing as one at any amplitude, by quadrature.
 
     Energy and momentum leave th'^2 = 2 (cos th - cos A) / (1 - n cos^2 th / (R + n)); with sin(th/2) = k sin(psi) and
     k = sin(A/2) the time over a quarter is an integral of a smooth function.
@@ -58,7 +58,7 @@ def in_phase_period(amplitude: float, mass_ratio: float, pendulums: int = 2) -> 
 def small_torque_ratio(
     phase: Float[np.ndarray, "*#many"], frequency: Float[np.ndarray, "*#many"], mass_ratio: Float[np.ndarray, "*#many"]
 ) -> Float[np.ndarray, "*many"]:
-    """Of small swings a phase apart: the torque's peak with the beam free over that with it fixed.
+    """Return the peak torque of small swings a phase apart, with the beam free over with the beam fixed.
 
     Infinite at W = 1, where a fixed beam asks for no torque.
     """
@@ -76,7 +76,7 @@ def boundary_frequency(mass_ratio: float) -> float:
 def small_gait_ratio(
     order: Float[np.ndarray, "*#many"], frequency: float, mass_ratio: float, legs: int
 ) -> Float[np.ndarray, "*many"]:
-    """Of small swings of many legs: the torque's root mean square over time and legs, free over fixed.
+    """Return the root mean square torque (over time and legs) of many legs' small swings, free over fixed.
 
     It hangs on the gait by the order parameter alone, |mean e^(i phi)|.
     """

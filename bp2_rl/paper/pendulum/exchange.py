@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.integrate import cumulative_simpson
 
 from bp2_rl.paper.pendulum import beam, exact
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, Motion, swing
+from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 SAMPLES = 100  # of a natural period
 EVEN = 0.05  # of m g l: means that differ by less are called even
@@ -54,8 +54,8 @@ def exchanges(amplitude: float, mass_ratios: Sequence[float], periods: float) ->
     return [_exchange(motion, system) for system in range(len(mass_ratios))]
 
 
-def _exchange(motion: Motion, system: int) -> Exchange:
-    """Of one of several systems."""
+def _exchange(motion: SwingMotion, system: int) -> Exchange:
+    """Return the exchange of energy in one of several systems."""
     time, mass_ratio = motion.time, motion.mass_ratio[system]
     state = motion.theta[:, system], motion.rate[:, system], motion.beam_rate[:, system], mass_ratio[None]
     energies, momentum = beam.energies(*state), beam.momentum(*state)

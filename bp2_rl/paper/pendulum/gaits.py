@@ -45,7 +45,7 @@ class GaitTorque:
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class GaitComparison:
     """Gaits with a name, and beside them gaits with any phases: what there could be."""
 
     named: tuple[tuple[GaitTorque, ...], ...]  # by mass ratio
@@ -65,12 +65,12 @@ def order_parameter(phases: Float[np.ndarray, "*many legs"]) -> Float[np.ndarray
     return np.asarray(np.abs(np.mean(np.exp(2j * np.pi * phases), axis=-1)))
 
 
-def compare_gaits(mass_ratios: Sequence[float], amplitude: float, frequency: float) -> Comparison:
+def compare_gaits(mass_ratios: Sequence[float], amplitude: float, frequency: float) -> GaitComparison:
     """Every gait with a name and `RANDOM` others, on beams of several mass ratios; `frequency` over w0."""
     # Evenly drawn phases seldom move as one: draw them from an ever greater share of the cycle.
     phases = np.random.default_rng(0).random((RANDOM, bp2.LEGS)) * np.linspace(0.0, 1.0, RANDOM)[:, None]
     orders = np.linspace(0.0, 1.0, 101)
-    return Comparison(
+    return GaitComparison(
         named=tuple(gait_torques(ratio, amplitude, frequency) for ratio in mass_ratios),
         phases=phases,
         order=order_parameter(phases),
@@ -81,7 +81,7 @@ def compare_gaits(mass_ratios: Sequence[float], amplitude: float, frequency: flo
 
 
 def gait_torques(mass_ratio: float, amplitude: float, frequency: float) -> tuple[GaitTorque, ...]:
-    """Of every gait with a name."""
+    """Return the torques of every gait that has a name."""
     phases = np.array(list(GAITS.values()))
     ratios, root_mean_squares = _ratios(phases, mass_ratio, amplitude, frequency)
     order = order_parameter(phases)
@@ -104,7 +104,7 @@ def gait_torques(mass_ratio: float, amplitude: float, frequency: float) -> tuple
 def _ratios(
     phases: Float[np.ndarray, "gaits legs"], mass_ratio: float, amplitude: float, frequency: float
 ) -> tuple[Float[np.ndarray, "gaits legs"], Float[np.ndarray, " gaits"]]:
-    """Of the torques, free over fixed: of each leg's peak, and of the root mean square over time and legs."""
+    """Return torques, free over fixed: each leg's peak, and the root mean square over time and legs."""
     cycle = drive(2.0 * np.pi * phases, np.array(amplitude), np.array(frequency), np.array(mass_ratio))
     free, fixed = (np.linalg.norm(root_mean_square(torque), axis=-1) for torque in (cycle.free, cycle.fixed))
     return peak(cycle.free) / peak(cycle.fixed), free / fixed

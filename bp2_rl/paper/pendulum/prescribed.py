@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.paper.pendulum.bp2 import LEG_LENGTH, reduced_frequency
-from bp2_rl.paper.pendulum.torque import Cycle, drive, peak, root_mean_square
+from bp2_rl.paper.pendulum.torque import PendulumCycle, drive, peak, root_mean_square
 
 LENGTHS = (0.05, 10.0)  # m, of the curve over lengths
 POINTS = 200  # of it
@@ -33,7 +33,7 @@ class Prescribed:
     mass_ratio: float
     phase: float  # rad, of the second ahead of the first
     shown: LengthRow
-    cycle: Cycle
+    cycle: PendulumCycle
     rows: tuple[LengthRow, ...]  # at the length shown, at BP2's leg, and in the limit
     lengths: Float[np.ndarray, " points"]  # m
     peaks: Float[np.ndarray, "points 2"]  # free over fixed
@@ -50,7 +50,7 @@ def prescribe(mass_ratio: float, amplitude: float, phase: float, hertz: float, l
     lengths = np.geomspace(*LENGTHS, POINTS)
     printed = list(dict.fromkeys((length, LEG_LENGTH)))  # once, if they are the same
 
-    def at(frequency: np.ndarray) -> Cycle:
+    def at(frequency: np.ndarray) -> PendulumCycle:
         return drive(np.array([0.0, phase]), np.array(amplitude), frequency, np.array(mass_ratio))
 
     rows = [_row(one, reduced_frequency(hertz, one), at) for one in printed]
@@ -67,12 +67,12 @@ def prescribe(mass_ratio: float, amplitude: float, phase: float, hertz: float, l
     )
 
 
-def _row(length: float, frequency: float, at: Callable[[np.ndarray], Cycle]) -> LengthRow:
+def _row(length: float, frequency: float, at: Callable[[np.ndarray], PendulumCycle]) -> LengthRow:
     """The ratios of the motion that `at` makes at a W."""
     peaks, root_mean_squares = ((float(one), float(two)) for one, two in _ratios(at(np.array(frequency))))
     return LengthRow(length, frequency, peaks, root_mean_squares)
 
 
-def _ratios(cycle: Cycle) -> tuple[Float[np.ndarray, "*many 2"], Float[np.ndarray, "*many 2"]]:
-    """Of each pendulum's peak torque and of its root mean square, free over fixed."""
+def _ratios(cycle: PendulumCycle) -> tuple[Float[np.ndarray, "*many 2"], Float[np.ndarray, "*many 2"]]:
+    """Return each pendulum's peak torque and root mean square torque, free over fixed."""
     return peak(cycle.free) / peak(cycle.fixed), root_mean_square(cycle.free) / root_mean_square(cycle.fixed)

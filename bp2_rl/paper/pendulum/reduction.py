@@ -55,7 +55,7 @@ def peak_ratio(
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
 ) -> Float[np.ndarray, "*many"]:
-    """Of two pendulums a phase apart: the greater of their peak torques, beam free over beam fixed."""
+    """Return the greater peak torque of two pendulums a phase apart, beam free over beam fixed."""
     cycle = drive(np.stack(np.broadcast_arrays(0.0, phase), axis=-1), amplitude, frequency, mass_ratio)
     return np.asarray(np.max(peak(cycle.free), axis=-1) / np.max(peak(cycle.fixed), axis=-1))
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.distance import directed_hausdorff
 
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, Motion, swing
+from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 Instant = Literal["beam", "pendulum"]
 INSTANTS: dict[Instant, str] = {
@@ -55,8 +55,8 @@ def sections(amplitude: float, mass_ratios: Sequence[float], periods: float, ins
     return [_section(motion, system, instant) for system in range(len(mass_ratios))]
 
 
-def _section(motion: Motion, system: int, instant: Instant) -> Section:
-    """Of one of several systems."""
+def _section(motion: SwingMotion, system: int, instant: Instant) -> Section:
+    """Return the section of one of several systems."""
     beam_acceleration, acceleration = (values[:, system] for values in motion.accelerations)
     theta, rate = motion.theta[:, system], motion.rate[:, system]
     if instant == "beam":

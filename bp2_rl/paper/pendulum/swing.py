@@ -14,7 +14,7 @@ NATURAL_PERIOD = 2.0 * math.pi
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class SwingMotion:
     """Systems of pendulums over time; time first, then the systems, then the pendulums of each."""
 
     mass_ratio: Float[np.ndarray, "*many"]
@@ -40,7 +40,7 @@ def swing(
     mass_ratio: Float[np.ndarray, "*many"],
     time: Float[np.ndarray, " samples"],
     tolerance: float = 1e-12,
-) -> Motion:
+) -> SwingMotion:
     """Let pendulums go at these angles, at rest.
 
     Args:
@@ -52,7 +52,7 @@ def swing(
     system = _System(released, mass_ratio)
     solved = solve_ivp(system.rates, (0.0, time[-1]), system.start, "DOP853", time, rtol=tolerance, atol=tolerance)
     position, rate = np.moveaxis(solved.y.reshape(*system.shape, len(time)), -1, 1)
-    return Motion(mass_ratio, time, position[..., 0], rate[..., 0], position[..., 1:], rate[..., 1:])
+    return SwingMotion(mass_ratio, time, position[..., 0], rate[..., 0], position[..., 1:], rate[..., 1:])
 
 
 class _System:

@@ -16,7 +16,7 @@ SAMPLES = 256
 
 
 @dataclasses.dataclass(frozen=True)
-class Cycle:
+class PendulumCycle:
     """One cycle of a motion; systems, then time, then pendulums."""
 
     angle: Float[np.ndarray, " samples"]  # W t, rad
@@ -36,7 +36,7 @@ def drive(
     amplitude: Float[np.ndarray, "*#many"],
     frequency: Float[np.ndarray, "*#many"],
     mass_ratio: Float[np.ndarray, "*#many"],
-) -> Cycle:
+) -> PendulumCycle:
     """The torques of pendulums that swing alike but for their phases.
 
     Args:
@@ -53,7 +53,7 @@ def drive(
     acceleration = -(frequency[..., None] ** 2) * swing
     theta, rate, acceleration = np.broadcast_arrays(swing, rate, acceleration)
     fixed = beam.fixed_torque(theta, acceleration)
-    return Cycle(angle, theta, rate, fixed, beam.coupled_torque(theta, rate, acceleration, mass_ratio))
+    return PendulumCycle(angle, theta, rate, fixed, beam.coupled_torque(theta, rate, acceleration, mass_ratio))
 
 
 def peak(torque: Float[np.ndarray, "*many samples pendulums"]) -> Float[np.ndarray, "*many pendulums"]:

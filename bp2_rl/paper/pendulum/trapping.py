@@ -77,7 +77,7 @@ def thresholds(amplitudes: Sequence[float]) -> Iterator[Threshold]:
 def _shares(
     amplitude: float, mass_ratios: Float[np.ndarray, " ratios"], periods: float
 ) -> tuple[Float[np.ndarray, "samples ratios 2"], Float[np.ndarray, "samples ratios"]]:
-    """Of the energy over time, each pendulum's and the beam's."""
+    """Return the shares of the energy over time: each pendulum's, and the beam's."""
     time = np.arange(round(periods) * SAMPLES + 1) * (NATURAL_PERIOD / SAMPLES)
     motion = swing(np.tile((amplitude, 0.0), (len(mass_ratios), 1)), mass_ratios, time, TOLERANCE)
     energies = motion.energies

@@ -23,7 +23,7 @@ GREATEST = "greatest"  # name of the file
 
 
 @dataclasses.dataclass(frozen=True)
-class Variant:
+class ComparedVariant:
     """One of those that are compared."""
 
     name: str
@@ -32,7 +32,7 @@ class Variant:
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """A variant at a speed."""
 
     name: str
@@ -48,12 +48,18 @@ class Numbers:
 
     problem: Problem
     speeds: tuple[float, ...]  # m/s
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
 
 
 def compare(
-    problem: Problem, variants: Sequence[Variant], speeds: Sequence[float], folder: Path, *, what: str, workers: int = 1
-) -> Iterator[list[Row]]:
+    problem: Problem,
+    variants: Sequence[ComparedVariant],
+    speeds: Sequence[float],
+    folder: Path,
+    *,
+    what: str,
+    workers: int = 1,
+) -> Iterator[list[ComparisonRow]]:
     """The rows of each variant, for each speed and for its greatest, in their order, as they are found.
 
     Each is the cheaper of two searches, from the cold guess and from the speed before; a greatest speed is the better
@@ -75,13 +81,13 @@ def compare(
         yield from (_rows(variant, speeds, folder) for variant in variants)
         return
     with spawned(workers) as pool:
-        searches: list[concurrent.futures.Future[list[Row]]] = [
+        searches: list[concurrent.futures.Future[list[ComparisonRow]]] = [
             pool.submit(_rows, variant, speeds, folder) for variant in variants
         ]
         yield from (search.result() for search in searches)
 
 
-def _rows(variant: Variant, speeds: Sequence[float], folder: Path) -> list[Row]:
+def _rows(variant: ComparedVariant, speeds: Sequence[float], folder: Path) -> list[ComparisonRow]:
     from bp2_rl.optimiser.collocation import fastest, solve  # CasADi, where something is solved
 
     found: list[Solution] = []
@@ -114,14 +120,14 @@ def _kept(path: Path, tries: Sequence[Callable[[], Solution]], worth: Callable[[
     return best
 
 
-def _row(name: str, speed: float | None, solution: Solution | None, *, greatest: bool) -> Row:
+def _row(name: str, speed: float | None, solution: Solution | None, *, greatest: bool) -> ComparisonRow:
     if solution is None:
-        return Row(name, speed, greatest, None, None)
+        return ComparisonRow(name, speed, greatest, None, None)
     pitch = solution.motion.q[..., 2]
-    return Row(name, speed, greatest, describe(solution), (float(np.min(pitch)), float(np.max(pitch))))
+    return ComparisonRow(name, speed, greatest, describe(solution), (float(np.min(pitch)), float(np.max(pitch))))
 
 
-def tabulate(rows: Sequence[Row]) -> Table:
+def tabulate(rows: Sequence[ComparisonRow]) -> Table:
     """A line for each row."""
     table = Table("", "m/s", "R", "work / m g d", "period", "duty", "peak torque", "RMS", "force", "pitch")
     for row in rows:

@@ -1,4 +1,4 @@
-"""The same motion in other coordinates: absolute angles of the links instead of angles of the joints.
+"""Decompose a motion in other coordinates: absolute angles of the links instead of angles of the joints.
 
 What of an inertial torque is main and what is coupled is no fact about the robot, but about its coordinates. A constant
 change q = T q' gives

@@ -19,7 +19,7 @@ from bp2_rl.paper.trajectories.decomposition import (
 
 
 @dataclasses.dataclass(frozen=True)
-class Shown:
+class ShownStride:
     """The trajectory that is drawn, and what its panels and the trends say."""
 
     speed: float  # m/s
@@ -39,12 +39,12 @@ class Shown:
 class FigureNumbers:
     """All of them."""
 
-    shown: Shown
+    shown: ShownStride
     means: tuple[TermMeans, ...]  # by speed
     by_speed: tuple[CouplingAccount, ...]
 
 
-def number_shown(solution: Solution, terms: Decomposition, trends: Trends) -> Shown:
+def number_shown(solution: Solution, terms: Decomposition, trends: Trends) -> ShownStride:
     """The numbers of the panels that are of one speed, and of the trends."""
     weights, ground = terms.cycle.weights.ravel(), TERMS.index("ground reaction")
     x, z = (terms.coordinates.index(name) for name in ("x", "z"))
@@ -58,7 +58,7 @@ def number_shown(solution: Solution, terms: Decomposition, trends: Trends) -> Sh
         term: tuple(turning_speeds(trends.speeds, trends.share[:, TERMS.index(term), KINDS.index("hip")]))
         for term in ("active", "coupled inertial")
     }
-    return Shown(
+    return ShownStride(
         speed=solution.problem.speed,
         **summarise(solution),
         closure=terms.closure,

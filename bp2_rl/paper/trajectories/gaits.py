@@ -10,7 +10,7 @@ it: greatest speeds are upper bounds.
 import dataclasses
 
 from bp2_rl.optimiser.problem import Gait, Problem
-from bp2_rl.paper.trajectories.comparison import Variant
+from bp2_rl.paper.trajectories.comparison import ComparedVariant
 
 GAITS: dict[str, Gait] = {
     "trot (and pace)": "trot",
@@ -21,6 +21,6 @@ GAITS: dict[str, Gait] = {
 }
 
 
-def gait_variants(problem: Problem) -> list[Variant]:
+def gait_variants(problem: Problem) -> list[ComparedVariant]:
     """The problem in each gait."""
-    return [Variant(name, gait, dataclasses.replace(problem, gait=gait)) for name, gait in GAITS.items()]
+    return [ComparedVariant(name, gait, dataclasses.replace(problem, gait=gait)) for name, gait in GAITS.items()]

@@ -6,7 +6,7 @@ times its inertia is guided: it cannot pitch, as if limbs had nothing to shake.
 """
 
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.paper.trajectories.comparison import Variant
+from bp2_rl.paper.trajectories.comparison import ComparedVariant
 
 LIMBS: dict[str, tuple[str, float]] = {
     f"{what} x {factor:g}": (field, factor)
@@ -20,10 +20,12 @@ LIMBS: dict[str, tuple[str, float]] = {
 """A field of the hardware, and by what it is multiplied."""
 
 
-def limb_variants(problem: Problem) -> list[Variant]:
+def limb_variants(problem: Problem) -> list[ComparedVariant]:
     """The problem, and with each of them."""
     changed = {
         name: problem.on(**{field: factor * getattr(problem.hardware, field)})
         for name, (field, factor) in LIMBS.items()
     }
-    return [Variant(name, name.replace(" ", "-"), one) for name, one in {"as it is": problem, **changed}.items()]
+    return [
+        ComparedVariant(name, name.replace(" ", "-"), one) for name, one in {"as it is": problem, **changed}.items()
+    ]

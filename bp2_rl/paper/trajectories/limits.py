@@ -50,7 +50,7 @@ class GreatestSpeeds:
 
 
 def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
-    """Of the problem's robot, and with one thing changed at a time, as they are found.
+    """Yield the greatest speed of the problem's robot, and of robots with one thing changed, as they are found.
 
     Each is the better of two searches: from the problem's own solution and from one of another speed.
     """

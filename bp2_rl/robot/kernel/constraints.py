@@ -43,12 +43,12 @@ class Floor(NamedTuple):
         return z + y, z - y, z - x, z + x
 
     def point(self, at: Accelerations) -> Vector:
-        """That of the point of contact."""
+        """Return the acceleration of the point of contact."""
         a, turn = (at.trunk[0], at.trunk[1], at.trunk[2]), (at.trunk[3], at.trunk[4], at.trunk[5])
         return add(a, cross(turn, self.lever), *(scaled(x, v) for x, v in zip(at.legs, self.joints, strict=True)))
 
     def force(self, edges: tuple[Number, ...]) -> Vector:
-        """Of these forces along the edges, the sum in the world's axes."""
+        """Return the sum, in the world's axes, of forces along the edges of the friction pyramid."""
         left, right, back, front = edges
         return self.friction * (front - back), self.friction * (left - right), left + right + back + front
 

@@ -70,7 +70,7 @@ class Design(struct.PyTreeNode):
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":
-        """That of a model compiled by `robot.model.load_model(feet_only=True)`.
+        """Return the design of a model that `robot.model.load_model(feet_only=True)` has compiled.
 
         Raises:
             UserError: it has something that the kernel does not know.

@@ -24,12 +24,12 @@ class Accelerations(NamedTuple):
     legs: list[Number]
 
     def in_world(self, rotation: Rotation) -> "Accelerations":
-        """Of MuJoCo's coordinates, in which the trunk turns about its own axes, those in the world's."""
+        """Return these accelerations in the world's axes; in MuJoCo's the trunk turns about its own axes."""
         x, y, z, *turn = self.trunk
         return Accelerations([x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs)
 
     def in_mujoco(self, rotation: Rotation) -> "Accelerations":
-        """And back."""
+        """Return these accelerations in MuJoCo's coordinates, where the trunk turns about its own axes."""
         x, y, z, *turn = self.trunk
         return Accelerations([x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs)
 
@@ -79,7 +79,7 @@ def smooth_force(
 
 
 def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, rotation: Rotation) -> Rows:
-    """Of all bodies as one, about the trunk's origin, in the world's axes."""
+    """Return the trunk's block of the mass matrix: all bodies as one, about the trunk's origin, in the world's axes."""
     anchor, com, own = design.anchor, masses.trunk_com, masses.trunk_inertia
     moment = legs.to_trunk(whole.moment)
     # The inertia of a leg, turned by its abduction ...
@@ -131,7 +131,7 @@ def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotatio
 
 
 def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Rows:
-    """Of abduction, hip, knee and spring: what a joint feels of the momentum of those below it."""
+    """Return a leg's block of the mass matrix: what a joint feels of the momentum of the joints below it."""
     knee_x, knee_z = legs.knee
     block: Rows = [
         [momenta[0].angular[0]],
@@ -203,7 +203,7 @@ class _Turning(NamedTuple):
     change: Vector
 
     def pitched(self, rate: Number) -> "_Turning":
-        """That of a part which turns about y at this rate in the present frame."""
+        """Return the turning of a part that turns about y at this rate in the present frame."""
         (x, y, z), (ax, ay, az) = self
         return _Turning((x, y + rate, z), (ax - z * rate, ay, az + x * rate))
 

@@ -26,7 +26,7 @@ class Rotation(NamedTuple):
 
     @classmethod
     def of(cls, quaternion: tuple[Number, Number, Number, Number]) -> "Rotation":
-        """That of a quaternion of length 1."""
+        """Return the rotation of a quaternion of length 1."""
         w, x, y, z = quaternion
         return cls(
             (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -44,7 +44,7 @@ class Rotation(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Of one draw of robots: masses in kg, principal inertias in kg m2, and the trunk's centre of mass in m."""
+    """Masses of one draw of robots, kg; principal inertias, kg m2; the trunk's centre of mass, m."""
 
     trunk: Number
     trunk_inertia: Vector
@@ -54,7 +54,7 @@ class Masses(NamedTuple):
 
     @classmethod
     def of(cls, design: Design, factors: Float[Array, "18 N"], com_offset: Float[Array, "3 N"]) -> "Masses":
-        """Those of a design whose bodies are heavier by these factors, in MuJoCo's order."""
+        """Return the masses of a design whose bodies are heavier by these factors, in MuJoCo's order."""
         trunk, legs = factors[1], factors[2:].reshape(4, 4, -1)
         com = add(design.trunk_com, (com_offset[0], com_offset[1], com_offset[2]))
         return cls(
@@ -76,7 +76,7 @@ class Inertia(NamedTuple):
 
     @classmethod
     def turned(cls, principal: Vector, cos: Number, sin: Number) -> "Inertia":
-        """That of a body turned about y."""
+        """Return the inertia of a body that is turned about y."""
         x, y, z = principal
         along, across, both = cos * cos, sin * sin, sin * cos
         return cls(along * x + across * z, y, across * x + along * z, both * (z - x))
@@ -95,14 +95,14 @@ class Part(NamedTuple):
 
 
 class Momentum(NamedTuple):
-    """Of all that a joint moves, at unit rate of the joint: linear, and angular about the abduction joint."""
+    """The momentum of all that a joint moves at unit rate: linear, and angular about the abduction joint."""
 
     linear: Vector
     angular: Vector
 
 
 class Legs(NamedTuple):
-    """Their pose. Lengths in m, from the abduction joint, in the leg's frame unless said."""
+    """The pose of the legs. Lengths in m, from the abduction joint, in the leg's frame unless another is named."""
 
     cos: Number  # of the abduction angle
     sin: Number
@@ -151,7 +151,7 @@ class Legs(NamedTuple):
         return v[0], self.cos * v[1] + self.sin * v[2], self.cos * v[2] - self.sin * v[1]
 
     def momenta(self, whole: "Composite") -> tuple[Momentum, Momentum, Momentum, Momentum]:
-        """Of abduction, hip, knee and spring."""
+        """Return the momenta of abduction, hip, knee and spring."""
         h, toe = whole.moment, self.parts[3]
         cos, sin = self.shank
         along = toe.mass * sin, jnp.zeros_like(cos), toe.mass * cos
@@ -177,7 +177,7 @@ class Composite(NamedTuple):
 
     @classmethod
     def of(cls, legs: Legs) -> "Composite":
-        """That of legs in their present pose."""
+        """Return the composite inertia of legs in their present pose."""
         parts = legs.parts
         moments = [scaled(part.mass, part.com) for part in parts]
         squares = [(m[0] * r[0], m[1] * r[1], m[2] * r[2]) for m, (_, r, _) in zip(moments, parts, strict=True)]
@@ -194,7 +194,7 @@ class Composite(NamedTuple):
 
 
 def _spin(about: Plane, parts: tuple[Part, ...]) -> Momentum:
-    """Of a turn about y through this point of the plane."""
+    """Return the momentum of a turn about y through this point of the plane."""
     levers = [(part.com[0] - about[0], part.com[2] - about[1]) for part in parts]
     x = sum(part.mass * z for part, (_, z) in zip(parts, levers, strict=True))
     z = -sum(part.mass * x for part, (x, _) in zip(parts, levers, strict=True))

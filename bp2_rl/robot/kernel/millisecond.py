@@ -41,7 +41,7 @@ def step(
 
 
 class _State(NamedTuple):
-    """The same number by number."""
+    """The state of the robots, number by number."""
 
     place: Vector
     quaternion: Quaternion
@@ -172,5 +172,5 @@ def _of_legs(coordinates: Float[Array, "16 N"]) -> list[Number]:
 
 
 def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "16 N"]:
-    """And back."""
+    """Return coordinates given number by number as one array, leg by leg."""
     return jnp.stack(coordinates, axis=1).reshape(LEG * LEG, -1)

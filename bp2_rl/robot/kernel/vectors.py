@@ -11,7 +11,7 @@ Vector = tuple[Number, Number, Number]
 
 
 def add(*vectors: Vector) -> Vector:
-    """Their sum."""
+    """Return the sum of vectors."""
     x, y, z = vectors[0]
     for more in vectors[1:]:
         x, y, z = x + more[0], y + more[1], z + more[2]

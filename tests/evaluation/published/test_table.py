@@ -10,7 +10,7 @@ from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError
 from bp2_rl.evaluation.published.table import LARGEST, Heading, headings, read_table
-from bp2_rl.paper.robots import TABLE_S1, Robot
+from bp2_rl.paper.robots import TABLE_S1, PublishedRobot
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +97,7 @@ def test_what_is_no_text_is_refused(table, tmp_path):
 
 def test_the_headings_are_those_of_the_tables_that_ship():
     head = asset_path(TABLE_S1).read_text().splitlines()[0]
-    assert head == ",".join(headings(Robot))
+    assert head == ",".join(headings(PublishedRobot))
 
 
 @pytest.mark.attack
@@ -109,4 +109,4 @@ def test_a_damaged_table_is_read_or_refused(tmp_path):
             damaged[chance.randrange(len(damaged))] = chance.randrange(256)
         path.write_bytes(bytes(damaged))
         with contextlib.suppress(UserError):  # anything else would end the command with a traceback
-            assert read_table(path, Robot)
+            assert read_table(path, PublishedRobot)

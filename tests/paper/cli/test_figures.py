@@ -4,7 +4,7 @@ import pytest
 
 from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import figures
-from bp2_rl.paper.cli.figures import Report, main
+from bp2_rl.paper.cli.figures import FigureReport, main
 from bp2_rl.paper.figures.registry import FIGURES
 from bp2_rl.simulation import rollout
 
@@ -22,7 +22,7 @@ def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys)
     out = tmp_path / "out"
     for _ in range(2):  # an old report is replaced
         assert main([name, "--out", str(out)]) == 0
-    report = load_config(Report, out / "metrics.json")
+    report = load_config(FigureReport, out / "metrics.json")
     assert (report.figure, report.panel) == (name, FIGURES[name].panel)
     assert report.comparisons
     assert report.results
@@ -33,7 +33,7 @@ def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys)
 def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
     assert main(["race", "--out", str(tmp_path)]) == 0
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    paper = load_config(Report, tmp_path / "metrics.json").results["paper"]
+    paper = load_config(FigureReport, tmp_path / "metrics.json").results["paper"]
     assert f"T = {paper['time_constant']:.2f} s" in shown or f"{paper['time_constant']:.2f}" in shown
     assert f"{paper['constant_times']['trained sprinter']:.2f}" in shown
     assert f"{paper['deficit']:.2f} s behind" in shown

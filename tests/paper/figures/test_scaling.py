@@ -13,7 +13,7 @@ from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.figures.scaling.figure import scaling, scaling_figure
 from bp2_rl.paper.figures.scaling.numbers import ScalingNumbers, compare, count, find, measure, shipped
 from bp2_rl.paper.figures.scaling.settings import ScalingSettings
-from bp2_rl.paper.robots import Robot
+from bp2_rl.paper.robots import PublishedRobot
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_the_papers_band_holds_ten_of_26(numbers):
 
 def test_the_ends_of_the_band_are_in_it():
     def robot(demand):
-        return Robot(f"{demand}", 1.0, 9.8, 1.0, demand, wheels=False, source="made up")
+        return PublishedRobot(f"{demand}", 1.0, 9.8, 1.0, demand, wheels=False, source="made up")
 
     spread = count([robot(demand) for demand in (0.59, 0.6, 0.7, 0.8, 0.81)])
     assert (spread.below, spread.above) == (("0.59",), ("0.81",))

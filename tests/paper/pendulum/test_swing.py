@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from bp2_rl.paper.pendulum import beam, exact
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, Motion, swing
+from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
 
@@ -15,7 +15,7 @@ def over(periods: float, samples: int) -> np.ndarray:
     return np.linspace(0.0, periods * NATURAL_PERIOD, round(periods * samples) + 1)
 
 
-def period(motion: Motion) -> np.ndarray:
+def period(motion: SwingMotion) -> np.ndarray:
     """Of each system: mean over as many whole periods as there are, of its last pendulum's passages to the left."""
     periods = []
     for system in range(len(motion.mass_ratio)):

@@ -18,7 +18,7 @@ from bp2_rl.optimiser.solution import NotSolved, Solution, resample
 from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chain, solve_chains
 from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
 from bp2_rl.paper.trajectories.codesign.scan import Scan, scan_chains, scan_design
-from bp2_rl.paper.trajectories.codesign.search import Row, find_designs, start_chain
+from bp2_rl.paper.trajectories.codesign.search import DesignRow, find_designs, start_chain
 from bp2_rl.paper.trajectories.codesign.sensitivity import variations
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, Bounds, CodesignSettings
 from bp2_rl.paper.trajectories.codesign.study import Codesign, print_study, remarks
@@ -221,8 +221,10 @@ def _made_up(problem: Problem):
     return Solution(problem, guess, 1.0, 0.0, 1, 0.1)
 
 
-def _row(cost: float, **figures) -> Row:
-    return dataclasses.replace(Row("", 8.5, 0.35, 6e3, cost, 0.32, 0.18, 80.0, 15.0, 0.7, (), 0.01, 2, 2), **figures)
+def _row(cost: float, **figures) -> DesignRow:
+    return dataclasses.replace(
+        DesignRow("", 8.5, 0.35, 6e3, cost, 0.32, 0.18, 80.0, 15.0, 0.7, (), 0.01, 2, 2), **figures
+    )
 
 
 def _made_up_study() -> Codesign:

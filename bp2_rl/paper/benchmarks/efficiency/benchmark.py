@@ -14,9 +14,9 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.efficiency import figures
 from bp2_rl.paper.benchmarks.efficiency.measured import (
-    AtSpeed,
+    EfficiencyAtSpeed,
     EfficiencyMetrics,
-    Optimiser,
+    OptimisedEfficiency,
     measure_energy,
     measure_optimiser,
 )
@@ -74,14 +74,14 @@ def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=hold))
 
 
-def account(ramp: Ramp, run: Trajectory) -> AtSpeed:
+def account(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:
     """Account for the whole strides of a run's hold."""
     chosen = steady_strides(run, ramp)
     part, strides = chosen or (run, 0)
     energy = measure_energy(part, replay(part)[0], strides) if chosen else None
-    return AtSpeed(ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy)
+    return EfficiencyAtSpeed(ramp.target[0], float(np.mean(part.ground_velocity[:, 0])), run.fell_at, energy)
 
 
-def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:
+def optimised(speeds: list[float]) -> tuple[OptimisedEfficiency, ...]:
     """The shipped library at the speeds nearest to these."""
     return tuple(measure_optimiser(solution) for solution in nearest_solutions(speeds))

@@ -83,12 +83,12 @@ class Energy:
 
     @property
     def spring_share(self) -> float:
-        """Of what springs and motors give, the springs'."""
+        """Return the springs' share of the work that springs and motors give."""
         return self.spring / (self.spring + self.positive)
 
 
 @dataclasses.dataclass(frozen=True)
-class AtSpeed:
+class EfficiencyAtSpeed:
     """One command."""
 
     commanded_speed: float  # m/s
@@ -98,7 +98,7 @@ class AtSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Optimiser:
+class OptimisedEfficiency:
     """The shipped library's stride at the speed nearest to a run's: in the plane, of a robot that loses nothing."""
 
     speed: float  # m/s
@@ -112,11 +112,11 @@ class Optimiser:
 class EfficiencyMetrics:
     """All of it."""
 
-    speeds: tuple[AtSpeed, ...]
-    optimiser: tuple[Optimiser, ...]  # one a speed that was run through
+    speeds: tuple[EfficiencyAtSpeed, ...]
+    optimiser: tuple[OptimisedEfficiency, ...]  # one a speed that was run through
 
     @property
-    def found(self) -> tuple[tuple[AtSpeed, Energy], ...]:
+    def found(self) -> tuple[tuple[EfficiencyAtSpeed, Energy], ...]:
         """The speeds that were run through."""
         return tuple((at, at.energy) for at in self.speeds if at.energy is not None)
 
@@ -152,8 +152,8 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
     )
 
 
-def measure_optimiser(solution: Solution) -> Optimiser:
-    """The same of a stride of the optimiser's; its windings are those of the robot without the library's reserve."""
+def measure_optimiser(solution: Solution) -> OptimisedEfficiency:
+    """Measure a stride of the optimiser's; the windings are those of the robot without the library's reserve."""
     cycle, problem = whole_cycle(solution), solution.problem
     tau, speed = cycle.motion.tau, cycle.motion.v[..., motor_coordinates(problem.stride.legs)]
     heat = np.sum(winding_heat(Actuator.from_hardware(IDEAL), tau), axis=-1)
@@ -165,7 +165,7 @@ def measure_optimiser(solution: Solution) -> Optimiser:
 
     positive, braking = (cost(np.sum(np.maximum(sign * tau * speed, 0.0), axis=-1)) for sign in (1.0, -1.0))
     copper, bus = cost(heat), cost(np.maximum(total + heat, 0.0))
-    return Optimiser(problem.speed, positive, braking, copper, Electrical.of(positive, braking, copper, bus))
+    return OptimisedEfficiency(problem.speed, positive, braking, copper, Electrical.of(positive, braking, copper, bus))
 
 
 def _joint(name: str, ledger: Ledger) -> Joint:

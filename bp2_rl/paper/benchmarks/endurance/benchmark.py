@@ -16,8 +16,8 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.endurance import figures
 from bp2_rl.paper.benchmarks.endurance.calibration import calibrated, family, seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, Try, run_hot
-from bp2_rl.paper.benchmarks.endurance.measured import AtSpeed, Drawn, EnduranceMetrics, Held
+from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingTry, run_hot
+from bp2_rl.paper.benchmarks.endurance.measured import DrawnRobots, EnduranceAtSpeed, EnduranceMetrics, Held
 from bp2_rl.paper.benchmarks.endurance.tables import (
     TILES,
     describe_course,
@@ -48,7 +48,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     """Calibrate the motor, then hold the paper's speed and the top one."""
     robot, top = robot_of(policy, setup), ramp.target[0]
     commands = tuple(dict.fromkeys((SPEED, top)))
-    gait = Try(robot, setup.operator, ramp, _network(setup.heat), math.inf, longest=0.0, pace=1.0).at(SPEED)
+    gait = HeatingTry(robot, setup.operator, ramp, _network(setup.heat), math.inf, longest=0.0, pace=1.0).at(SPEED)
     scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
     others = () if setup.quick else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
     laps = [
@@ -86,7 +86,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             for run in sorted((*cold, *(run.endured for run in runs[1:])), key=lambda run: run.commanded_speed)
         ),
         drawn=tuple(
-            Drawn(
+            DrawnRobots(
                 other.friction,
                 other.mass_scale / robot.mass_scale,
                 other.peak_torque / robot.peak_torque,
@@ -148,9 +148,9 @@ def _network(heat: MotorHeat) -> Network:
     return Network.from_spec(heat, heat.winding_to_case or 1.0)
 
 
-def _at_speed(cold: Endured, heat: MotorHeat) -> AtSpeed:
+def _at_speed(cold: Endured, heat: MotorHeat) -> EnduranceAtSpeed:
     most = int(np.argmax(cold.first.heat))
-    return AtSpeed(
+    return EnduranceAtSpeed(
         commanded_speed=cold.commanded_speed,
         speed=cold.first.speed,
         motor=specs.MOTOR_NAMES[most],

@@ -92,7 +92,7 @@ class Heating:
 
 
 @dataclasses.dataclass(frozen=True)
-class Try:
+class HeatingTry:
     """One run."""
 
     robot: HardwareSpec
@@ -109,8 +109,8 @@ class Try:
         """m/s, commanded."""
         return self.rise.target[0]
 
-    def at(self, speed: float) -> "Try":
-        """The same at another speed, m/s."""
+    def at(self, speed: float) -> "HeatingTry":
+        """Return this try at another speed, m/s."""
         return dataclasses.replace(self, rise=dataclasses.replace(self.rise, target=(speed, 0.0, 0.0)))
 
     @property
@@ -125,7 +125,7 @@ class Try:
 
 
 @dataclasses.dataclass(frozen=True)
-class Course:
+class HeatingCourse:
     """A run by the second of running, from the clock's start; motors as in `specs.MOTOR_NAMES`."""
 
     time: tuple[float, ...]  # s of heat, of the seconds' middle
@@ -166,13 +166,13 @@ class HotRun:
     """A run, and what its figures need."""
 
     endured: Endured
-    course: Course
+    course: HeatingCourse
     time: Float[np.ndarray, " M"]  # s of heat, of some milliseconds, drawn at random
     rate: Float[np.ndarray, "M 12"]  # rad/s, then
     torque: Float[np.ndarray, "M 12"]  # Nm, then
 
 
-def run_hot(policy: Policy, tries: Sequence[Try]) -> list[HotRun]:
+def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HotRun]:
     """Run robots until a winding is too hot, they have no torque margin left, they fall, or it was long enough."""
     return run_team(_measure, policy, [_watched(policy.card.env, one) for one in tries])
 
@@ -182,7 +182,7 @@ class _Watched(team.Try):
     cold_lap: float  # s
 
 
-def _watched(config: EnvConfig, one: Try) -> _Watched:
+def _watched(config: EnvConfig, one: HeatingTry) -> _Watched:
     cold = motors_of(dataclasses.replace(config, hardware=one.robot))
     heating = Heating(one.network, cold, start=one.start, pace=one.pace, limit=one.limit)
     return _Watched(one.ramp, one.robot, one.operator, watch=heating, cold_lap=one.cold_lap)
@@ -228,7 +228,7 @@ def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:
             case=_each(case[-1]),
             outside_envelope=int(np.sum(use.outside)),
         ),
-        course=Course(
+        course=HeatingCourse(
             time=_each(pace * DT * (seconds - start + SECOND / 2)),
             winding=tuple(map(_each, winding[middle])),
             case=tuple(map(_each, case[middle])),
@@ -242,7 +242,7 @@ def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:
 
 
 def _seconds(run: Trajectory, heating: Heating) -> float:
-    """Of heat, from the clock's start to the end; between two updates, where a winding got too hot."""
+    """Return the heating time, s, from the clock's start to the end, or to the instant when a winding got too hot."""
     if heating.over != "winding":
         return max(heating.pace * (len(run) - heating.start) * DT, 0.0)
     before, after = (np.max(t.winding) for t in heating.history[-2:])

@@ -3,7 +3,7 @@
 import dataclasses
 
 from bp2_rl.paper.benchmarks.endurance.calibration import Member, straightest
-from bp2_rl.paper.benchmarks.endurance.heating import Course, Endured
+from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingCourse
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import MotorHeat
 
@@ -16,7 +16,7 @@ class Held:
     cheap: Endured  # with heat faster than motion
     limitless: Endured | None  # cheap, and windings may get as hot as they will; None in the quick version
     by_first_lap: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
-    course: Course  # of the full run where there is one
+    course: HeatingCourse  # of the full run where there is one
 
     @property
     def told(self) -> Endured:
@@ -41,7 +41,7 @@ class Held:
 
 
 @dataclasses.dataclass(frozen=True)
-class AtSpeed:
+class EnduranceAtSpeed:
     """One speed, by the heat of the cold gait alone."""
 
     commanded_speed: float  # m/s
@@ -54,14 +54,14 @@ class AtSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Drawn:
+class DrawnRobots:
     """A robot drawn as in training, at the paper's speed, with the motor of the robot that was not."""
 
     friction: float  # of its feet
     mass: float  # factor on every body
     strength: float  # factor on the peak torque
     latency: float  # s
-    ran: AtSpeed
+    ran: EnduranceAtSpeed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,8 +72,8 @@ class EnduranceMetrics:
     is_input: bool  # whether the heating rate at the paper's speed was put in
     cold_heat: float  # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was calibrated on
     held: tuple[Held, ...]  # the paper's speed, then the top
-    speeds: tuple[AtSpeed, ...]
-    drawn: tuple[Drawn, ...]  # none in the quick version
+    speeds: tuple[EnduranceAtSpeed, ...]
+    drawn: tuple[DrawnRobots, ...]  # none in the quick version
     family: tuple[Member, ...]  # of motors that heat at the paper's rate
 
     @property

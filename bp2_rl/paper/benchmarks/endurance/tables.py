@@ -7,7 +7,7 @@ import numpy as np
 from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show
 from bp2_rl.paper.benchmarks.endurance.heating import EASING, LAP, MARGIN, UPDATE, Endured
-from bp2_rl.paper.benchmarks.endurance.measured import AtSpeed, EnduranceMetrics, Held, joint_of
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, Held, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -75,7 +75,7 @@ def hip_to_knee(metrics: EnduranceMetrics, held: Held) -> float:
 
 
 def growth(held: Held, quantity: str) -> float:
-    """Of the hottest motor's root mean square torque, or its joint's speed, from the first lap to the last."""
+    """Return by what factor the hottest motor's torque (root mean square) or joint speed grows over the laps."""
     first, last = (getattr(lap, quantity)[held.hottest] for lap in (held.told.first, held.told.last))
     return last / first if first > 0.0 else 1.0
 
@@ -245,7 +245,7 @@ def drawn_table(metrics: EnduranceMetrics) -> Table:
     return Table("Drawn robots at 10.74 m/s, by the heat of the cold gait", head, lines)
 
 
-def _of_cold_gait(at: AtSpeed) -> tuple[str, ...]:
+def _of_cold_gait(at: EnduranceAtSpeed) -> tuple[str, ...]:
     seconds = "> 3600" if at.seconds is None else f"{at.seconds:.0f}"
     return f"{at.speed:.2f}", f"{at.torque:.0f}", f"{at.heat:.0f}", "fell" if at.fell else seconds, at.motor
 

@@ -18,9 +18,9 @@ from bp2_rl.paper.benchmarks.mechanism import figures
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, decompose_run
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     STRIDES,
-    AtSpeed,
+    MechanismAtSpeed,
     MechanismMetrics,
-    Optimiser,
+    OptimisedMechanism,
     Ran,
     measure_forces,
 )
@@ -86,15 +86,17 @@ def decompose(ramp: Ramp, run: Trajectory) -> Ran:
     """Take the last strides of a run's hold apart."""
     command = ramp.target[0]
     if (chosen := steady_strides(run, ramp, STRIDES)) is None:
-        return Ran(AtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
+        return Ran(MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
     part, strides = chosen
     forces = decompose_run(part)
-    at = AtSpeed(command, float(np.mean(part.ground_velocity[:, 0])), None, measure_forces(forces, strides, run.dt))
+    at = MechanismAtSpeed(
+        command, float(np.mean(part.ground_velocity[:, 0])), None, measure_forces(forces, strides, run.dt)
+    )
     hip = HIPS_AND_KNEES[2 * LEG]
     return Ran(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
 
 
-def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:
+def optimised(speeds: list[float]) -> tuple[OptimisedMechanism, ...]:
     """The shipped library at the speeds nearest to these; nothing where CasADi is not installed."""
     solutions = nearest_solutions(speeds)
     try:
@@ -103,10 +105,10 @@ def optimised(speeds: list[float]) -> tuple[Optimiser, ...]:
         return ()
 
 
-def _of_account(account: CouplingAccount) -> Optimiser:
+def _of_account(account: CouplingAccount) -> OptimisedMechanism:
     joint, spring, *trunk = account.within.values()
     hips = [torque for name, torque in account.torques.items() if name.endswith("hip")]
-    return Optimiser(
+    return OptimisedMechanism(
         account.speed,
         account.covered,
         joint,

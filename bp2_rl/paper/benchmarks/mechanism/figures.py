@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.optimiser.figure_style import letter, rows
 from bp2_rl.paper.benchmarks.mechanism.forces import BALANCE, TERMS, WITHIN
-from bp2_rl.paper.benchmarks.mechanism.measured import AtSpeed, Decomposed, MechanismMetrics, Ran
+from bp2_rl.paper.benchmarks.mechanism.measured import Decomposed, MechanismAtSpeed, MechanismMetrics, Ran
 from bp2_rl.paper.benchmarks.speeds import LEG
 from bp2_rl.paper.trajectories.decomposition import KINDS
 from bp2_rl.paper.trajectories.figures.decomposition import KIND_TITLES, TERM_COLORS
@@ -155,7 +155,7 @@ def _stack_terms(axes: Axes, terms: Float[np.ndarray, "T N"]) -> None:
     axes.set_ylim(-most, most)
 
 
-def _over_speed(mean: Axes, share: Axes, found: Sequence[tuple[AtSpeed, Decomposed]], kind: str) -> None:
+def _over_speed(mean: Axes, share: Axes, found: Sequence[tuple[MechanismAtSpeed, Decomposed]], kind: str) -> None:
     """Mean magnitudes of one kind, and their shares stacked to one."""
     speeds = [at.speed for at, _ in found]
     for term in TERMS:

@@ -66,7 +66,7 @@ class Decomposed:
 
 
 @dataclasses.dataclass(frozen=True)
-class AtSpeed:
+class MechanismAtSpeed:
     """One command."""
 
     commanded_speed: float  # m/s
@@ -78,12 +78,12 @@ class AtSpeed:
 class Ran(NamedTuple):
     """One command, and a stride of it for the figures."""
 
-    at: AtSpeed
+    at: MechanismAtSpeed
     stride: Float[np.ndarray, "T N 3"] | None  # terms of the vertical, and of a hip and a knee of `LEG`
 
 
 @dataclasses.dataclass(frozen=True)
-class Optimiser:
+class OptimisedMechanism:
     """The shipped library at the speed nearest to a run's."""
 
     speed: float  # m/s
@@ -105,11 +105,11 @@ class Optimiser:
 class MechanismMetrics:
     """All of it."""
 
-    speeds: tuple[AtSpeed, ...]
-    optimiser: tuple[Optimiser, ...]  # one a speed that was run; empty without CasADi
+    speeds: tuple[MechanismAtSpeed, ...]
+    optimiser: tuple[OptimisedMechanism, ...]  # one a speed that was run; empty without CasADi
 
     @property
-    def decomposed(self) -> tuple[tuple[AtSpeed, Decomposed], ...]:
+    def decomposed(self) -> tuple[tuple[MechanismAtSpeed, Decomposed], ...]:
         """The speeds that were run through."""
         return tuple((at, at.forces) for at in self.speeds if at.forces is not None)
 

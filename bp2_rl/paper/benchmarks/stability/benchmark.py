@@ -30,7 +30,7 @@ from bp2_rl.paper.benchmarks.stability.tables import (
     steady,
     verdict,
 )
-from bp2_rl.paper.benchmarks.stability.tries import FULL, QUICK, Extent, Try, try_speed
+from bp2_rl.paper.benchmarks.stability.tries import FULL, QUICK, Extent, StabilityTry, try_speed
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import RandomizationConfig
@@ -48,7 +48,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         extent = dataclasses.replace(extent, robots=setup.robots)
     reference = motion_of(dataclasses.replace(policy.card.env, hardware=robot))
     speeds = (ramp.target[0],) if setup.quick or setup.speed is not None else (SPEED, ramp.target[0])
-    tries: dict[float, Try] = {}
+    tries: dict[float, StabilityTry] = {}
     for speed in speeds:
         found = whole_strides(reference.phase_rate, speed)
         if found is None:
@@ -59,7 +59,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         near, ticks = found
         tries.setdefault(
             near,
-            Try(
+            StabilityTry(
                 asked=speed,
                 speed=near,
                 ticks=ticks,
@@ -124,7 +124,7 @@ DEFINITIONS = (
 )
 
 
-def describe_strides(asked: list[Try]) -> str:
+def describe_strides(asked: list[StabilityTry]) -> str:
     """The schedule in one line."""
     said = (f"{one.speed:.3f} m/s (stride {1e3 * one.period:g} ms)" for one in asked)
     extent = asked[0].extent

@@ -39,7 +39,7 @@ class Coordinates:
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec, memory: int, steered: bool) -> "Coordinates":
-        """Those of a policy on a robot whose latency spans `memory` control steps."""
+        """Return the coordinates of a policy on a robot whose latency spans `memory` control steps."""
         losses = hardware.losses
         has_bus = losses.bus_power_out < 1e9 or losses.bus_power_in < 1e9 or losses.bus_sag > 0.0
         remembers = losses.current_lag > 0.0 or has_bus or config.control.torque_rate < float("inf")

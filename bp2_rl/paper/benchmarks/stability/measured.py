@@ -122,7 +122,7 @@ class StabilityMetrics:
 
 
 @dataclasses.dataclass(frozen=True)
-class Shown:
+class ShownStability:
     """What the figures need of a speed beyond its metrics."""
 
     noisy: tuple[Float[np.ndarray, "n 3"], ...]  # rad/s, points at the clock's stroke, a robot each
@@ -137,4 +137,4 @@ class Found:
     """One speed, measured and to be shown."""
 
     metrics: SpeedMetrics
-    shown: Shown
+    shown: ShownStability

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.paper.benchmarks.stability.measured import LandingMetrics, SectionMetrics, Shown, SignalMetrics
+from bp2_rl.paper.benchmarks.stability.measured import LandingMetrics, SectionMetrics, ShownStability, SignalMetrics
 from bp2_rl.paper.orbits.sections import LEAST_POINTS, Drift, centroid_drift, inliers, sample, whole_cycles
 from bp2_rl.paper.orbits.spectrum import Spectrum, spectrum
 from bp2_rl.paper.orbits.timing import LEAST_EVENTS, Jitter, jitter
@@ -61,11 +61,11 @@ class Steady:
         return dict(zip(SIGNALS, (forward, left, self.run.qvel[:, 2], *self.angular_velocity.T), strict=True))
 
     def spectra(self) -> dict[str, Spectrum]:
-        """Of each signal."""
+        """Return the spectrum of each signal."""
         return {name: spectrum(values, self.clock) for name, values in self.signals().items()}
 
     def timing(self, leg: int, period: float) -> Jitter | None:
-        """Of a leg's touchdowns; None where there are too few."""
+        """Return the jitter of a leg's touchdowns; None where there are too few."""
         at = self.landings(leg)
         if len(at) < LEAST_EVENTS:
             return None
@@ -149,7 +149,7 @@ def measure_landings(noisy: list[Steady], quiet: Steady | None, period: float) -
     return tuple(found)
 
 
-def to_show(noisy: list[Steady], quiet: Steady | None, period: float) -> Shown:
+def to_show(noisy: list[Steady], quiet: Steady | None, period: float) -> ShownStability:
     """What the figures need."""
     first, offsets = noisy[0] if noisy else None, []
     for leg in range(len(specs.LEGS)) if first else ():
@@ -158,7 +158,7 @@ def to_show(noisy: list[Steady], quiet: Steady | None, period: float) -> Shown:
         mean = np.angle(np.mean(np.exp(2j * np.pi * phases))) / (2.0 * np.pi) if len(at) else 0.0
         offsets.append(((phases - mean + 0.5) % 1.0 - 0.5) * period)
     loop = quiet and quiet.angular_velocity[-round(LOOPS * period / quiet.run.dt) :]
-    return Shown(
+    return ShownStability(
         noisy=tuple(one.at_stroke() for one in noisy),
         quiet=quiet and quiet.at_stroke(),
         loop=loop,

@@ -284,7 +284,7 @@ def ms(seconds: float | None) -> float | None:
 
 
 def worst_jitter(speed: SpeedMetrics) -> float | None:
-    """Of the leg that jitters most, s."""
+    """Return the jitter of the leg that jitters most, s."""
     return max((landing.jitter for landing in speed.landings), default=None)
 
 
@@ -304,7 +304,7 @@ def interval_of(found: RadiusMetrics | None) -> str:
 
 
 def impulse(metrics: StabilityMetrics, speed: SpeedMetrics) -> float | None:
-    """Of the weakest push, N s."""
+    """Return the impulse of the weakest push, N s."""
     return None if speed.weakest_push is None else metrics.mass * speed.weakest_push
 
 
@@ -330,5 +330,5 @@ def quiet_jitter(speed: SpeedMetrics) -> str:
 
 
 def leak(one: SignalMetrics | None) -> str:
-    """Its leakage."""
+    """Return a signal's leakage as text."""
     return show(one and one.leakage, ".1%")

@@ -68,7 +68,7 @@ QUICK = Extent(
 
 
 @dataclasses.dataclass(frozen=True)
-class Try:
+class StabilityTry:
     """One speed."""
 
     asked: float  # m/s
@@ -82,7 +82,7 @@ class Try:
 
     @property
     def period(self) -> float:
-        """Of a stride, s."""
+        """Return the duration of a stride, s."""
         return self.ticks * TICK
 
     def held(self, robots: int, strides: int) -> Float[np.ndarray, "K N 3"]:
@@ -90,7 +90,7 @@ class Try:
         return np.tile(np.array([self.speed, 0.0, 0.0]), (strides * self.ticks, robots, 1))
 
 
-def try_speed(policy: Policy, one: Try) -> Found:
+def try_speed(policy: Policy, one: StabilityTry) -> Found:
     """All of it at one speed."""
     extent, noise = one.extent, RandomizationConfig()
     flock = Flock(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
@@ -147,7 +147,7 @@ def _steady(flock: Flock, log: Recorded | None, robot: int) -> Steady:
 # --- The return map ------------------------------------------------------------------------------------------
 
 
-def orbit_of(policy: Policy, one: Try, at: Moment, operator: HeadingHold) -> Orbit:
+def orbit_of(policy: Policy, one: StabilityTry, at: Moment, operator: HeadingHold) -> Orbit:
     """The map from stroke to stroke of a robot that is at one."""
     flock = Flock(policy, policy.card.env, hardware=one.robot, operator=operator)
     coordinates = Coordinates.of(policy.card.env, one.robot, flock.memory, steered=operator.limit > 0.0)
@@ -155,7 +155,7 @@ def orbit_of(policy: Policy, one: Try, at: Moment, operator: HeadingHold) -> Orb
     return Orbit(flock, coordinates, one.speed, one.ticks, base)
 
 
-def measure_returns(policy: Policy, one: Try, quiet: Moment, strokes: list[Moment]) -> MapMetrics | None:
+def measure_returns(policy: Policy, one: StabilityTry, quiet: Moment, strokes: list[Moment]) -> MapMetrics | None:
     """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one.
 
     Coordinates count over their scatter under noise, from stroke to stroke. They do not hold what a policy with a
@@ -199,7 +199,7 @@ def _of_deviations(
     scales: Float[np.ndarray, " D"],
     size: float,
     rng: np.random.Generator,
-    one: Try,
+    one: StabilityTry,
     how: str,
     *,
     later: bool,
@@ -254,7 +254,7 @@ def _by_differences(
 # --- Pushes --------------------------------------------------------------------------------------------------
 
 
-def push_all(policy: Policy, one: Try, passed: Sequence[Moment]) -> tuple[PushMetrics, ...]:
+def push_all(policy: Policy, one: StabilityTry, passed: Sequence[Moment]) -> tuple[PushMetrics, ...]:
     """The largest push that a robot survives, by the phase of the clock and the direction.
 
     `passed` are its moments in a stride, from stroke to stroke by the control step.
@@ -278,7 +278,7 @@ def push_all(policy: Policy, one: Try, passed: Sequence[Moment]) -> tuple[PushMe
 
 
 def pushed_by(moment: Moment, sizes: Float[np.ndarray, " N"], directions: Float[np.ndarray, " N"]) -> Moment:
-    """The same robots with a jump of the whole robot's velocity, m/s, from forward to the left, rad."""
+    """Return these robots after a jump of their velocity, m/s, in directions from forward to the left, rad."""
     qvel, toward = moment.qvel.copy(), yaw_of(moment.qpos[:, 3:7]) + directions
     qvel[:, :2] += sizes[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=-1)
     return moment.replace(qvel=qvel)

@@ -20,7 +20,7 @@ from bp2_rl.paper.pendulum import bp2
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumGaitsArguments:
     """Hang four legs from a beam: what each gait's phases leave of the beam's help (beyond the paper)."""
 
     mass_ratio: tuple[MassRatio, ...] = (bp2.MASS_RATIO, 1.0)
@@ -41,10 +41,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _gaits(app.parse(Arguments, argv, "bp2 paper pendulum gaits")))
+    return app.run(lambda: _gaits(app.parse(PendulumGaitsArguments, argv, "bp2 paper pendulum gaits")))
 
 
-def _gaits(arguments: Arguments) -> None:
+def _gaits(arguments: PendulumGaitsArguments) -> None:
     """Print what each gait gains, and leave the report."""
     output.open_folder(arguments.out, "gaits")
 

@@ -10,7 +10,7 @@ from bp2_rl.paper.cli.pendulum.arguments import OUT, Folder, Hertz, Length, Mass
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumMapArguments:
     """Map where a free beam lowers the peak torque of two pendulums, and where it raises it; BP2 comes last."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
@@ -30,10 +30,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _map(app.parse(Arguments, argv, "bp2 paper pendulum map")))
+    return app.run(lambda: _map(app.parse(PendulumMapArguments, argv, "bp2 paper pendulum map")))
 
 
-def _map(arguments: Arguments) -> None:
+def _map(arguments: PendulumMapArguments) -> None:
     """Print what the maps say, and leave the report."""
     output.open_folder(arguments.out, "map")
 

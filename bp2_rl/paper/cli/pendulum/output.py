@@ -21,7 +21,7 @@ METRICS = "metrics.json"
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
+class PendulumReport:
     """What metrics.json holds."""
 
     command: str
@@ -36,7 +36,9 @@ def open_folder(folder: Path, command: str) -> None:
         UserError: it cannot be made or written, or holds anything but an old report of this command.
     """
     open_report(folder, METRICS, "report")
-    if (folder / METRICS).is_file() and (old := load_config(Report, folder / METRICS).command) != f"pendulum {command}":
+    if (folder / METRICS).is_file() and (
+        old := load_config(PendulumReport, folder / METRICS).command
+    ) != f"pendulum {command}":
         raise UserError(f"--out {folder} holds a report of {old}: name another folder for pendulum {command}")
 
 
@@ -57,7 +59,7 @@ def leave(
 
     settings = {name: value for name, value in to_json(arguments).items() if name != "out"}
     written = {name: _plain(value) for name, value in results.items()}
-    save_config(folder / METRICS, Report(f"pendulum {command}", settings, written))
+    save_config(folder / METRICS, PendulumReport(f"pendulum {command}", settings, written))
     write_npz(folder / f"{command}.npz", arrays, compressed=True)
     save_figure(figure, folder / f"{command}.png")
     print(f"picture, numbers and curves: {folder}")

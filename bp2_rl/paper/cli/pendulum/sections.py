@@ -12,7 +12,7 @@ from bp2_rl.paper.cli.pendulum.arguments import OUT, Angle, Folder, MassRatio, P
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumSectionsArguments:
     """Let one of two pendulums go and look at both once a cycle: Poincare sections by mass ratio (paper, Fig. 3D)."""
 
     mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 5.0, 20.0, 25.0, 100.0)
@@ -32,10 +32,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _sections(app.parse(Arguments, argv, "bp2 paper pendulum sections")))
+    return app.run(lambda: _sections(app.parse(PendulumSectionsArguments, argv, "bp2 paper pendulum sections")))
 
 
-def _sections(arguments: Arguments) -> None:
+def _sections(arguments: PendulumSectionsArguments) -> None:
     """Print how far apart the two paths are, and leave the report."""
     output.open_folder(arguments.out, "sections")
 

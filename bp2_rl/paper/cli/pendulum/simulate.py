@@ -11,7 +11,7 @@ from bp2_rl.paper.cli.pendulum.arguments import OUT, Angle, Folder, MassRatio, P
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumSimulateArguments:
     """Let one of two pendulums go, the other hanging: who has the energy over time (paper, Fig. 3C)."""
 
     mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)
@@ -29,10 +29,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _simulate(app.parse(Arguments, argv, "bp2 paper pendulum simulate")))
+    return app.run(lambda: _simulate(app.parse(PendulumSimulateArguments, argv, "bp2 paper pendulum simulate")))
 
 
-def _simulate(arguments: Arguments) -> None:
+def _simulate(arguments: PendulumSimulateArguments) -> None:
     """Print how evenly the energy is shared, and leave the report."""
     output.open_folder(arguments.out, "simulate")
 

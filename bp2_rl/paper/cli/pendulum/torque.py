@@ -14,7 +14,7 @@ from bp2_rl.paper.cli.pendulum.arguments import OUT, Angle, Folder, Hertz, Lengt
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumTorqueArguments:
     """Move two pendulums as the paper does: their torques with the beam free and with it fixed (paper, Fig. 3E)."""
 
     mass_ratio: MassRatio = 1.0
@@ -35,10 +35,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _torque(app.parse(Arguments, argv, "bp2 paper pendulum torque")))
+    return app.run(lambda: _torque(app.parse(PendulumTorqueArguments, argv, "bp2 paper pendulum torque")))
 
 
-def _torque(arguments: Arguments) -> None:
+def _torque(arguments: PendulumTorqueArguments) -> None:
     """Print what the free beam takes off the torques, and leave the report."""
     output.open_folder(arguments.out, "torque")
 

@@ -17,7 +17,7 @@ Swing = Annotated[float, Within(0.3, 1.5), tyro.conf.arg(metavar="RAD")]
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class PendulumTrappingArguments:
     """Sweep the mass ratio from 0.25 to 200: when a swing stays with the pendulum that has it (beyond the paper)."""
 
     amplitude: tuple[Swing, ...] = (math.pi / 3.0, 0.5)
@@ -39,10 +39,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _trapping(app.parse(Arguments, argv, "bp2 paper pendulum trapping")))
+    return app.run(lambda: _trapping(app.parse(PendulumTrappingArguments, argv, "bp2 paper pendulum trapping")))
 
 
-def _trapping(arguments: Arguments) -> None:
+def _trapping(arguments: PendulumTrappingArguments) -> None:
     """Print the thresholds, and leave the report."""
     output.open_folder(arguments.out, "trapping")
 

@@ -12,7 +12,7 @@ from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class CodesignArguments:
     """Find gear ratio, leg length and spring stiffness along with the trajectory, and scan each."""
 
     settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
@@ -27,10 +27,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _codesign(app.parse(Arguments, argv, "bp2 paper trajectories codesign")))
+    return app.run(lambda: _codesign(app.parse(CodesignArguments, argv, "bp2 paper trajectories codesign")))
 
 
-def _codesign(arguments: Arguments) -> None:
+def _codesign(arguments: CodesignArguments) -> None:
     """Print the study and leave it with its picture; what was solved before is not solved again."""
     with output.own_folder(arguments.out):
         from bp2_rl.base.plotting import save_figure

@@ -12,11 +12,11 @@ from bp2_rl.cli.trajopt.arguments import Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
 
 if TYPE_CHECKING:
-    from bp2_rl.paper.trajectories.comparison import Variant
+    from bp2_rl.paper.trajectories.comparison import ComparedVariant
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ComparisonArguments:
     """The flags of both."""
 
     problem: Annotated[Problem, Flat]
@@ -34,7 +34,7 @@ class Comparison:
             raise UserError("--speeds: name the slowest first and each once, as each solve starts from the one before")
 
 
-def set_beside(arguments: Comparison, variants: Sequence["Variant"], what: str) -> None:
+def set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVariant"], what: str) -> None:
     """Print the table, and leave its numbers anew with each variant."""
     from rich.console import Console
 

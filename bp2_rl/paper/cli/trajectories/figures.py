@@ -20,7 +20,7 @@ NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class FiguresArguments:
     """Draw the paper's figures of a family of trajectories: force decomposition, one stride, the family over speed; and
     where its coupled inertial torques come from."""
 
@@ -37,10 +37,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _figures(app.parse(Arguments, argv, "bp2 paper trajectories figures")))
+    return app.run(lambda: _figures(app.parse(FiguresArguments, argv, "bp2 paper trajectories figures")))
 
 
-def _figures(arguments: Arguments) -> None:
+def _figures(arguments: FiguresArguments) -> None:
     """Draw them and print what the decomposition says."""
     solutions = load_solutions(arguments.path)
     shown = min(solutions, key=lambda solution: abs(solution.problem.speed - arguments.speed))

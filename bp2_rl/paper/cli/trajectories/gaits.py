@@ -7,11 +7,11 @@ from typing import Annotated
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, parse_on_robot
 from bp2_rl.optimiser.problem import Problem, Speed
-from bp2_rl.paper.cli.trajectories.comparing import Comparison, set_beside
+from bp2_rl.paper.cli.trajectories.comparing import ComparisonArguments, set_beside
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Arguments(Comparison):
+class GaitsArguments(ComparisonArguments):
     """Set five gaits beside each other in the plane: what each costs over speed, and how fast each gets.
 
     Interrupted, it goes on where it stopped when run again. The problem's own speed and gait do not count.
@@ -25,10 +25,10 @@ class Arguments(Comparison):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _gaits(parse_on_robot(Arguments, argv, "bp2 paper trajectories gaits")))
+    return app.run(lambda: _gaits(parse_on_robot(GaitsArguments, argv, "bp2 paper trajectories gaits")))
 
 
-def _gaits(arguments: Arguments) -> None:
+def _gaits(arguments: GaitsArguments) -> None:
     from bp2_rl.paper.trajectories.gaits import gait_variants
 
     set_beside(arguments, gait_variants(arguments.problem), "gaits")

@@ -7,11 +7,11 @@ from typing import Annotated
 from bp2_rl.cli import app
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, parse_on_robot
 from bp2_rl.optimiser.problem import Problem, Speed
-from bp2_rl.paper.cli.trajectories.comparing import Comparison, set_beside
+from bp2_rl.paper.cli.trajectories.comparing import ComparisonArguments, set_beside
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Arguments(Comparison):
+class LimbsArguments(ComparisonArguments):
     """Move mass between trunk and legs, and change the trunk's inertia: what each costs, and how fast each gets.
 
     Interrupted, it goes on where it stopped when run again. The problem's own speed does not count.
@@ -25,10 +25,10 @@ class Arguments(Comparison):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _limbs(parse_on_robot(Arguments, argv, "bp2 paper trajectories limbs")))
+    return app.run(lambda: _limbs(parse_on_robot(LimbsArguments, argv, "bp2 paper trajectories limbs")))
 
 
-def _limbs(arguments: Arguments) -> None:
+def _limbs(arguments: LimbsArguments) -> None:
     from bp2_rl.paper.trajectories.limbs import limb_variants
 
     set_beside(arguments, limb_variants(arguments.problem), "limbs")

@@ -15,7 +15,7 @@ SPEEDS = "speeds.json"  # what is left in the folder
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class LimitsArguments:
     """Find the greatest speed that has a trajectory at all, for BP2 and with one thing about it changed at a time."""
 
     problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
@@ -35,10 +35,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _limits(parse_on_robot(Arguments, argv, "bp2 paper trajectories limits")))
+    return app.run(lambda: _limits(parse_on_robot(LimitsArguments, argv, "bp2 paper trajectories limits")))
 
 
-def _limits(arguments: Arguments) -> None:
+def _limits(arguments: LimitsArguments) -> None:
     """Print the greatest speeds, and leave them in a file."""
     from rich.console import Console
     from rich.table import Table

@@ -15,7 +15,7 @@ NUMBERS = "objective.json"  # what is left in the folder, beside the solutions
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class ObjectiveArguments:
     """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and of co-design under one, two and
     three body weights of F bar, what forces are divided by in the cost."""
 
@@ -31,10 +31,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _objective(app.parse(Arguments, argv, "bp2 paper trajectories objective")))
+    return app.run(lambda: _objective(app.parse(ObjectiveArguments, argv, "bp2 paper trajectories objective")))
 
 
-def _objective(arguments: Arguments) -> None:
+def _objective(arguments: ObjectiveArguments) -> None:
     """Print the table and leave its numbers; what was solved before is not solved again."""
     from rich.console import Console
 

@@ -11,7 +11,7 @@ from bp2_rl.optimiser.problem import Intervals, Problem, Speed
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class SchemesArguments:
     """Compare discretisation schemes over meshes: what each leaves of energy, how far off a re-simulation is."""
 
     speed: Speed = 10.0
@@ -28,10 +28,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _schemes(app.parse(Arguments, argv, "bp2 paper trajectories schemes")))
+    return app.run(lambda: _schemes(app.parse(SchemesArguments, argv, "bp2 paper trajectories schemes")))
 
 
-def _schemes(arguments: Arguments) -> None:
+def _schemes(arguments: SchemesArguments) -> None:
     """Print the table."""
     from rich.console import Console
 

@@ -15,7 +15,7 @@ from bp2_rl.optimiser.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Sta
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class SweepArguments:
     """Solve at many speeds, each from several cold starts: how reliably, how fast, how many optima.
 
     Interrupted, it goes on where it stopped when run again.
@@ -52,10 +52,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _sweep(parse_on_robot(Arguments, argv, "bp2 paper trajectories sweep")))
+    return app.run(lambda: _sweep(parse_on_robot(SweepArguments, argv, "bp2 paper trajectories sweep")))
 
 
-def _sweep(arguments: Arguments) -> None:
+def _sweep(arguments: SweepArguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.paper.trajectories.sweep import best_of, sweep
 

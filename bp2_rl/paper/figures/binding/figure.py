@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.paper.figures.binding.numbers import SPEED, AtSpeed, BindingNumbers, measure
+from bp2_rl.paper.figures.binding.numbers import SPEED, BindingAtSpeed, BindingNumbers, measure
 from bp2_rl.paper.figures.binding.settings import BindingSettings
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.trajectories.described import Gait
@@ -123,7 +123,7 @@ def _draw_touched(axes: Axes, numbers: BindingNumbers) -> None:
     axes.legend(fontsize=8)
 
 
-def _most(columns: list[AtSpeed], name: str) -> float:
+def _most(columns: list[BindingAtSpeed], name: str) -> float:
     return max(at.touched.get(name, 0.0) for at in columns)
 
 

@@ -27,7 +27,7 @@ Runs = tuple[Trajectory, ...]
 
 
 @dataclasses.dataclass(frozen=True)
-class AtSpeed:
+class BindingAtSpeed:
     """The optimiser at a speed."""
 
     speed: float  # m/s
@@ -51,8 +51,8 @@ class BindingNumbers:
     """All that the figure shows."""
 
     robot: str
-    speeds: tuple[AtSpeed, ...]
-    greatest: AtSpeed  # its prices are d speed / d ln of the parameter, m/s; without a gait: not found
+    speeds: tuple[BindingAtSpeed, ...]
+    greatest: BindingAtSpeed  # its prices are d speed / d ln of the parameter, m/s; without a gait: not found
     gaps: tuple[Gap, ...]
 
 
@@ -70,7 +70,7 @@ def measure(settings: BindingSettings) -> BindingNumbers:
     policies = [(name, describe_run(run)) for name, _, run in ran]
     problem = Problem(intervals=settings.intervals, hardware=hardware)
     changes: dict[str, Change] = {**LIMITS, **(LOSSES if hardware.losses != IDEAL.losses else {})}
-    found: list[AtSpeed] = []
+    found: list[BindingAtSpeed] = []
     solutions: list[Solution] = []
     for speed in settings.speeds:
         weighed = _cheapest(problem.at(speed), solutions, changes | {SPEED: _speed})
@@ -84,12 +84,14 @@ def measure(settings: BindingSettings) -> BindingNumbers:
     return BindingNumbers(settings.robot, tuple(found), greatest, gaps)
 
 
-def _greatest(start: Solution, changes: dict[str, Change]) -> AtSpeed:
+def _greatest(start: Solution, changes: dict[str, Change]) -> BindingAtSpeed:
     try:
         top = weigh(start, changes, greatest=True)
     except NotSolved:
         return _relative(start.problem.speed, None)
-    return AtSpeed(top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices))
+    return BindingAtSpeed(
+        top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices)
+    )
 
 
 def _speed(problem: Problem, factor: float) -> Problem:
@@ -119,12 +121,12 @@ def _beside(problem: Problem, solutions: list[Solution]) -> Gait | None:
     return None if best is None else describe(best)
 
 
-def _relative(speed: float, weighed: Weighed | None) -> AtSpeed:
+def _relative(speed: float, weighed: Weighed | None) -> BindingAtSpeed:
     if weighed is None:
-        return AtSpeed(speed, None, None, {}, {})
+        return BindingAtSpeed(speed, None, None, {}, {})
     cost = weighed.solution.cost
     prices = {name: price / cost for name, price in weighed.prices.items()}
-    return AtSpeed(speed, describe(weighed.solution), cost, weighed.touched, prices)
+    return BindingAtSpeed(speed, describe(weighed.solution), cost, weighed.touched, prices)
 
 
 def describe_run(run: Trajectory) -> Gait:

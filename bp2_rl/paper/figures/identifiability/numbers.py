@@ -148,7 +148,7 @@ def jacobian(rows: tuple[RowNumbers, ...]) -> Float[np.ndarray, "rows columns"]:
 
 
 def decompose_jacobian(J: Float[np.ndarray, "rows columns"]) -> tuple[Combination, ...]:
-    """Its singular values and vectors, those of the null space included."""
+    """Return a Jacobian's singular values and vectors, the null space included."""
     U, values, V = np.linalg.svd(J)
     combinations = []
     for place, direction in enumerate(V):

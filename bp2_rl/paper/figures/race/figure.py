@@ -120,7 +120,7 @@ def _draw_bp2(axes: Axes, runs: Profiles) -> None:
 
 
 def _draw_athletes(axes: Axes, numbers: RaceNumbers, profiles: Profiles, *, steps: bool) -> None:
-    """Those with splits: the curve through them, and the mean speeds between them as steps."""
+    """Draw the athletes with splits: the curve through the splits, and the mean speeds between splits as steps."""
     for number, (name, profile) in enumerate(profiles.items()):
         color, racer = ATHLETES[number % len(ATHLETES)], numbers.find(name)
         if steps:

@@ -99,7 +99,7 @@ class RaceNumbers:
 
 
 def published() -> tuple[Athlete, ...]:
-    """Those whom the paper names, with what is published of them."""
+    """Return the athletes that the paper names, with what is published of them."""
     return (
         Athlete(sprints.BOLT, sprints.BOLT_SPLITS[-1], sprints.BOLT_REACTION, sprints.MARKS, sprints.BOLT_SPLITS),
         Athlete(sprints.LYLES, sprints.LYLES_TIME, sprints.LYLES_REACTION),
@@ -220,7 +220,7 @@ def paper_profile() -> Profile:
 
 
 def solve_time_constant() -> float:
-    """That of an exponential rise to 10.74 m/s which covers 100 m in 12.2 s."""
+    """Return the time constant, s, of an exponential rise to 10.74 m/s that covers 100 m in 12.2 s."""
     speed, time = specs.OUTDOOR_TOP_SPEED, specs.SPRINT_100M_TIME
 
     def missing(time_constant: float) -> float:

@@ -11,7 +11,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.scaling.settings import ScalingSettings
-from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, Robot, read_mammals, read_robots, speed_law
+from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, PublishedRobot, read_mammals, read_robots, speed_law
 from bp2_rl.robot import specs
 from bp2_rl.simulation.metrics import froude_number
 
@@ -107,7 +107,7 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
     )
 
 
-def place(robot: Robot) -> Placed:
+def place(robot: PublishedRobot) -> Placed:
     """A robot beside the law and its motors."""
     law = float(speed_law(robot.mass))
     return Placed(
@@ -129,7 +129,7 @@ def place_mammal(mammal: Mammal) -> Species:
     return Species(mammal.species, mammal.mass, speed, speed / float(speed_law(mammal.mass)))
 
 
-def count(robots: Sequence[Robot]) -> Spread:
+def count(robots: Sequence[PublishedRobot]) -> Spread:
     """Which robots are within the paper's band."""
     known = {robot: demand for robot in robots if (demand := robot.demand(PAPER_GRAVITY)) is not None}
     low, high = BAND
@@ -155,7 +155,7 @@ def find(robots: Sequence[Placed], name: str) -> Placed:
 # --- Simulated robots ----------------------------------------------------------------------------------------
 
 
-def shipped() -> tuple[Robot, ...]:
+def shipped() -> tuple[PublishedRobot, ...]:
     """The policy that ships, as its card has it: on the built robot, and of the model's mass; none without results."""
     card = load_policy(asset_path("policies/built")).card
     speed = card.results.get(BENCHMARK, {}).get("top_speed")
@@ -163,7 +163,7 @@ def shipped() -> tuple[Robot, ...]:
     return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * specs.QUARTER_MASS, speed),)
 
 
-def read_reports(folders: Sequence[Path]) -> tuple[Robot, ...]:
+def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
     """The robots of topspeed reports, at their best seconds.
 
     Raises:
@@ -187,8 +187,8 @@ def _simulated(
     speed: float,
     peak_torque: float = specs.PEAK_TORQUE,
     no_load_speed: float = specs.NO_LOAD_SPEED,
-) -> Robot:
-    return Robot(name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation")
+) -> PublishedRobot:
+    return PublishedRobot(name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation")
 
 
 # --- What comes of the paper's statements --------------------------------------------------------------------

@@ -7,14 +7,14 @@ from matplotlib.patheffects import withStroke
 from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
 from bp2_rl.paper.pendulum import bp2
 from bp2_rl.paper.pendulum.figures.style import BEAM, ONE, TWO
-from bp2_rl.paper.pendulum.gaits import Comparison
+from bp2_rl.paper.pendulum.gaits import GaitComparison
 
 HALO = [withStroke(linewidth=2.5, foreground="white")]  # of a label among points
 AT_REST = 1e-9  # of the order parameter: the beam rests
 
 
 @styled
-def gaits_figure(comparison: Comparison) -> Figure:
+def gaits_figure(comparison: GaitComparison) -> Figure:
     """Peak torque, beam free over beam fixed, against the order parameter; a panel for each mass ratio.
 
     A bar reaches from the leg that needs least to the one that needs most.

@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bp2_rl.base.plotting import FAINT, INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.paper.trajectories.codesign.scan import FLAT, Scan
-from bp2_rl.paper.trajectories.codesign.search import Row
+from bp2_rl.paper.trajectories.codesign.search import DesignRow
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, Parameter
 from bp2_rl.paper.trajectories.codesign.study import Codesign
 from bp2_rl.robot.specs import IDEAL
@@ -20,7 +20,7 @@ TITLES: dict[Parameter, str] = {
 }
 COLORS = {"BP2": LEG_COLORS["FR"], "free": LEG_COLORS["FL"]}
 LABELS = {"BP2": "the other two as in BP2", "free": "the other two free"}
-ROWS: tuple[tuple[str, Callable[[Row], float]], ...] = (
+ROWS: tuple[tuple[str, Callable[[DesignRow], float]], ...] = (
     ("Cost [1]", lambda row: row.cost),
     ("Period [s]", lambda row: row.period),
     ("Peak torque [Nm]", lambda row: row.peak_torque),
@@ -57,7 +57,7 @@ def codesign_figure(study: Codesign) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, scans: Sequence[Scan], figure_of: Callable[[Row], float]) -> None:
+def _draw(axes: Axes, scans: Sequence[Scan], figure_of: Callable[[DesignRow], float]) -> None:
     """One figure of every scan over the same parameter."""
     for scan in scans:
         color = COLORS[scan.others]

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.trajectories.codesign.chain import Chain, solve_chains
-from bp2_rl.paper.trajectories.codesign.search import Row, cheapest
+from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings, Others, Parameter, known_parameter
 
 FLAT = 0.02  # a parameter is as good as its optimum where it costs at most this share more
@@ -20,7 +20,7 @@ class Scan:
 
     parameter: Parameter
     others: Others
-    rows: tuple[Row, ...]
+    rows: tuple[DesignRow, ...]
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -28,7 +28,7 @@ class Scan:
         return tuple(getattr(row, self.parameter) for row in self.rows)
 
     @property
-    def best(self) -> Row:
+    def best(self) -> DesignRow:
         """The cheapest row."""
         return min(self.rows, key=lambda row: row.cost)
 

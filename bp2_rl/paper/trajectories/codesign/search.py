@@ -15,7 +15,7 @@ from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSett
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class DesignRow:
     """The cheapest trajectory under one setting."""
 
     case: str
@@ -88,7 +88,7 @@ def _solved(chains: Iterable[Chain], folder: Path) -> list[tuple[Chain, Solution
     return sorted(((chain, end) for chain, end in ends if end is not None), key=lambda pair: pair[1].cost)
 
 
-def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> Row | None:
+def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> DesignRow | None:
     """The cheapest of several ways to the same problem; None where none led there."""
     found = _solved(chains, folder)
     if not found:
@@ -96,7 +96,7 @@ def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> Row | None:
     chain, best = found[0]
     hardware, motors = best.problem.hardware, motor_coordinates(best.problem.stride.legs)
     speed = float(np.max(np.abs(best.motion.v[..., motors])))
-    return Row(
+    return DesignRow(
         case=case,
         **{name: float(getattr(hardware, name)) for name in PARAMETERS},
         cost=best.cost,

@@ -7,14 +7,14 @@ from typing import Any
 from rich.console import Console
 
 from bp2_rl.paper.trajectories.codesign.chain import solve_chains
-from bp2_rl.paper.trajectories.codesign.search import Row, cheapest, find_designs, start_chain
+from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, find_designs, start_chain
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 from bp2_rl.robot import specs
 
 
 def vary_settings(
     settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> list[Row]:
+) -> list[DesignRow]:
     """The optimum under the settings and under each of `variations`; from cold starts and from the settings' optimum.
 
     Raises:

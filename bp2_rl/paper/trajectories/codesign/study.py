@@ -14,7 +14,7 @@ from bp2_rl.base.folders import make_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.paper.trajectories.codesign.chain import solve_chains
 from bp2_rl.paper.trajectories.codesign.scan import FLAT, Scan, scan_chains, scan_design
-from bp2_rl.paper.trajectories.codesign.search import Row, cheapest, find_designs, optimise_design, refined
+from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, find_designs, optimise_design, refined
 from bp2_rl.paper.trajectories.codesign.sensitivity import vary_settings
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, UNITS, CodesignSettings, Others, Parameter
 
@@ -26,8 +26,8 @@ class Codesign:
     """What a whole study found."""
 
     settings: CodesignSettings
-    meshes: tuple[Row, ...]  # the optimum on finer and finer meshes
-    sensitivity: tuple[Row, ...]
+    meshes: tuple[DesignRow, ...]  # the optimum on finer and finer meshes
+    sensitivity: tuple[DesignRow, ...]
     scans: tuple[Scan, ...]
 
 
@@ -82,7 +82,7 @@ def remarks(study: Codesign) -> list[str]:
     return lines
 
 
-def _table(title: str, rows: Iterable[Row]) -> Table:
+def _table(title: str, rows: Iterable[DesignRow]) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
     table.add_column("setting", no_wrap=True)
     for heading in (
@@ -104,7 +104,7 @@ def _table(title: str, rows: Iterable[Row]) -> Table:
     return table
 
 
-def _cells(row: Row) -> Iterable[str]:
+def _cells(row: DesignRow) -> Iterable[str]:
     """Figures of a row; a star marks what a bound holds."""
     star = {name: "*" if name in row.at_bounds else "" for name in PARAMETERS}
     return (

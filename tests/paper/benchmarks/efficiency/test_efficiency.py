@@ -23,10 +23,10 @@ from bp2_rl.paper.benchmarks.efficiency.benchmark import (
 )
 from bp2_rl.paper.benchmarks.efficiency.measured import (
     KINDS,
-    AtSpeed,
+    EfficiencyAtSpeed,
     EfficiencyMetrics,
     Electrical,
-    Optimiser,
+    OptimisedEfficiency,
     measure_energy,
     measure_optimiser,
 )
@@ -192,11 +192,11 @@ def ran(monkeypatch, make_run):
         speed = one.schedule.target[0]
         asked.append((speed, one.schedule.hold, one.hardware))
         if policy.card.seed == 13 and speed == 8.0:
-            return AtSpeed(speed, 2.0, 1.5, None)
+            return EfficiencyAtSpeed(speed, 2.0, 1.5, None)
         energy = measure_energy(run, known(100.0 * speed), strides=16)
-        return AtSpeed(speed, speed, None, energy)
+        return EfficiencyAtSpeed(speed, speed, None, energy)
 
-    one = Optimiser(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
+    one = OptimisedEfficiency(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
     monkeypatch.setattr(speeds, "run_team", lambda _, policy, tries: [account(policy, one) for one in tries])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked

@@ -10,7 +10,7 @@ from bp2_rl.paper.benchmarks.endurance import benchmark as module
 from bp2_rl.paper.benchmarks.endurance import calibration
 from bp2_rl.paper.benchmarks.endurance.benchmark import draw_robots, endurance, ramp_to_endurance
 from bp2_rl.paper.benchmarks.endurance.calibration import seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import Course, Endured, HotRun, Lap
+from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingCourse, HotRun, Lap
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.robot import specs
@@ -52,7 +52,7 @@ def ran(monkeypatch):
         endured = Endured(
             one.speed, one.pace, time, "winding" if too_hot else "none", lap, lap, _each(winding[-1]), (30.0,) * 12, 0
         )
-        course = Course(
+        course = HeatingCourse(
             _each(one.pace * (0.5 + np.arange(n))), tuple(map(_each, winding[1:-1])), ((30.0,) * 12,) * n,
             ((0.1,) * 12,) * n, (one.speed,) * n,
         )  # fmt: skip
@@ -142,7 +142,7 @@ def test_a_robot_that_falls_on_its_way_up_has_endured_nothing(make_policy, monke
     def run(policy, one):
         lap = Lap(0.0, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12)
         endured = Endured(one.speed, one.pace, 0.0, "fall", lap, lap, (25.0,) * 12, (25.0,) * 12, 0)
-        return HotRun(endured, Course((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
+        return HotRun(endured, HeatingCourse((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
 
     monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))

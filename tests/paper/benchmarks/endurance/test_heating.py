@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.controller import motors_of
-from bp2_rl.paper.benchmarks.endurance.heating import LAP, UPDATE, Heating, Try, hot_run
+from bp2_rl.paper.benchmarks.endurance.heating import LAP, UPDATE, Heating, HeatingTry, hot_run
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import BUILT, IDEAL, MotorHeat
@@ -136,6 +136,6 @@ def _run(policy, hardware, action, **motor):
 
 
 def test_a_try_starts_its_clock_after_a_cold_lap_in_steady_gait():
-    one = Try(IDEAL, HEADING_HOLD, Ramp((10.74, 0.0, 0.0), 2.4), SHUT, 180.0, longest=80.0, pace=8.0)
+    one = HeatingTry(IDEAL, HEADING_HOLD, Ramp((10.74, 0.0, 0.0), 2.4), SHUT, 180.0, longest=80.0, pace=8.0)
     assert one.start == pytest.approx(10.74 / 2.4 + 2.0 + LAP, abs=UPDATE * 1e-3)
     assert one.ramp.duration - one.start == pytest.approx(10.0, abs=UPDATE * 1e-3)

@@ -11,7 +11,7 @@ from bp2_rl.paper.benchmarks.mechanism import benchmark as module
 from bp2_rl.paper.benchmarks.mechanism.benchmark import Ran, mechanism, optimised, ramp_to_mechanism
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, TERMS, THROUGH, WITHIN, Forces
 from bp2_rl.paper.benchmarks.mechanism.measured import (
-    AtSpeed,
+    MechanismAtSpeed,
     MechanismMetrics,
     keep_harmonics,
     measure_forces,
@@ -113,11 +113,14 @@ def ran(monkeypatch):
         speed = one.schedule.target[0]
         asked.append((speed, one.hardware))
         if policy.card.seed == 13 and speed == 8.0:
-            return Ran(AtSpeed(speed, 2.0, 1.5, None), None)
+            return Ran(MechanismAtSpeed(speed, 2.0, 1.5, None), None)
         forces = known(legs=0.001 * speed)
-        return Ran(AtSpeed(speed, speed, None, measure_forces(forces, STRIDES, 1e-3)), forces.terms[:, :100, [2, 7, 8]])
+        return Ran(
+            MechanismAtSpeed(speed, speed, None, measure_forces(forces, STRIDES, 1e-3)),
+            forces.terms[:, :100, [2, 7, 8]],
+        )
 
-    one = module.Optimiser(10.0, 0.77, 0.4, 0.39, 0.001, -0.01, 83.0, 92.0)
+    one = module.OptimisedMechanism(10.0, 0.77, 0.4, 0.39, 0.001, -0.01, 83.0, 92.0)
     monkeypatch.setattr(speeds, "run_team", lambda _, policy, tries: [run(policy, one) for one in tries])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
@@ -144,7 +147,7 @@ def test_five_speeds_are_taken_apart_beside_the_optimisers(make_policy, ran, ass
 
 def test_legs_that_carry_each_other_are_not_called_small():
     forces = measure_forces(known(legs=-0.2), STRIDES, 1e-3)
-    told = verdict(MechanismMetrics((AtSpeed(9.0, 9.0, None, forces),), ()))
+    told = verdict(MechanismMetrics((MechanismAtSpeed(9.0, 9.0, None, forces),), ()))
     assert told.endswith("between legs -20.0 %: not small.")
 
 

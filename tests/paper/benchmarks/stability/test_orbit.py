@@ -9,7 +9,7 @@ import pytest
 from bp2_rl.env.controller import motion_of
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit, whole_strides
-from bp2_rl.paper.benchmarks.stability.tries import FULL, Try, _of_deviations, pushed_by
+from bp2_rl.paper.benchmarks.stability.tries import FULL, StabilityTry, _of_deviations, pushed_by
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.flock import Flock
@@ -111,7 +111,7 @@ class Linear(Orbit):
 
 @pytest.mark.parametrize("later", [False, True])
 def test_deviations_have_the_maps_radius_also_a_stride_later(later):
-    one = Try(10.0, 10.0, 60, Ramp((10.0, 0.0, 0.0)), IDEAL, HeadingHold(), 0, FULL)
+    one = StabilityTry(10.0, 10.0, 60, Ramp((10.0, 0.0, 0.0)), IDEAL, HeadingHold(), 0, FULL)
     rng = np.random.default_rng(0)
     found = _of_deviations(Linear(), np.array([1.0, 0.1, 10.0]), 0.5, rng, one, "", later=later)
     assert found is not None
