@@ -8,22 +8,20 @@ and trained policies repeat to the last bit only if it does: `hermite` is the op
 solutions, `hermite_and_rate` a swing foot's in the gait, `hermite_coefficients` the table's that a gait looks up.
 """
 
-from typing import Any
-
-Value = Any  # a number, or an array of NumPy, JAX or CasADi
+from bp2_rl.base.arrays import Number
 
 
-def line(s: Value, left: Value, right: Value) -> Value:
+def line(s: Number, left: Number, right: Number) -> Number:
     """The straight line between two points."""
     return left + s * (right - left)
 
 
-def parabola(s: Value, left: Value, middle: Value, right: Value) -> Value:
+def parabola(s: Number, left: Number, middle: Number, right: Number) -> Number:
     """Lagrange's polynomial through three points."""
     return left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
 
 
-def hermite(s: Value, h: Value, left: Value, right: Value, out: Value, into: Value) -> Value:
+def hermite(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> Number:
     """Hermite's cubic through two values and their rates."""
     return (
         left * (1 + 2 * s) * (1 - s) ** 2
@@ -32,8 +30,10 @@ def hermite(s: Value, h: Value, left: Value, right: Value, out: Value, into: Val
     )
 
 
-def hermite_and_rate(s: Value, h: Value, left: Value, right: Value, out: Value, into: Value) -> tuple[Value, Value]:
-    """Return the value of the Hermite cubic of `hermite`, and its rate."""
+def hermite_and_rate(
+    s: Number, h: Number, left: Number, right: Number, out: Number, into: Number
+) -> tuple[Number, Number]:
+    """Hermite's cubic through two values and their rates: (value, rate)."""
     out, into, r = h * out, h * into, 1.0 - s
     value = left * r**2 * (1.0 + 2.0 * s) + right * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
     slope = 6.0 * s * r * (right - left) + out * r * (1.0 - 3.0 * s) - into * s * (2.0 - 3.0 * s)
@@ -41,14 +41,14 @@ def hermite_and_rate(s: Value, h: Value, left: Value, right: Value, out: Value, 
 
 
 def hermite_coefficients(
-    h: Value, left: Value, right: Value, out: Value, into: Value
-) -> tuple[Value, Value, Value, Value]:
-    """Return the Hermite cubic's coefficients of 1, s, s^2 and s^3."""
+    h: Number, left: Number, right: Number, out: Number, into: Number
+) -> tuple[Number, Number, Number, Number]:
+    """Coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
     out, into = h * out, h * into
     return left, out, 3.0 * (right - left) - 2.0 * out - into, 2.0 * (left - right) + out + into
 
 
-def cubic_and_slope(s: Value, c: tuple[Value, Value, Value, Value]) -> tuple[Value, Value]:
+def cubic_and_slope(s: Number, c: tuple[Number, Number, Number, Number]) -> tuple[Number, Number]:
     """A cubic by its coefficients, and its derivative by s."""
     value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
     return value, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])

@@ -1,5 +1,7 @@
 """Domain randomisation: one draw of the world and the robot, how it enters model and motors, and pushes."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -88,17 +90,20 @@ def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
     """The motors with this robot's strength, gains, lag and bus."""
-    changed = actuator.replace(
+    changed = dataclasses.replace(
+        actuator,
         strength=actuator.strength * randomization.strength,
         stiffness=actuator.stiffness * randomization.stiffness,
         damping=actuator.damping * randomization.damping,
     )
     lag, power, sag = (randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag"))
     if actuator.current_lag != 0.0:
-        changed = changed.replace(current_lag=actuator.current_lag * lag[..., None])
+        changed = dataclasses.replace(changed, current_lag=actuator.current_lag * lag[..., None])
     if (bus := actuator.bus) is not None:
-        bus = bus.replace(power_out=bus.power_out * power, power_in=bus.power_in * power, sag=bus.sag * sag)
-        changed = changed.replace(bus=bus)
+        bus = dataclasses.replace(
+            bus, power_out=bus.power_out * power, power_in=bus.power_in * power, sag=bus.sag * sag
+        )
+        changed = dataclasses.replace(changed, bus=bus)
     return changed
 
 
@@ -106,7 +111,8 @@ def randomize_resistance(resistance: Resistance, randomization: Randomization) -
     """The resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
     names = "air", "gear", "joints", "slides"
     air, gear, joints, slides = (randomization.losses[..., LOSSES.index(name), None] for name in names)
-    return resistance.replace(
+    return dataclasses.replace(
+        resistance,
         drag=resistance.drag * air,
         gear_loss=resistance.gear_loss * gear,
         joint_friction=resistance.joint_friction * joints,

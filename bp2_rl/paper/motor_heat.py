@@ -16,13 +16,15 @@ drives harder than a cold one. The drive knows how warm its motor is: it gives t
 current. The end of a braking line, `Actuator.braking_speed`, stays where it is.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 from flax import struct
 from jaxtyping import Float
 
-from bp2_rl.robot.actuator import Actuator, Parameter
+from bp2_rl.base.arrays import Number
+from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.specs import AMBIENT, MotorHeat
 
 Motors = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
@@ -33,17 +35,17 @@ ENVELOPE_TEMPERATURE = AMBIENT
 class Network(struct.PyTreeNode):
     """The heat's way out of a motor; numbers, or arrays that broadcast against the motors."""
 
-    winding_capacity: Parameter  # J/K
-    winding_to_case: Parameter  # K/W
-    case_capacity: Parameter  # J/K
-    case_to_air: Parameter  # K/W
-    air: Parameter  # C
-    copper_growth: Parameter  # 1/K
-    magnet_loss: Parameter  # 1/K
-    iron_loss: Parameter  # W
+    winding_capacity: Number  # J/K
+    winding_to_case: Number  # K/W
+    case_capacity: Number  # J/K
+    case_to_air: Number  # K/W
+    air: Number  # C
+    copper_growth: Number  # 1/K
+    magnet_loss: Number  # 1/K
+    iron_loss: Number  # W
 
     @classmethod
-    def from_spec(cls, heat: MotorHeat, winding_to_case: Parameter) -> "Network":
+    def from_spec(cls, heat: MotorHeat, winding_to_case: Number) -> "Network":
         """Return the network of a motor with this resistance (K/W) between winding and case."""
         return cls(
             winding_capacity=heat.winding_capacity,
@@ -91,7 +93,8 @@ def heated(actuator: Actuator, network: Network, temperatures: Temperatures) -> 
     """
     k, growth = flux_ratio(network, temperatures), resistance_ratio(network, temperatures) - 1.0
     corner, no_load = actuator.corner_speed, actuator.no_load_speed
-    return actuator.replace(
+    return dataclasses.replace(
+        actuator,
         peak_torque=k * actuator.peak_torque,
         corner_speed=(corner - (no_load - corner) * growth) / k,  # where the falling line meets the peak
         no_load_speed=no_load / k,

@@ -1,7 +1,7 @@
 """The joint motors: PD law, current loop, torque-speed envelope and the bus they share, at the joint side of the gear.
 
-Pure and batched; NumPy and JAX arrays alike, so that MJX and C MuJoCo run the very same motor. What a torque loses on
-its way to the joint is in `robot.losses`.
+Functions are pure, batched over leading axes (joints "... 12") and take arrays of NumPy or JAX, so that every engine
+runs the very same motor; nothing here imports JAX. What a torque loses on its way to the joint is in `robot.losses`.
 
 The envelope (DERIVED from the paper's 120 Nm, 21.4 rad/s and 1765 W, four quadrants) is
 
@@ -21,42 +21,40 @@ that may flow in and out by one common factor on all torques, as a drive would. 
 drive's will is not scaled: a brake resistor burns it.
 """
 
+import dataclasses
 from typing import Any
 
-from flax import struct
-from jaxtyping import Float
-
+from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
-Parameter = Any  # a number, or an array that broadcasts against the joints, "... 12"
-Joints = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
 ENDLESS = 1e9
 """W: more than any bus; computes better than infinity."""
 LEAST_VOLTAGE = 0.3
 """Share of the nominal voltage below which it does not sag."""
 
 
-class Bus(struct.PyTreeNode):
+@dataclasses.dataclass(frozen=True)
+class Bus:
     """What battery and drive can supply and take back; each a number or an array over robots."""
 
-    power_out: Parameter  # W
-    power_in: Parameter  # W
-    sag: Parameter  # share of the voltage lost per W out
+    power_out: Number  # W
+    power_in: Number  # W
+    sag: Number  # share of the voltage lost per W out
 
 
-class Actuator(struct.PyTreeNode):
+@dataclasses.dataclass(frozen=True)
+class Actuator:
     """Gains and limits of the motors; each a number or an array that broadcasts to (..., 12)."""
 
-    stiffness: Parameter  # Nm/rad
-    damping: Parameter  # Nm s/rad
-    peak_torque: Parameter  # Nm
-    corner_speed: Parameter  # rad/s
-    no_load_speed: Parameter  # rad/s
-    # rad/s; see above. No leaf, so that an endless one needs no formula; `evaluation.runs.laws` puts an array here.
-    braking_speed: Parameter = struct.field(pytree_node=False, default=float("inf"))
-    strength: Parameter = 1.0  # scale on the peak torque
-    current_lag: Parameter = 0.0  # s, time constant of the first-order current loop; 0: none
-    torque_rate: Parameter = float("inf")  # Nm/s, largest rate of change
+    stiffness: Number  # Nm/rad
+    damping: Number  # Nm s/rad
+    peak_torque: Number  # Nm
+    corner_speed: Number  # rad/s
+    no_load_speed: Number  # rad/s
+    braking_speed: Number = float("inf")  # rad/s; see above
+    strength: Number = 1.0  # scale on the peak torque
+    current_lag: Number = 0.0  # s, time constant of the first-order current loop; 0: none
+    torque_rate: Number = float("inf")  # Nm/s, largest rate of change
     bus: Bus | None = None  # None: it gives and takes everything, at nominal voltage
 
     @classmethod
@@ -64,10 +62,10 @@ class Actuator(struct.PyTreeNode):
         cls,
         hardware: HardwareSpec = IDEAL,
         *,
-        stiffness: Parameter = 250.0,
-        damping: Parameter = 3.0,
-        strength: Parameter = 1.0,
-        torque_rate: Parameter = float("inf"),
+        stiffness: Number = 250.0,
+        damping: Number = 3.0,
+        strength: Number = 1.0,
+        torque_rate: Number = float("inf"),
     ) -> "Actuator":
         """The motors behind this hardware's gear."""
         losses = hardware.losses
@@ -90,7 +88,7 @@ class Actuator(struct.PyTreeNode):
         )
 
 
-def copper_loss(torque: Parameter, no_load: Parameter, stall: Parameter) -> Parameter:
+def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:
     """Heat of the windings, W, at a torque (Nm): tau^2 omega_0 / tau_s, with no-load speed and `stall_torque`.
 
     CasADi's numbers are welcome as well.
@@ -98,7 +96,7 @@ def copper_loss(torque: Parameter, no_load: Parameter, stall: Parameter) -> Para
     return torque**2 * (no_load / stall)
 
 
-def torque_limits(actuator: Actuator, qd: Joints, voltage: Parameter = 1.0) -> tuple[Joints, Joints]:
+def torque_limits(actuator: Actuator, qd: Array, voltage: Number = 1.0) -> tuple[Array, Array]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s).
 
     `voltage` of the bus is a share of the nominal one, and broadcasts against the joints.
@@ -112,25 +110,25 @@ def torque_limits(actuator: Actuator, qd: Joints, voltage: Parameter = 1.0) -> t
     return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(xp.minimum(upper, braking_up), lower)
 
 
-def stall_torque(peak: Parameter, corner: Parameter, no_load: Parameter) -> Parameter:
+def stall_torque(peak: Number, corner: Number, no_load: Number) -> Number:
     """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's numbers are welcome as well."""
     return peak / (1.0 - corner / no_load)
 
 
-def pd_torque(actuator: Actuator, q: Joints, qd: Joints, q_target: Joints, qd_target: Joints) -> Joints:
+def pd_torque(actuator: Actuator, q: Array, qd: Array, q_target: Array, qd_target: Array) -> Array:
     """Torque that the PD law asks for, Nm."""
     return actuator.stiffness * (q_target - q) + actuator.damping * (qd_target - qd)
 
 
 def joint_torque(
     actuator: Actuator,
-    previous_torque: Joints,
-    q: Joints,
-    qd: Joints,
-    q_target: Joints,
-    qd_target: Joints,
-    dt: Parameter,
-) -> Joints:
+    previous_torque: ArrayT,
+    q: Array,
+    qd: Array,
+    q_target: Array,
+    qd_target: Array,
+    dt: Number,
+) -> ArrayT:
     """Torque of the motors for the next `dt` seconds, Nm, "... 12".
 
     PD law, then the current loop's lag, then its rate limit, then the envelope and the bus: last, so nothing ever
@@ -145,18 +143,18 @@ def joint_torque(
     return share_bus(actuator, xp.clip(torque, *limits), limits, qd)
 
 
-def winding_heat(actuator: Actuator, torque: Parameter) -> Parameter:
+def winding_heat(actuator: Actuator, torque: Number) -> Any:
     """Copper loss of each motor at a torque (Nm), W; a weak motor's is as a strong one's."""
     stall = stall_torque(actuator.peak_torque, actuator.corner_speed, actuator.no_load_speed)
     return copper_loss(torque, actuator.no_load_speed, stall)
 
 
-def bus_power(actuator: Actuator, torque: Joints, qd: Joints) -> Float[Any, "..."]:
+def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
     """What the motors draw together, W: mechanical power and copper loss."""
     return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 
-def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
+def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Number:
     """The bus's voltage over its nominal one ("... 1") while the motors give this torque."""
     if actuator.bus is None:
         return 1.0
@@ -164,7 +162,7 @@ def bus_voltage(actuator: Actuator, torque: Joints, qd: Joints) -> Parameter:
     return xp.clip(1.0 - actuator.bus.sag * bus_power(actuator, torque, qd), LEAST_VOLTAGE, 1.0)[..., None]
 
 
-def share_bus(actuator: Actuator, torque: Joints, limits: tuple[Joints, Joints], qd: Joints) -> Joints:
+def share_bus(actuator: Actuator, torque: ArrayT, limits: tuple[Array, Array], qd: Array) -> ArrayT:
     """The torques, all the same share of the way from the least that the limits allow, so that the bus can feed them.
 
     Those themselves where the bus gives and takes everything.
@@ -179,7 +177,7 @@ def share_bus(actuator: Actuator, torque: Joints, limits: tuple[Joints, Joints],
     p1, p2 = (way * qd + 2.0 * r * least * way).sum(-1), (r * way**2).sum(-1)
     whole = p0 + p1 + p2
 
-    def share(limit: Parameter, sign: float) -> Parameter:  # a shape would be made anew at every call
+    def share(limit: Number, sign: float) -> Number:  # a shape would be made anew at every call
         root = xp.sqrt(xp.maximum(p1 * p1 - 4.0 * p2 * (p0 - limit), 0.0))
         return xp.clip((sign * root - p1) / (2.0 * xp.where(p2 > 0.0, p2, 1.0)), 0.0, 1.0)
 
@@ -188,14 +186,14 @@ def share_bus(actuator: Actuator, torque: Joints, limits: tuple[Joints, Joints],
     return least + shares[..., None] * way
 
 
-def _upper_limit(actuator: Actuator, qd: Joints, voltage: Parameter) -> Joints:
+def _upper_limit(actuator: Actuator, qd: Array, voltage: Number) -> Array:
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
     stall = stall_torque(peak, actuator.corner_speed, actuator.no_load_speed)
     return xp.clip(stall * (voltage - qd / actuator.no_load_speed), -peak, peak)
 
 
-def _braking_limit(actuator: Actuator, qd: Joints) -> Joints:
+def _braking_limit(actuator: Actuator, qd: Array) -> Array:
     """Size of the greatest torque against a positive speed, Nm."""
     xp = qd.__array_namespace__()
     peak = actuator.strength * actuator.peak_torque
@@ -203,6 +201,6 @@ def _braking_limit(actuator: Actuator, qd: Joints) -> Joints:
     return xp.clip(stall * (1.0 - qd / actuator.braking_speed), 0.0, peak)
 
 
-def _lag_share(lag: Parameter, dt: Parameter) -> Parameter:
+def _lag_share(lag: Number, dt: Number) -> Number:
     """Share of the way to the desired torque covered in `dt`: a first-order lag by implicit Euler, all of it for 0."""
     return dt / (lag + dt)

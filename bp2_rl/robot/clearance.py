@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.arrays import Array
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import SIDE, foot_position, leg_origins
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
-
-Array = Any  # NumPy or JAX
 
 _RADII = np.array([specs.THIGH_RADIUS, specs.LOWER_LEG_RADIUS, specs.FOOT_RADIUS])  # m
 _BEAM_STARTS = np.array([[specs.TRUNK_REACH, side * specs.TRUNK_LATERAL, 0.0] for side in (-1.0, 1.0)])  # m

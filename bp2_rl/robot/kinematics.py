@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
-
-Array = Any  # NumPy or JAX
 
 FORE_AFT = np.array([1.0, 1.0, -1.0, -1.0]) * specs.HIP_FORE_AFT  # m, x of each leg's hip in the trunk frame
 SIDE = np.array([-1.0, 1.0, -1.0, 1.0])  # y of each leg's side: right, left, right, left
@@ -98,7 +97,7 @@ def reach(compression: float = 0.0, *, leg_length: float = specs.THIGH_LENGTH) -
     return folded, straight
 
 
-def yaw_of(quaternion: Any) -> Any:
+def yaw_of(quaternion: ArrayT) -> ArrayT:
     """Yaw (rad, "...") of w-x-y-z quaternions ("... 4"): where the x axis points on the ground. NumPy and JAX alike."""
     xp = quaternion.__array_namespace__()
     w, x, y, z = (quaternion[..., i] for i in range(4))
@@ -107,7 +106,7 @@ def yaw_of(quaternion: Any) -> Any:
 
 # --- In the sagittal plane: x forward, z up, angles about +y -------------------------------------------------------
 
-Point = tuple[Array, Array]  # (x, z), m
+Point = tuple[Number, Number]  # (x, z), m
 
 
 class PlanarLeg(NamedTuple):
@@ -115,8 +114,8 @@ class PlanarLeg(NamedTuple):
 
     hip: Point
     knee: Point
-    thigh: Array  # rad
-    lower: Array  # rad
+    thigh: Number  # rad
+    lower: Number  # rad
 
 
 class PlanarBody(NamedTuple):
@@ -125,7 +124,7 @@ class PlanarBody(NamedTuple):
     mass: float  # kg
     inertia: float  # kg m2, about the centre of mass
     centre: Point  # of mass
-    angle: Array  # rad
+    angle: Number  # rad
 
 
 def hip_fore_aft(leg: str) -> float:
@@ -134,7 +133,7 @@ def hip_fore_aft(leg: str) -> float:
 
 
 def planar_leg(
-    xp: Any, trunk: Point, pitch: Array, fore_aft: Array, hip: Array, knee: Array, leg_length: Array
+    xp: Any, trunk: Point, pitch: Number, fore_aft: Number, hip: Number, knee: Number, leg_length: Number
 ) -> PlanarLeg:
     """Hip, knee and links of a leg.
 
@@ -152,17 +151,17 @@ def planar_leg(
     return PlanarLeg(hip_at, planar_along(xp, hip_at, thigh, leg_length), thigh, thigh + knee)
 
 
-def planar_along(xp: Any, start: Point, angle: Array, distance: Array) -> Point:
+def planar_along(xp: Any, start: Point, angle: Number, distance: Number) -> Point:
     """The point at a distance from `start` down a link."""
     return start[0] + distance * -xp.sin(angle), start[1] + distance * -xp.cos(angle)
 
 
 def planar_bodies(
-    xp: Any, leg: PlanarLeg, lower: Array, hardware: HardwareSpec
+    xp: Any, leg: PlanarLeg, lower: Number, hardware: HardwareSpec
 ) -> tuple[PlanarBody, PlanarBody, PlanarBody]:
     """Thigh, shank and toe of a leg whose sole is `lower` metres from its knee, without the scale of all masses."""
 
-    def body(mass: float, inertia: float, start: Point, angle: Array, distance: Array) -> PlanarBody:
+    def body(mass: float, inertia: float, start: Point, angle: Number, distance: Number) -> PlanarBody:
         return PlanarBody(mass, inertia, planar_along(xp, start, angle, distance), angle)
 
     return (
@@ -173,14 +172,16 @@ def planar_bodies(
 
 
 def planar_foot(
-    joints: tuple[Array, Array, Array, Array], rates: tuple[Array, Array, Array, Array], leg_length: float
+    joints: tuple[Number, Number, Number, Number], rates: tuple[Number, Number, Number, Number], leg_length: float
 ) -> tuple[Point, Point]:
     """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee and length of the lower leg.
 
     What `planar_leg` says, with rates, but not to the last bit: policies were trained on motions in this arithmetic.
     """
     (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
-    links = (  # along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate
+    links: tuple[
+        tuple[Any, Any, Any, Any], ...
+    ] = (  # along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate
         (FORE_AFT, 0.0, pitch, pitch_rate),
         (leg_length, 0.0, pitch + hip + np.pi / 2, pitch_rate + hip_rate),
         (
@@ -197,7 +198,7 @@ def planar_foot(
     return (x, z), (x_rate, z_rate)
 
 
-def planar_joint_angles(x: Array, z: Array, thigh: float, lower: Array) -> tuple[Array, Array]:
+def planar_joint_angles(x: Number, z: Number, thigh: float, lower: Number) -> tuple[Any, Any]:
     """Hip and knee that put a sole at (x, z) from the hip, knee bent backwards; out of reach in direction only.
 
     What `joint_angles` does in space, but short of straight: solves begin here, and a straight leg is no place to.

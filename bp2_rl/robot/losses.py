@@ -13,38 +13,35 @@ The gear's efficiency e is that of the torque: driving, the joint gets e tau of 
 feels (2 - e) tau, of which the motor gets the share 1 / (2 - e).
 """
 
+import dataclasses
 from typing import Any
 
-from flax import struct
-from jaxtyping import Float
-
+from bp2_rl.base.arrays import Array, Number
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-
-Parameter = Any  # a number, or an array that broadcasts against the robots
-
 
 LEAST_TOE = 0.2
 """kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges. A
 lighter toe's is less, at least in proportion; of a heavier one the knee's end gives way the more."""
 
 
-class Resistance(struct.PyTreeNode):
+@dataclasses.dataclass(frozen=True)
+class Resistance:
     """How strongly everything resists; numbers, or arrays over robots."""
 
-    drag: Parameter  # N s2/m2, 1/2 rho CdA
-    headwind: Parameter  # m/s, of air that blows towards -x
-    gear_loss: Parameter  # share of the motor's torque
-    joint_friction: Parameter  # Nm
-    joint_viscosity: Parameter  # Nm s/rad
-    spring_friction: Parameter  # N
-    rebound_damping: Parameter  # N s/m
-    joint_hold: Parameter  # Nm s/rad, friction per speed near rest
-    spring_hold: Parameter  # N s/m, likewise
+    drag: Number  # N s2/m2, 1/2 rho CdA
+    headwind: Number  # m/s, of air that blows towards -x
+    gear_loss: Number  # share of the motor's torque
+    joint_friction: Number  # Nm
+    joint_viscosity: Number  # Nm s/rad
+    spring_friction: Number  # N
+    rebound_damping: Number  # N s/m
+    joint_hold: Number  # Nm s/rad, friction per speed near rest
+    spring_hold: Number  # N s/m, likewise
 
     @classmethod
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
-        """Return the resistance of a robot; None where nothing resists."""
+        """Return the resistance of this robot, or None where nothing resists."""
         losses = hardware.losses
         least_toe = LEAST_TOE * min(hardware.toe_mass / specs.TOE_MASS, 1.0)
         resistance = cls(
@@ -63,20 +60,19 @@ class Resistance(struct.PyTreeNode):
         return resistance if any(parts) else None
 
 
-class Loss(struct.PyTreeNode):
+@dataclasses.dataclass(frozen=True)
+class Loss:
     """The resisting forces by their cause."""
 
-    air: Float[Any, "... 3"]  # N, world frame
-    gear: Float[Any, "... 12"]  # Nm
-    joint: Float[Any, "... 12"]  # Nm
-    slide: Float[Any, "... 4"]  # N
-    rebound: Float[Any, "... 4"]  # N
+    air: Array  # "... 3", N, world frame
+    gear: Array  # "... 12", Nm
+    joint: Array  # "... 12", Nm
+    slide: Array  # "... 4", N
+    rebound: Array  # "... 4", N
 
 
-def loss(
-    resistance: Resistance, qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], torque: Float[Any, "... 12"]
-) -> Loss:
-    """The forces that resist in a state (MuJoCo's coordinates) under the motors' torque (Nm)."""
+def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Loss:
+    """The forces that resist in a state ("... 23" and "... 22", MuJoCo's) under the motors' torque ("... 12", Nm)."""
     r, xp = resistance, qvel.__array_namespace__()
     legs = qvel[..., 6:].reshape(*qvel.shape[:-1], 4, 4)
     compression = qpos[..., 7:].reshape(*qpos.shape[:-1], 4, 4)[..., 3]
@@ -98,8 +94,8 @@ def loss(
     )
 
 
-def generalized(loss: Loss) -> Float[Any, "... 22"]:
-    """The forces on MuJoCo's coordinates, N and Nm: `qfrc_applied`."""
+def generalized(loss: Loss) -> Any:
+    """The forces on MuJoCo's coordinates ("... 22"), N and Nm: `qfrc_applied`."""
     xp = loss.air.__array_namespace__()
     batch = loss.air.shape[:-1]
     joints = (loss.gear + loss.joint).reshape(*batch, 4, 3)

@@ -1,11 +1,10 @@
 """The operator's stick: a policy sees neither where it is nor where north is, so someone must steer."""
 
 import dataclasses
-from typing import Annotated, Any
+from typing import Annotated
 
+from bp2_rl.base.arrays import ArrayT, Number
 from bp2_rl.base.bounds import Within, check_bounds
-
-Array = Any  # numpy or jax array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +26,7 @@ class HeadingHold:
         """Refuse what no operator can do."""
         check_bounds(self, "--operator.")
 
-    def steer(self, command: Array, y: Array, yaw: Array) -> Array:
+    def steer(self, command: ArrayT, y: Number, yaw: Number) -> ArrayT:
         """The command ("... 3") with the operator's yaw rate at a place and heading ("..."); numpy and jax alike."""
         xp = command.__array_namespace__()
         rate = xp.clip(-self.heading_gain * yaw - self.lane_gain * y, -self.limit, self.limit)

@@ -74,7 +74,7 @@ def test_a_swift_machines_motors_may_change():
     machine = SwiftMachine(EnvConfig(hardware=BUILT))
     mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
     before = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
-    machine.motors = machine.motors.replace(peak_torque=5.0)
+    machine.motors = dataclasses.replace(machine.motors, peak_torque=5.0)
     after = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
     assert np.max(np.abs(before)) > 40.0
     assert np.max(np.abs(after)) <= 5.0 + 1e-9

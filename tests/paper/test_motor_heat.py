@@ -148,7 +148,7 @@ def test_the_hot_motors_heat_is_the_networks():
 
 
 def test_a_hot_motor_takes_more_from_the_bus_and_gets_no_more_than_there_is():
-    motors = Actuator.from_hardware().replace(bus=Bus(3000.0, 1000.0, 0.0))
+    motors = dataclasses.replace(Actuator.from_hardware(), bus=Bus(3000.0, 1000.0, 0.0))
     hot = heated(motors, COOLED, Temperatures(np.linspace(25.0, 180.0, 12), np.linspace(25.0, 60.0, 12)))
     rest = np.zeros(12)
     asked = rest, rest, rest, np.full(12, 0.4), rest, 1e-3

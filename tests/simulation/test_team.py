@@ -23,7 +23,7 @@ LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, laten
 def tire(machine, torque):
     """Half of the peak torque after 50 ms, each joint's own, and enough after 200."""
     if machine.data.time > 0.0495:
-        machine.motors = machine.motors.replace(peak_torque=np.linspace(40.0, 50.0, 12))
+        machine.motors = dataclasses.replace(machine.motors, peak_torque=np.linspace(40.0, 50.0, 12))
     return machine.data.time > 0.1995
 
 

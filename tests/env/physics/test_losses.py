@@ -55,7 +55,7 @@ def fly(
             found.append(np.asarray(physics.qvel, np.float64))
         return np.array(found)
     machine = Machine(EnvConfig(hardware=dataclasses.replace(hardware, envelope="start")))
-    machine.motors = machine.motors.replace(strength=strength)
+    machine.motors = dataclasses.replace(machine.motors, strength=strength)
     data = machine.data
     data.qpos[:] = machine.model.key("stand").qpos
     data.qpos[2] = 10.0
