@@ -8,20 +8,22 @@ and trained policies repeat to the last bit only if it does: `hermite` is the op
 solutions, `hermite_and_rate` a swing foot's in the gait, `hermite_coefficients` the table's that a gait looks up.
 """
 
+from typing import Any
+
 from bp2_rl.base.arrays import Number
 
 
-def line(s: Number, left: Number, right: Number) -> Number:
+def line(s: Number, left: Number, right: Number) -> Any:
     """The straight line between two points."""
     return left + s * (right - left)
 
 
-def parabola(s: Number, left: Number, middle: Number, right: Number) -> Number:
+def parabola(s: Number, left: Number, middle: Number, right: Number) -> Any:
     """Lagrange's polynomial through three points."""
     return left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
 
 
-def hermite(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> Number:
+def hermite(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> Any:
     """Hermite's cubic through two values and their rates."""
     return (
         left * (1 + 2 * s) * (1 - s) ** 2
@@ -30,9 +32,7 @@ def hermite(s: Number, h: Number, left: Number, right: Number, out: Number, into
     )
 
 
-def hermite_and_rate(
-    s: Number, h: Number, left: Number, right: Number, out: Number, into: Number
-) -> tuple[Number, Number]:
+def hermite_and_rate(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> tuple[Any, Any]:
     """Hermite's cubic through two values and their rates: (value, rate)."""
     out, into, r = h * out, h * into, 1.0 - s
     value = left * r**2 * (1.0 + 2.0 * s) + right * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
@@ -42,13 +42,13 @@ def hermite_and_rate(
 
 def hermite_coefficients(
     h: Number, left: Number, right: Number, out: Number, into: Number
-) -> tuple[Number, Number, Number, Number]:
+) -> tuple[Any, Any, Any, Any]:
     """Coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
     out, into = h * out, h * into
     return left, out, 3.0 * (right - left) - 2.0 * out - into, 2.0 * (left - right) + out + into
 
 
-def cubic_and_slope(s: Number, c: tuple[Number, Number, Number, Number]) -> tuple[Number, Number]:
+def cubic_and_slope(s: Number, c: tuple[Number, Number, Number, Number]) -> tuple[Any, Any]:
     """A cubic by its coefficients, and its derivative by s."""
     value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
     return value, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])

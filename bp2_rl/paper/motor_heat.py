@@ -23,7 +23,6 @@ import numpy as np
 from flax import struct
 from jaxtyping import Float
 
-from bp2_rl.base.arrays import Number
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.specs import AMBIENT, MotorHeat
 
@@ -35,17 +34,17 @@ ENVELOPE_TEMPERATURE = AMBIENT
 class Network(struct.PyTreeNode):
     """The heat's way out of a motor; numbers, or arrays that broadcast against the motors."""
 
-    winding_capacity: Number  # J/K
-    winding_to_case: Number  # K/W
-    case_capacity: Number  # J/K
-    case_to_air: Number  # K/W
-    air: Number  # C
-    copper_growth: Number  # 1/K
-    magnet_loss: Number  # 1/K
-    iron_loss: Number  # W
+    winding_capacity: Any  # J/K
+    winding_to_case: Any  # K/W
+    case_capacity: Any  # J/K
+    case_to_air: Any  # K/W
+    air: Any  # C
+    copper_growth: Any  # 1/K
+    magnet_loss: Any  # 1/K
+    iron_loss: Any  # W
 
     @classmethod
-    def from_spec(cls, heat: MotorHeat, winding_to_case: Number) -> "Network":
+    def from_spec(cls, heat: MotorHeat, winding_to_case: Any) -> "Network":
         """Return the network of a motor with this resistance (K/W) between winding and case."""
         return cls(
             winding_capacity=heat.winding_capacity,

@@ -110,7 +110,7 @@ def torque_limits(actuator: Actuator, qd: Array, voltage: Number = 1.0) -> tuple
     return xp.minimum(xp.maximum(lower, -braking_down), upper), xp.maximum(xp.minimum(upper, braking_up), lower)
 
 
-def stall_torque(peak: Number, corner: Number, no_load: Number) -> Number:
+def stall_torque(peak: Number, corner: Number, no_load: Number) -> Any:
     """tau_s: where the envelope's falling line would be at standstill, Nm; CasADi's numbers are welcome as well."""
     return peak / (1.0 - corner / no_load)
 
@@ -154,7 +154,7 @@ def bus_power(actuator: Actuator, torque: Array, qd: Array) -> Any:
     return (torque * qd + winding_heat(actuator, torque)).sum(-1)
 
 
-def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Number:
+def bus_voltage(actuator: Actuator, torque: Array, qd: Array) -> Any:
     """The bus's voltage over its nominal one ("... 1") while the motors give this torque."""
     if actuator.bus is None:
         return 1.0

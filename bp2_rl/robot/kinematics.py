@@ -106,7 +106,7 @@ def yaw_of(quaternion: ArrayT) -> ArrayT:
 
 # --- In the sagittal plane: x forward, z up, angles about +y -------------------------------------------------------
 
-Point = tuple[Number, Number]  # (x, z), m
+Point = tuple[Any, Any]  # (x, z), m
 
 
 class PlanarLeg(NamedTuple):
@@ -172,7 +172,7 @@ def planar_bodies(
 
 
 def planar_foot(
-    joints: tuple[Number, Number, Number, Number], rates: tuple[Number, Number, Number, Number], leg_length: float
+    joints: tuple[Any, Any, Any, Any], rates: tuple[Any, Any, Any, Any], leg_length: float
 ) -> tuple[Point, Point]:
     """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee and length of the lower leg.
 

@@ -184,8 +184,8 @@ def test_equal_configs_have_equal_hashes_and_others_do_not():
 
 def test_the_hash_is_the_same_in_another_process():
     program = (
-        "from bp2_rl.base.serialization import config_hash; from bp2_rl.settings.env import EnvConfig; "
-        "print(config_hash(EnvConfig()))"
+        "from bp2_rl.base.serialization import config_hash as h; "
+        "from bp2_rl.settings.env import EnvConfig; print(h(EnvConfig()))"
     )
     other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert other.stdout.split()[-1] == config_hash(EnvConfig())

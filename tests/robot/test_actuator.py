@@ -37,7 +37,8 @@ def actuators(draw) -> Actuator:
 
 def envelope(motor: Actuator, w: float) -> tuple[float, float]:
     """The envelope read off its drawing, region by region, for one joint at speed w >= 0 or below."""
-    peak, corner, no_load = motor.strength * motor.peak_torque, motor.corner_speed, motor.no_load_speed
+    peak = motor.strength * motor.peak_torque
+    corner, no_load = (float(np.asarray(x)) for x in (motor.corner_speed, motor.no_load_speed))
     speed = abs(w)
     driving = peak if speed <= corner else peak * (no_load - speed) / (no_load - corner)
     driving = max(driving, -peak)

@@ -70,7 +70,7 @@ def test_foot_positions_invert_joint_angles(posture):
     found = kinematics.foot_position(kinematics.joint_angles(feet, posture[1]), posture[1])
     np.testing.assert_allclose(found, feet, rtol=0, atol=1e-12)
 
-    feet, compression = feet.astype(np.float32), posture[1].astype(np.float32)
+    feet, compression = np.asarray(feet, np.float32), posture[1].astype(np.float32)
     single = kinematics.foot_position(kinematics.joint_angles(feet, compression), compression)
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, feet, rtol=0, atol=1e-6)
@@ -107,7 +107,7 @@ def test_soles_are_where_mujoco_has_them(seed, robot):
     arrays(np.float32, (4, 3), elements=st.floats(-3.0, 3.0, width=32)),
     arrays(np.float32, (4,), elements=st.floats(0.0, 0.25, width=32)),
 )
-@example(np.tile(np.array([0.0, 0.0, 1e-4], np.float32), (4, 1)), np.zeros(4, np.float32))
+@example(np.array([[0.0, 0.0, 1e-4]] * 4, np.float32), np.zeros(4, np.float32))
 def test_no_foot_position_gives_infinite_angles_or_derivatives(offset, compression):
     """Anywhere, hip included: too far, too near, above the trunk, on the abduction axis."""
     feet = jnp.asarray(kinematics.leg_origins(), jnp.float32) + offset
