@@ -313,7 +313,7 @@ def test_an_unexpected_failure_leaves_its_traceback_in_the_run(faults, tmp_path,
     def crash(*_):
         raise RuntimeError("the device\nis gone")
 
-    monkeypatch.setattr(loop, "_repeat", crash)
+    monkeypatch.setattr(loop._Loop, "repeat", crash)
     assert command.main([*RUN, "--out", str(tmp_path / "run")]) == 1
     (log,) = (tmp_path / "run").glob("failure-*.log")
     assert capsys.readouterr().err == f"failed: RuntimeError: the device is gone; log: {log}\n"
