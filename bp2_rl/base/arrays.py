@@ -17,6 +17,10 @@ class Number(Protocol):
     def __rtruediv__(self, other: Any, /) -> Any: ...  # noqa: D105
     def __pow__(self, other: Any, /) -> Any: ...  # noqa: D105
     def __neg__(self) -> Any: ...  # noqa: D105
+    def __gt__(self, other: Any, /) -> Any: ...  # noqa: D105
+    def __ge__(self, other: Any, /) -> Any: ...  # noqa: D105
+    def __lt__(self, other: Any, /) -> Any: ...  # noqa: D105
+    def __le__(self, other: Any, /) -> Any: ...  # noqa: D105
 
 
 @runtime_checkable
@@ -32,8 +36,6 @@ class Array(Number, Protocol):
     def __array_namespace__(self) -> Any: ...  # noqa: D105
     def __array__(self) -> Any: ...  # noqa: D105
     def __getitem__(self, key: Any, /) -> Any: ...  # noqa: D105
-    def __gt__(self, other: Any, /) -> Any: ...  # noqa: D105
-    def __lt__(self, other: Any, /) -> Any: ...  # noqa: D105
     def sum(self, axis: Any = ...) -> Any: ...  # noqa: D102
     def reshape(self, *shape: Any) -> Any: ...  # noqa: D102
 

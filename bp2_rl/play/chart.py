@@ -19,7 +19,7 @@ class TorqueSpeed:
     """The chart of a robot with these motors."""
 
     def __init__(self, motors: Actuator):
-        no_load, peak = float(motors.no_load_speed), float(motors.peak_torque)
+        no_load, peak = float(np.asarray(motors.no_load_speed)), float(np.asarray(motors.peak_torque))
         self._speed, self._torque = 1.4 * no_load, 1.15 * peak
         speeds = np.linspace(-self._speed, self._speed, 141)
         low, high = torque_limits(motors, speeds)

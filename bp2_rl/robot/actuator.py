@@ -96,7 +96,7 @@ def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:
     return torque**2 * (no_load / stall)
 
 
-def torque_limits(actuator: Actuator, qd: Array, voltage: Number = 1.0) -> tuple[Array, Array]:
+def torque_limits(actuator: Actuator, qd: Array, voltage: Number = 1.0) -> tuple[Any, Any]:
     """Least and greatest torque (Nm, "... 12" each) that the motors can give at joint speeds `qd` (rad/s).
 
     `voltage` of the bus is a share of the nominal one, and broadcasts against the joints.

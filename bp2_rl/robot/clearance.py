@@ -61,7 +61,7 @@ def clearance(
 
 def segment_distance(
     p: Float[Array, "3 ..."], p_end: Float[Array, "3 ..."], q: Float[Array, "3 ..."], q_end: Float[Array, "3 ..."]
-) -> Float[Array, "..."]:
+) -> Float[Any, "..."]:
     """Least distance between the points of two segments, either of which may be a point, m; coordinates in front.
 
     The point of the first line that is nearest to the second, kept within its segment; then the point of the second
@@ -91,5 +91,5 @@ def _segments(
     return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
 
 
-def _dot(u: Float[Array, "3 ..."], v: Float[Array, "3 ..."]) -> Float[Array, "..."]:
+def _dot(u: Float[Array, "3 ..."], v: Float[Array, "3 ..."]) -> Float[Any, "..."]:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]

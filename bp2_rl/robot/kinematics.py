@@ -34,7 +34,7 @@ def foot_position(
     joints: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
-) -> Float[Array, "... 4 3"]:
+) -> Float[Any, "... 4 3"]:
     """Position of each sole in the trunk frame, m.
 
     Args:
@@ -58,7 +58,7 @@ def joint_angles(
     feet: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
-) -> Float[Array, "... 4 3"]:
+) -> Float[Any, "... 4 3"]:
     """Joint angles (abad, hip, knee) that put each sole at `feet`: knee bent backwards, foot below the hip.
 
     Exact inside reach. A foot out of reach is met in direction only, with the knee straight (or folded); the
@@ -81,7 +81,7 @@ def joint_angles(
     return xp.stack([abad, hip, knee], axis=-1)
 
 
-def leg_extension(feet: Float[Array, "... 4 3"], hardware: HardwareSpec = IDEAL) -> Float[Array, "... 4"]:
+def leg_extension(feet: Float[Array, "... 4 3"], hardware: HardwareSpec = IDEAL) -> Float[Any, "... 4"]:
     """Distance of each sole from its hip axis, in the leg's plane, m: what `reach` bounds."""
     xp = feet.__array_namespace__()
     p = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype)
@@ -114,7 +114,7 @@ class PlanarLeg(NamedTuple):
 
     hip: Point
     knee: Point
-    thigh: Number  # rad
+    thigh: Any  # rad
     lower: Number  # rad
 
 
@@ -124,7 +124,7 @@ class PlanarBody(NamedTuple):
     mass: float  # kg
     inertia: float  # kg m2, about the centre of mass
     centre: Point  # of mass
-    angle: Number  # rad
+    angle: Any  # rad
 
 
 def hip_fore_aft(leg: str) -> float:
