@@ -111,17 +111,17 @@ def damages(content: bytes) -> Iterator[bytes | None]:
 
 
 COMMANDS = {
-    "resume": ("train", ["--resume", "run"], RUN_FILES),
-    "relaxed": ("train", ["--stage", "relaxed", "--preset", "smoke", "--from", "run", "--out", "new"], RUN_FILES),
-    "eval": ("eval", ["run", "--no-video"], POLICY_FILES),
-    "export": ("export", ["run", "--to", "copy"], POLICY_FILES),
-    "export a report": ("export", ["run", "--to", "copy", "--report", "report"], ("report/metrics.json",)),
-    "build": ("trajopt", ["library", "build", "--out", "family"], ("family/family.json",)),
-    "sweep": ("trajopt", ["sweep", *SLOWEST, "--out", "sweep"], SWEEP_FILES),
-    "verify solutions": ("trajopt", ["verify", "family"], SOLUTION),
-    "verify a sweep": ("trajopt", ["verify", "sweep"], SWEEP_FILES),
-    "figures": ("trajopt", ["figures", "family", "--speed", "0.5"], SOLUTION),
-    "verify": ("trajopt", ["verify", "library.npz"], ("library.npz",)),
+    "resume": ("cli.train", ["--resume", "run"], RUN_FILES),
+    "relaxed": ("cli.train", ["--stage", "relaxed", "--preset", "smoke", "--from", "run", "--out", "new"], RUN_FILES),
+    "eval": ("cli.eval", ["run", "--no-video"], POLICY_FILES),
+    "export": ("cli.export", ["run", "--to", "copy"], POLICY_FILES),
+    "export a report": ("cli.export", ["run", "--to", "copy", "--report", "report"], ("report/metrics.json",)),
+    "build": ("cli.trajopt", ["library", "build", "--out", "family"], ("family/family.json",)),
+    "sweep": ("paper.cli.trajectories", ["sweep", *SLOWEST, "--out", "sweep"], SWEEP_FILES),
+    "verify solutions": ("cli.trajopt", ["verify", "family"], SOLUTION),
+    "verify a sweep": ("cli.trajopt", ["verify", "sweep"], SWEEP_FILES),
+    "figures": ("paper.cli.trajectories", ["figures", "family", "--speed", "0.5"], SOLUTION),
+    "verify": ("cli.trajopt", ["verify", "library.npz"], ("library.npz",)),
 }
 
 
@@ -130,7 +130,7 @@ def test_files_that_are_whole_are_taken(name, original, cut_off, tmp_path, monke
     module, words, _ = COMMANDS[name]
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    status = importlib.import_module(f"bp2_rl.cli.{module}").main(list(words))
+    status = importlib.import_module(f"bp2_rl.{module}").main(list(words))
     assert status == 0 or "AcceptedError" in capsys.readouterr().err
 
 
@@ -139,7 +139,7 @@ def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(
     name, file, original, cut_off, tmp_path, monkeypatch, capsys
 ):
     module, words, _ = COMMANDS[name]
-    main = importlib.import_module(f"bp2_rl.cli.{module}").main
+    main = importlib.import_module(f"bp2_rl.{module}").main
     shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     wrong = []

@@ -49,20 +49,10 @@ COMMANDS = {
     "tune": ("bp2_rl.cli.tune", []),
     "bench": ("bp2_rl.cli.bench", ["--preset", "smoke"]),
     "export": ("bp2_rl.cli.export", []),
+    **{f"trajopt {what}": ("bp2_rl.cli.trajopt", [what]) for what in ("solve", "verify")},
     **{
-        f"trajopt {what}": ("bp2_rl.cli.trajopt", [what])
-        for what in (
-            "solve",
-            "sweep",
-            "limits",
-            "gaits",
-            "limbs",
-            "verify",
-            "schemes",
-            "codesign",
-            "objective",
-            "figures",
-        )
+        f"trajectories {what}": ("bp2_rl.paper.cli.trajectories", [what])
+        for what in ("sweep", "limits", "gaits", "limbs", "schemes", "codesign", "objective", "figures")
     },
     **{
         f"figures {figure}": ("bp2_rl.paper.cli.figures", [figure])
