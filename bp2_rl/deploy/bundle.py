@@ -23,7 +23,15 @@ from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import to_onnx
-from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch, split_name
+from bp2_rl.deploy.onboard.controller import (
+    FORMAT,
+    NETWORK,
+    OBSERVATION,
+    REFERENCE,
+    SETTINGS,
+    WatchdogLimits,
+    split_name,
+)
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
@@ -38,7 +46,7 @@ from bp2_rl.simulation.operator import HEADING_HOLD
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
-WATCH = Watch(
+WATCH = WatchdogLimits(
     silence=0.05,
     stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
     braking=1.0,  # what policies brake at on bad ground

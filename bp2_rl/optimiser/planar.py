@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.optimiser import machine
+from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
@@ -71,13 +71,13 @@ class PlanarModel:
         """tau_p: linear springs and dampers, slides, one-sided rounded stops at both ends of travel, and drag."""
         hardware, s, rate = self.hardware, q[self.springs], v[self.springs]
         force = np.zeros_like(q)
-        force[:1] = machine.drag(hardware, self.share, v[:1])
+        force[:1] = verifier_laws.drag(hardware, self.share, v[:1])
         force[self.springs] = (
             hardware.rebound_stiffness * _hinge(-s)
             - hardware.spring_stop_stiffness * _hinge(s - hardware.spring_travel)
             - hardware.spring_stiffness * s
             - self.damping(s) * rate
-            + machine.slide_friction(hardware, rate)
+            + verifier_laws.slide_friction(hardware, rate)
         )
         return force
 
@@ -90,9 +90,9 @@ class PlanarModel:
     ) -> Float[np.ndarray, " k"]:
         """Power that springs, slides, gears, joints and the air take, W, in k states; headwind may give some."""
         rate, qd = v[:, self.springs], v[:, self.motors]
-        springs = self.damping(q[:, self.springs]) * rate**2 - machine.slide_friction(self.hardware, rate) * rate
-        joints = (tau - machine.joint_torque(self.hardware, qd, tau)) * qd
-        air = -machine.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
+        springs = self.damping(q[:, self.springs]) * rate**2 - verifier_laws.slide_friction(self.hardware, rate) * rate
+        joints = (tau - verifier_laws.joint_torque(self.hardware, qd, tau)) * qd
+        air = -verifier_laws.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
         return np.sum(springs, axis=1) + np.sum(joints, axis=1) + air
 
     def accelerate(
@@ -105,7 +105,7 @@ class PlanarModel:
         """
         terms = self.terms(q, v)
         push = terms.passive - terms.bias
-        push[self.motors] += machine.joint_torque(self.hardware, v[self.motors], tau)
+        push[self.motors] += verifier_laws.joint_torque(self.hardware, v[self.motors], tau)
         return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
 
     def land(

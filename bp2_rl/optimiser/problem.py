@@ -107,7 +107,7 @@ STRIDES: dict[Gait, Stride] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Weights:
+class CostWeights:
     """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
@@ -158,7 +158,7 @@ class Problem:
     force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
     form: Form = Form()
-    weights: Weights = Weights()
+    weights: CostWeights = CostWeights()
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from bp2_rl.optimiser import machine
+from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, contact_rows
 from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
@@ -162,7 +162,7 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
-            push[model.motors] += machine.joint_torque(model.hardware, v[model.motors], tau)
+            push[model.motors] += verifier_laws.joint_torque(model.hardware, v[model.motors], tau)
             residual = max(residual, np.max(np.abs(terms.mass @ a + terms.bias - push)))
             speed = max(speed, np.max(np.abs((terms.jacobian @ v)[rows]), initial=0.0))
             feet_at.append(terms.contact[rows])
@@ -201,7 +201,7 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
         positive += dt @ np.maximum(power, 0.0).sum(axis=1)
         lost += dt @ model.dissipation(moment.q, moment.v, moment.tau)
         impulse = impulse + dt @ moment.force
-        blown += dt @ machine.drag(problem.hardware, model.share, moment.v[:, 0])
+        blown += dt @ verifier_laws.drag(problem.hardware, model.share, moment.v[:, 0])
         mass = model.terms(motion.q[i, 0], v_before).mass
         lost += _kinetic(mass, v_before) - _kinetic(mass, motion.v[i, 0])
     weight = model.weight * np.sum(motion.durations)
@@ -223,8 +223,9 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         heights = [model.terms(q, v).contact[swinging[1::2]] for q, v in zip(moment.q, moment.v, strict=True)]
         clearance = min(clearance, np.min(heights, initial=math.inf))
         qd = moment.v[:, model.motors]
-        excess = max(excess, machine.torque_excess(hardware, model.share, qd, moment.tau))
-        overload = max(overload, machine.bus_excess(hardware, model.share, machine.bus_power(hardware, qd, moment.tau)))
+        excess = max(excess, verifier_laws.torque_excess(hardware, model.share, qd, moment.tau))
+        power = verifier_laws.bus_power(hardware, qd, moment.tau)
+        overload = max(overload, verifier_laws.bus_excess(hardware, model.share, power))
         fastest = max(fastest, np.max(np.abs(qd)))
         for along, down, least in (
             (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),

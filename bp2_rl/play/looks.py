@@ -16,7 +16,7 @@ GEOM = mujoco.mjtGeom
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class VisiblePart:
     """The geoms of one colour of one body."""
 
     body: int
@@ -38,7 +38,7 @@ class Looks:
         name, parent = self.model.body(body).name, int(self.model.body_parentid[body])
         return name if parent == 0 else f"{self._path(parent)}/{name}"
 
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[VisiblePart]:
         """What the robot is made of."""
         model, found = self.model, {}
         for geom in range(model.ngeom):
@@ -51,7 +51,7 @@ class Looks:
             first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
             vertices = np.concatenate([mesh.vertices for mesh in meshes])
             faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=True)])
-            parts.append(Part(body, vertices, faces, color))
+            parts.append(VisiblePart(body, vertices, faces, color))
         return parts
 
     def place(self, qpos: Float[np.ndarray, "23"]) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:

@@ -48,7 +48,7 @@ NOBODY = HeadingHold(limit=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Try:
+class RunRequest:
     """What a robot is to do, and what it is; the arguments of `rollout_mujoco`."""
 
     schedule: Schedule
@@ -62,7 +62,7 @@ class Try:
     name: str = "policy"
 
 
-def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
+def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[RunRequest]) -> Iterator[Trajectory]:
     """Run all of them, at most `MOST` at a time, and give their runs in order; on the CPU, as `rollout_mujoco`."""
     robots = [
         (dataclasses.replace(config, hardware=one.hardware), dataclasses.replace(one.world, pushes=())) for one in tries
@@ -79,7 +79,9 @@ def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]
 class _Team:
     """Some tries, from a stand to the end of the last."""
 
-    def __init__(self, policy: ActionFunction, config: EnvConfig, tries: Sequence[Try], machines: Sequence[Machine]):
+    def __init__(
+        self, policy: ActionFunction, config: EnvConfig, tries: Sequence[RunRequest], machines: Sequence[Machine]
+    ):
         for machine, one in zip(machines, tries, strict=True):
             one.numerics.apply(machine.model)
         self._tries, self._machines, self._config, self._count = tries, machines, config, len(tries)

@@ -1,6 +1,6 @@
 """The policy at 200 Hz on a robot's own computer: NumPy and onnxruntime alone.
 
-    controller = Controller("my_bundle")
+    controller = OnboardController("my_bundle")
     while True:                                            # every 5 ms
         targets = controller.step(measurement, command)    # joint targets for the drives' 1 kHz PD loop
 
@@ -29,7 +29,7 @@ WARMING = 20  # ticks before the first
 EASE = 0.5  # m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to rest
 
 
-class Measurement(NamedTuple):
+class SensorReading(NamedTuple):
     """What encoders and IMU report; joints in the order of `joints` in `deploy.json`."""
 
     joint_position: np.ndarray  # (12) rad
@@ -39,7 +39,7 @@ class Measurement(NamedTuple):
     time: float  # s, when it arrived, by the clock whose time `step` is told
 
 
-class Targets(NamedTuple):
+class DriveTargets(NamedTuple):
     """What the drives follow until the next tick: torque = stiffness (position - q) + damping (velocity - qd)."""
 
     position: np.ndarray  # (12) rad
@@ -47,7 +47,7 @@ class Targets(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Watch:
+class WatchdogLimits:
     """What the watchdog lets pass; `watchdog` in `deploy.json`."""
 
     silence: float  # s without a new measurement, beyond which the robot stands
@@ -59,14 +59,14 @@ class Watch:
     up_length: float  # by which the length of `up` may differ from 1
 
 
-class Launch(NamedTuple):
+class LaunchLimit(NamedTuple):
     """How fast a forward command rises at most."""
 
     rate: float  # m/s2, from a stand
     speed: float  # m/s, at which it would rise no more
 
     @classmethod
-    def of(cls, control: Mapping[str, Any]) -> "Launch":
+    def of(cls, control: Mapping[str, Any]) -> "LaunchLimit":
         """That of `control` in `deploy.json`; without one there is no limit."""
         return cls(control.get("launching") or math.inf, control.get("launching_speed") or math.inf)
 
@@ -82,7 +82,7 @@ class _Seen(NamedTuple):
     command: np.ndarray
     phase: float  # cycles
     hand: float  # length of the clock's hand that shows the phase
-    measurement: Measurement
+    measurement: SensorReading
     last_action: np.ndarray
 
 
@@ -108,7 +108,7 @@ def split_name(entry: str) -> tuple[str, int]:
     return name, int(ticks or 0)
 
 
-class Controller:
+class OnboardController:
     """One robot's controller. Not for several threads.
 
     Args:
@@ -124,7 +124,7 @@ class Controller:
         self.settings = read_settings(folder)
         control, limits = self.settings["control"], self.settings["command"]
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
-        self.watch = Watch(**self.settings["watchdog"])
+        self.watch = WatchdogLimits(**self.settings["watchdog"])
         self._stand = np.array(control["stand"])
         bounds = np.array(self.settings["joint_range"])
         spread = self.watch.joint_margin + np.ptp(bounds, axis=1) / 2.0
@@ -134,7 +134,7 @@ class Controller:
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._braking = control.get("braking") or math.inf
         self._stopping_time = control.get("stopping_time") or 0.0
-        self._launch = Launch.of(control)
+        self._launch = LaunchLimit.of(control)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -151,7 +151,7 @@ class Controller:
         self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
         self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
         self.reset()
-        still = Measurement(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+        still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
         for _ in range(WARMING):  # else the first ticks are the slowest
             self._act(still)
         self.reset()
@@ -164,15 +164,15 @@ class Controller:
         self._last_action = np.zeros(12, np.float32)
         self._past.clear()
         self.command = np.zeros(3, np.float32)
-        self._targets = Targets(self._stand.copy(), np.zeros(12))
-        self._measurement: Measurement | None = None
+        self._targets = DriveTargets(self._stand.copy(), np.zeros(12))
+        self._measurement: SensorReading | None = None
         self._heard: float | None = None
         self._stopped = 0.0
         self._stopped_at = self._targets.position
 
     def step(
-        self, measurement: Measurement | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
-    ) -> Targets:
+        self, measurement: SensorReading | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
+    ) -> DriveTargets:
         """The joint targets until the next tick, 5 ms on. Never raises for what a sensor or a link may bring.
 
         Args:
@@ -197,7 +197,7 @@ class Controller:
 
     # --- The watchdog -----------------------------------------------------------------------------------------
 
-    def _look(self, measurement: Measurement | None, now: float) -> None:
+    def _look(self, measurement: SensorReading | None, now: float) -> None:
         """Take the measurement, or stop."""
         if measurement is not None:
             if fault := self._fault_of(measurement):
@@ -208,14 +208,14 @@ class Controller:
             self._stop(f"no measurement for {1e3 * silent:.0f} ms", now)
         return None
 
-    def _fault_of(self, measurement: Measurement) -> str:
+    def _fault_of(self, measurement: SensorReading) -> str:
         """What is wrong with a measurement, if anything is. Every comparison is one that NaN fails."""
         q, qd, up, turning, time = measurement
         x, y, z = up.tolist()
         sound = np.abs(np.concatenate((q, qd, turning)) - self._middle) <= self._reach
         if sound.all() and abs(math.hypot(x, y, z) - 1.0) <= self.watch.up_length and math.isfinite(time):
             return ""
-        for name, value in zip(Measurement._fields, measurement, strict=True):
+        for name, value in zip(SensorReading._fields, measurement, strict=True):
             if not np.isfinite(value).all():
                 return f"{name} is not finite"
         if not sound[:12].all():
@@ -227,12 +227,12 @@ class Controller:
     def _stop(self, fault: str, now: float) -> None:
         self.fault, self._stopped, self._stopped_at = fault, now, self._targets.position
 
-    def _to_stand(self, now: float) -> Targets:
+    def _to_stand(self, now: float) -> DriveTargets:
         """From where the targets were to the standing pose, along a cubic that begins and ends at rest."""
         time = self.watch.stand_time
         s = min(max((now - self._stopped) / time, 0.0), 1.0)
         way = self._stand - self._stopped_at
-        return Targets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
+        return DriveTargets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
 
     # --- The policy -------------------------------------------------------------------------------------------
 
@@ -251,7 +251,7 @@ class Controller:
             told[0] = max(told[0], max(forward - self._dt * rate, 0.0))
         self.command = told
 
-    def _act(self, measurement: Measurement) -> Targets:
+    def _act(self, measurement: SensorReading) -> DriveTargets:
         """One tick: observation, network, reference, targets."""
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
@@ -269,9 +269,9 @@ class Controller:
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
-            return Targets(self._stand + offset, np.zeros(12))
+            return DriveTargets(self._stand + offset, np.zeros(12))
         pose: Pose = self.motion(command, self._phase)
-        return Targets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+        return DriveTargets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
 
 
 def read_settings(folder: Path | str) -> dict[str, Any]:

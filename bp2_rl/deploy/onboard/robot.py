@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from .controller import Targets, read_settings
+from .controller import DriveTargets, read_settings
 
 DT = 1e-3  # s
 LEAST_VOLTAGE = 0.3  # share of the nominal one, below which the bus does not sag
@@ -18,7 +18,7 @@ SETTLING, DAMPING = 3.0, 10.0  # s of standing before the clock starts; 1/s, on 
 FALLEN_HEIGHT, FALLEN_UP = 0.3, 0.8  # m, of the trunk's centre; vertical part of its z axis
 
 
-class Robot:
+class SimulatedRobot:
     """A robot on flat ground, standing at first.
 
     Args:
@@ -67,7 +67,7 @@ class Robot:
         up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
-    def millisecond(self, targets: Targets) -> None:
+    def millisecond(self, targets: DriveTargets) -> None:
         """Motors and physics under these targets."""
         data = self.data
         data.ctrl[:] = self.motors.torque(data.ctrl.copy(), data.qpos[self._q], data.qvel[self._qd], targets)
@@ -91,7 +91,7 @@ class Robot:
         """Stand at the keyframe until still."""
         data = self.data
         mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("stand").id)
-        stand = Targets(data.qpos[self._q].copy(), np.zeros(12))
+        stand = DriveTargets(data.qpos[self._q].copy(), np.zeros(12))
         for _ in range(round(SETTLING / DT)):
             self.millisecond(stand)
             data.qvel *= 1.0 - DAMPING * DT
@@ -116,7 +116,7 @@ class Motors:
         self._follow, self._rate = DT / (number("current_lag") + DT), DT * number("torque_rate")
         self._resistance = self._no_load / self._stall  # W/Nm2, copper loss
 
-    def torque(self, before: np.ndarray, q: np.ndarray, qd: np.ndarray, targets: Targets) -> np.ndarray:
+    def torque(self, before: np.ndarray, q: np.ndarray, qd: np.ndarray, targets: DriveTargets) -> np.ndarray:
         """Nm, for the next millisecond."""
         wanted = self._stiffness * (targets.position - q) + self._damping * (targets.velocity - qd)
         torque = before + np.clip(self._follow * (wanted - before), -self._rate, self._rate)

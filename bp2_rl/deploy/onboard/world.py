@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from .controller import Launch, Targets, read_settings
+from .controller import DriveTargets, LaunchLimit, read_settings
 from .link import COMMAND, SENSORS, BadLink
-from .robot import DT, Robot
+from .robot import DT, SimulatedRobot
 
 TICK = 5  # ms between two measurements
 FAULTS = ("", "nan", "silence", "operator")
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class RehearsalPlan:
     """What is rehearsed: from a stand to a speed, which is held; and what goes wrong on the way."""
 
     speed: float = 10.74  # m/s
@@ -42,7 +42,7 @@ class Plan:
         return min(self.acceleration * time, self.speed)
 
 
-class World:
+class RehearsalWorld:
     """One rehearsal, millisecond by millisecond, by whatever clock.
 
     Args:
@@ -51,20 +51,20 @@ class World:
         plan: what is rehearsed.
     """
 
-    def __init__(self, folder: Path | str, robot: str, plan: Plan):
+    def __init__(self, folder: Path | str, robot: str, plan: RehearsalPlan):
         settings = read_settings(folder)
-        self.robot, self.plan = Robot(folder, robot), plan
+        self.robot, self.plan = SimulatedRobot(folder, robot), plan
         self._operator, self._most = settings["operator"], settings["command"]["most"]
         control = settings["control"]
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(plan.loss, 0.0, plan.seed)
-        self._in: BadLink[Targets] = BadLink(plan.loss, plan.late, plan.seed + 1)
-        self._targets = Targets(np.array(control["stand"]), np.zeros(12))
+        self._in: BadLink[DriveTargets] = BadLink(plan.loss, plan.late, plan.seed + 1)
+        self._targets = DriveTargets(np.array(control["stand"]), np.zeros(12))
         self.milliseconds = round(plan.duration / DT)
         self.places = np.zeros((self.milliseconds, 4))  # x, y (m), yaw (rad), forward speed (m/s)
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
-        self._launch = Launch.of(control)
+        self._launch = LaunchLimit.of(control)
         self._told = 0.0
 
     @property
@@ -86,7 +86,7 @@ class World:
             self._out.put((SENSORS, sensors), now)
         return self._out.take(now)
 
-    def hears(self, targets: Targets, now: float) -> None:
+    def hears(self, targets: DriveTargets, now: float) -> None:
         """Joint targets arrive at the drives' end of the link."""
         self._in.put(targets, now)
 
