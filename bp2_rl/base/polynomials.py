@@ -33,7 +33,7 @@ def hermite(s: Value, h: Value, left: Value, right: Value, out: Value, into: Val
 
 
 def hermite_and_rate(s: Value, h: Value, left: Value, right: Value, out: Value, into: Value) -> tuple[Value, Value]:
-    """The same cubic, and its rate."""
+    """Return the value and the rate of Hermite's cubic."""
     out, into, r = h * out, h * into, 1.0 - s
     value = left * r**2 * (1.0 + 2.0 * s) + right * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
     slope = 6.0 * s * r * (right - left) + out * r * (1.0 - 3.0 * s) - into * s * (2.0 - 3.0 * s)
@@ -43,7 +43,7 @@ def hermite_and_rate(s: Value, h: Value, left: Value, right: Value, out: Value, 
 def hermite_coefficients(
     h: Value, left: Value, right: Value, out: Value, into: Value
 ) -> tuple[Value, Value, Value, Value]:
-    """The same cubic's coefficients of 1, s, s^2 and s^3."""
+    """Return the coefficients of 1, s, s^2 and s^3 of Hermite's cubic."""
     out, into = h * out, h * into
     return left, out, 3.0 * (right - left) - 2.0 * out - into, 2.0 * (left - right) + out + into
 

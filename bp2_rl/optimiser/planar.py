@@ -53,11 +53,11 @@ class PlanarModel:
 
     @classmethod
     def of(cls, problem: Problem) -> "PlanarModel":
-        """The model that a problem is about."""
+        """Build the model of a problem's robot."""
         return cls(problem.stride.legs, problem.hardware, problem.foot_radius, problem.rotor_coupling)
 
     def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
-        """The terms at coordinates `q` and velocities `v`."""
+        """Compute the terms at coordinates `q` and velocities `v`."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(model, data)
@@ -82,7 +82,7 @@ class PlanarModel:
         return force
 
     def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
-        """Of springs at compressions s, N s/m: their own, and at no compression the rebound stop's."""
+        """Return the damping of springs at compressions s, N s/m: the spring's, plus the rebound stop's near s = 0."""
         return self.hardware.spring_damping + self.hardware.rebound_damping * _hinge(-s) / np.hypot(s, STOP_ROUNDING)
 
     def dissipation(

@@ -14,7 +14,7 @@ class Optimum(NamedTuple):
 
     point: Float[np.ndarray, " n"]
     on_unknowns: Float[np.ndarray, " n"]  # multipliers of the unknowns' bounds: positive where the upper one holds
-    on_constraints: Float[np.ndarray, " m"]  # likewise of the constraints'
+    on_constraints: Float[np.ndarray, " m"]  # multipliers of the constraints, with the same signs
     statistics: dict[str, Any]
     violation: float  # largest, of any constraint
 

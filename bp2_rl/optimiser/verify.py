@@ -1,4 +1,4 @@
-"""The judge of a solution: figures that know nothing of how it was found, and the limits they must keep.
+"""The independent verifier of a solution: it measures figures without the solver's code and checks their limits.
 
 The model is `planar`'s, built in MuJoCo, and time runs through the stride between the mesh's points as well:
 
@@ -81,17 +81,17 @@ def verify(solution: Solution) -> dict[str, float]:
     foot_drift           largest distance of a standing foot, at the points, from where it landed, or from the ground
     impact_residual      largest |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid)
     position_jump        largest step of a coordinate from segment to segment, around the cycle
-    velocity_jump        likewise of a velocity, where no foot lands
+    velocity_jump        largest step of a velocity from segment to segment, where no foot lands
     energy_residual      |W_motor - W_lost - impact losses| / positive motor work, over the stride; W_lost in springs,
                          slides, gears, joints and air
     impulse_residual_x   |impulse of the contact forces and of the air| / (m g T)
     impulse_residual_z   |impulse of the contact forces - m g T| / (m g T)
     stance_force_min     least vertical force of a standing foot, between the points as at them
-    swing_clearance_min  likewise, least height of a swinging foot
-    torque_excess        likewise, largest torque beyond the motors' envelope; 0 within
-    bus_excess           likewise, largest power beyond what the bus gives or takes back; 0 within
-    joint_speed_max      likewise, fastest joint
-    friction_use         likewise, largest |F_x| / (mu F_z), impulses included
+    swing_clearance_min  least height of a swinging foot; this and the next four between the points as well
+    torque_excess        largest torque beyond the motors' envelope; 0 within
+    bus_excess           largest power beyond what the bus gives or takes back; 0 within
+    joint_speed_max      speed of the fastest joint
+    friction_use         largest |F_x| / (mu F_z), impulses included
     position_error       largest |q - q_simulated| at the points
     velocity_error       largest |v - v_simulated| at the points
     """

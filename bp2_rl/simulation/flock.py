@@ -37,7 +37,7 @@ STAND = np.array(specs.STAND_JOINTS)
 
 @dataclasses.dataclass(frozen=True)
 class FlockState:
-    """All that what comes next depends on, of N robots, between two control steps."""
+    """Complete state of N robots between two control steps: a run can be continued from it."""
 
     qpos: Float[np.ndarray, "N 23"]
     qvel: Float[np.ndarray, "N 22"]
@@ -60,7 +60,7 @@ class FlockState:
         return FlockState(**{name: np.array(value[robots]) for name, value in vars(self).items()})
 
     def replace(self, **changes: Any) -> "FlockState":
-        """The same with other fields."""
+        """Return this state with some fields replaced."""
         return dataclasses.replace(self, **changes)
 
 
@@ -136,11 +136,11 @@ class Flock:
 
     @property
     def memory(self) -> int:
-        """Of how many control steps the targets are remembered: those still on their way to the joints."""
+        """Number of control steps whose targets are still on their way to the joints."""
         return max(self._behind)
 
     def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> FlockState:
-        """At rest, settled, about to be told this."""
+        """Return the state of settled robots at rest whose next command is `command`."""
         data = standing_start(self.config).data
         depth = self.memory
 

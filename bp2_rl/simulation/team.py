@@ -49,7 +49,7 @@ NOBODY = HeadingHold(limit=0.0)
 
 @dataclasses.dataclass(frozen=True)
 class RunRequest:
-    """What a robot is to do, and what it is; the arguments of `rollout_mujoco`."""
+    """One run to simulate: the robot, its schedule and its surroundings; see the arguments of `rollout_mujoco`."""
 
     schedule: Schedule
     hardware: HardwareSpec
@@ -77,7 +77,7 @@ def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[RunR
 
 
 class _Team:
-    """Some tries, from a stand to the end of the last."""
+    """Several runs side by side, from a stand to the end of the longest."""
 
     def __init__(
         self, policy: ActionFunction, config: EnvConfig, tries: Sequence[RunRequest], machines: Sequence[Machine]
@@ -162,7 +162,7 @@ class _Team:
             log.foot_force[robot, step] = self._feet[robot]
 
     def _seen_enough(self, step: int, ended: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """What those who watch say, who may change a robot's motors."""
+        """Return which runs their `watch` functions end; a `watch` may change its robot's motors."""
         enough = np.zeros(self._count, bool)
         for robot, (one, machine) in enumerate(zip(self._tries, self._machines, strict=True)):
             if one.watch is not None and not ended[robot]:

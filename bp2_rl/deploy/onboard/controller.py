@@ -48,7 +48,7 @@ class DriveTargets(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class WatchdogLimits:
-    """What the watchdog lets pass; `watchdog` in `deploy.json`."""
+    """The limits of the watchdog, `watchdog` in `deploy.json`."""
 
     silence: float  # s without a new measurement, beyond which the robot stands
     stand_time: float  # s, in which the joints are led to the standing pose
@@ -67,7 +67,7 @@ class LaunchLimit(NamedTuple):
 
     @classmethod
     def of(cls, control: Mapping[str, Any]) -> "LaunchLimit":
-        """That of `control` in `deploy.json`; without one there is no limit."""
+        """Read the limit from `control` in `deploy.json`; a missing entry means that there is no limit."""
         return cls(control.get("launching") or math.inf, control.get("launching_speed") or math.inf)
 
     def most(self, told: float, dt: float) -> float:
@@ -77,7 +77,7 @@ class LaunchLimit(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What an observation is made of."""
+    """The values that an observation is computed from."""
 
     command: np.ndarray
     phase: float  # cycles
@@ -103,7 +103,7 @@ since K ticks ago."""
 
 
 def split_name(entry: str) -> tuple[str, int]:
-    """Of an entry of the observation: (what, change since so many ticks ago; 0: as it is)."""
+    """Split the name of an observation entry, `NAME@K`, into the name and K ticks; K is 0 where there is none."""
     name, _, ticks = entry.partition("@")
     return name, int(ticks or 0)
 
@@ -198,7 +198,7 @@ class OnboardController:
     # --- The watchdog -----------------------------------------------------------------------------------------
 
     def _look(self, measurement: SensorReading | None, now: float) -> None:
-        """Take the measurement, or stop."""
+        """Accept the measurement, or stop if it is faulty or if sensors have been silent for too long."""
         if measurement is not None:
             if fault := self._fault_of(measurement):
                 return self._stop(fault, now)
@@ -228,7 +228,7 @@ class OnboardController:
         self.fault, self._stopped, self._stopped_at = fault, now, self._targets.position
 
     def _to_stand(self, now: float) -> DriveTargets:
-        """From where the targets were to the standing pose, along a cubic that begins and ends at rest."""
+        """Return targets on the way to the standing pose: a cubic in time that begins and ends at rest."""
         time = self.watch.stand_time
         s = min(max((now - self._stopped) / time, 0.0), 1.0)
         way = self._stand - self._stopped_at
@@ -237,7 +237,7 @@ class OnboardController:
     # --- The policy -------------------------------------------------------------------------------------------
 
     def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
-        """Take the command, within what the policy was trained for; without one slow down."""
+        """Accept the command, limited to what the policy was trained for; slow down if there is no command."""
         if command is not None and np.isfinite(asked := np.asarray(command, float)).all():
             told = np.clip(asked, self._least, self._most).astype(np.float32)
         else:
@@ -252,7 +252,7 @@ class OnboardController:
         self.command = told
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
-        """One tick: observation, network, reference, targets."""
+        """Compute the joint targets of one tick: observation, network, reference motion, targets."""
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
@@ -275,10 +275,10 @@ class OnboardController:
 
 
 def read_settings(folder: Path | str) -> dict[str, Any]:
-    """What `deploy.json` in a bundle says.
+    """Read `deploy.json` of a bundle.
 
     Raises:
-        ValueError: there is none, or it is of another format.
+        ValueError: the file is missing or has another format.
     """
     path = Path(folder) / SETTINGS
     if not path.is_file():
@@ -290,7 +290,7 @@ def read_settings(folder: Path | str) -> dict[str, Any]:
 
 
 def _load_network(path: Path) -> onnxruntime.InferenceSession:
-    """The network on one core: what it takes in is small, and threads would only wait for each other."""
+    """Load the network to run on one core: its input is so small that threads would only wait for each other."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
@@ -298,6 +298,6 @@ def _load_network(path: Path) -> onnxruntime.InferenceSession:
 
 
 def describe(settings: Mapping[str, Any]) -> str:
-    """The bundle in one line."""
+    """Describe the bundle in one line: stage, date and weights of its policy."""
     policy = settings["policy"]
     return f"{policy['stage']} policy of {policy['created']}, weights {policy['weights_sha256'][:12]}"

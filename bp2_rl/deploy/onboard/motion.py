@@ -22,7 +22,7 @@ TRUNK, COORDINATES = 3, 15  # of a row of the table: trunk, then three a leg, th
 
 
 class Pose(NamedTuple):
-    """What the reference asks of the joints: FR, FL, RR, RL x abad, hip, knee."""
+    """Joint angles, speeds and torques of the reference motion: FR, FL, RR, RL x abad, hip, knee."""
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
@@ -53,11 +53,11 @@ class Stand:
         return self._rate
 
     def stepping(self, command: Sequence[float]) -> float:
-        """1 whatever is commanded, as `gait.standing` has it."""
+        """Return 1 for every command, as `bp2_rl.reference.standing` does."""
         return 1.0
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
-        """The pose."""
+        """Return the standing pose."""
         return self._pose
 
 

@@ -35,27 +35,27 @@ PERCENTILES = (50, 99, 100)
 
 @dataclasses.dataclass
 class Inbox:
-    """The newest of what has come in."""
+    """The newest measurement and command that have been received."""
 
     measurement: SensorReading | None = None
     command: np.ndarray | None = None
     command_time: float = -np.inf
 
     def take(self, kind: bytes, values: np.ndarray, time: float) -> None:
-        """File what a datagram brought."""
+        """Store the content of a datagram."""
         if kind == SENSORS:
             self.measurement = SensorReading(values[:12], values[12:24], values[24:27], values[27:30], time)
         elif kind == COMMAND:
             self.command, self.command_time = values, time
 
     def tick(self, controller: OnboardController, now: float) -> DriveTargets:
-        """One tick of the controller with what is there."""
+        """Run one tick of the controller with the newest measurement and command."""
         heard = now - self.command_time <= OPERATOR_SILENCE
         return controller.step(self.measurement, self.command if heard else None, now)
 
 
 def in_steps(folder: Path | str, robot: str, plan: RehearsalPlan) -> tuple[RehearsalWorld, OnboardController]:
-    """The rehearsal without sockets and clocks, as fast as it goes and the same each time."""
+    """Run the rehearsal without sockets and clocks: as fast as possible, with the same result each time."""
     world, controller, inbox = RehearsalWorld(folder, robot, plan), OnboardController(folder), Inbox()
     for k in range(world.milliseconds):
         now = k * DT
@@ -68,7 +68,7 @@ def in_steps(folder: Path | str, robot: str, plan: RehearsalPlan) -> tuple[Rehea
 
 
 def in_real_time(folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None) -> dict[str, Any]:
-    """The rehearsal over UDP, by the wall clock; what came of it.
+    """Run the rehearsal over UDP in real time, and return its outcome.
 
     Args:
         folder: the bundle.
@@ -129,7 +129,7 @@ def _file(inbox: Inbox, packets: Sequence[Packet]) -> None:
 
 
 def _live(folder: Path, robot: str, plan: RehearsalPlan, core: int | None, port: int, computer: Connection) -> None:
-    """The robot's process."""
+    """Run the simulated robot in a process of its own."""
     _pin(core)
     radio, world = Radio(), RehearsalWorld(folder, robot, plan)
     radio.connect(port)
@@ -159,7 +159,7 @@ def _pin(core: int | None) -> None:
 
 
 def show(result: dict[str, Any], plan: RehearsalPlan) -> str:
-    """The outcome in lines."""
+    """Describe the outcome, one line for each subject."""
 
     def row(times: Sequence[float]) -> str:
         return " / ".join(f"{ms:.3f}" for ms in times)
@@ -195,7 +195,7 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; 1 where the robot fell or the watchdog took over unasked, 2 where the input is wrong."""
+    """Run the command; return 1 if the robot fell or the watchdog stopped it unexpectedly, 2 if the input is wrong."""
     args = parse(argv)
     plan = RehearsalPlan(**{field.name: getattr(args, field.name) for field in dataclasses.fields(RehearsalPlan)})
     core = args.core

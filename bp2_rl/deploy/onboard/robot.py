@@ -48,27 +48,27 @@ class SimulatedRobot:
 
     @property
     def fallen(self) -> bool:
-        """Whether it is down."""
+        """Whether the robot has fallen."""
         height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
         return not (height >= FALLEN_HEIGHT and up >= FALLEN_UP)
 
     @property
     def place(self) -> tuple[float, float, float, float]:
-        """What an operator sees: x and y (m), yaw (rad), forward speed (m/s)."""
+        """The pose and speed that an operator sees: x and y (m), yaw (rad), forward speed (m/s)."""
         to_world = self.data.xmat[1].reshape(3, 3)
         yaw = float(np.arctan2(to_world[1, 0], to_world[0, 0]))
         vx, vy = self.data.qvel[:2]
         return *self.data.qpos[:2], yaw, float(np.cos(yaw) * vx + np.sin(yaw) * vy)
 
     def sensors(self) -> np.ndarray:
-        """What encoders and IMU report (30): joint positions and velocities, up, angular velocity."""
+        """Return the 30 numbers of encoders and IMU: joint positions and velocities, up, angular velocity."""
         qpos, qvel = self.data.qpos, self.data.qvel
         w, x, y, z = qpos[3:7]
         up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
     def millisecond(self, targets: DriveTargets) -> None:
-        """Motors and physics under these targets."""
+        """Advance motors and physics by a millisecond under these joint targets."""
         data = self.data
         data.ctrl[:] = self.motors.torque(data.ctrl.copy(), data.qpos[self._q], data.qvel[self._qd], targets)
         self.resist()
@@ -88,7 +88,7 @@ class SimulatedRobot:
         force[self._sd] = -slide - r["rebound_damping"] * np.where(data.qpos[self._s] < 0.0, rate, 0.0)
 
     def _stand(self) -> None:
-        """Stand at the keyframe until still."""
+        """Let the robot stand at the keyframe `stand` until it is still."""
         data = self.data
         mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("stand").id)
         stand = DriveTargets(data.qpos[self._q].copy(), np.zeros(12))
@@ -117,7 +117,7 @@ class Motors:
         self._resistance = self._no_load / self._stall  # W/Nm2, copper loss
 
     def torque(self, before: np.ndarray, q: np.ndarray, qd: np.ndarray, targets: DriveTargets) -> np.ndarray:
-        """Nm, for the next millisecond."""
+        """Return the motors' torques for the next millisecond, Nm."""
         wanted = self._stiffness * (targets.position - q) + self._damping * (targets.velocity - qd)
         torque = before + np.clip(self._follow * (wanted - before), -self._rate, self._rate)
         voltage = 1.0
@@ -140,7 +140,7 @@ class Motors:
         return float(torque @ qd + self._resistance * (torque @ torque))
 
     def _shared(self, torque: np.ndarray, lower: np.ndarray, upper: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """The same share of all torques, so that the bus can feed them."""
+        """Scale all torques by one factor, so that the bus can supply their power."""
         if self._bus is None:
             return torque
         power, out, into = self._power(torque, qd), self._bus["power_out"], -self._bus["power_in"]

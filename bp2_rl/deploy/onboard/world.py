@@ -15,7 +15,7 @@ FAULTS = ("", "nan", "silence", "operator")
 
 @dataclasses.dataclass(frozen=True)
 class RehearsalPlan:
-    """What is rehearsed: from a stand to a speed, which is held; and what goes wrong on the way."""
+    """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault may occur on the way."""
 
     speed: float = 10.74  # m/s
     acceleration: float = 2.4  # m/s2
@@ -29,12 +29,12 @@ class RehearsalPlan:
 
     @property
     def ramp(self) -> float:
-        """When the speed is commanded first, s."""
+        """Time at which the full speed is commanded first, s."""
         return self.speed / self.acceleration
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the rehearsal, s."""
         return self.fault_at + self.after if self.fault else self.ramp + self.hold
 
     def forward(self, time: float) -> float:
@@ -43,7 +43,7 @@ class RehearsalPlan:
 
 
 class RehearsalWorld:
-    """One rehearsal, millisecond by millisecond, by whatever clock.
+    """The simulated surroundings of a controller in one rehearsal, advanced millisecond by millisecond.
 
     Args:
         folder: the bundle.
@@ -69,7 +69,7 @@ class RehearsalWorld:
 
     @property
     def lost(self) -> tuple[int, int]:
-        """Datagrams lost, of how many."""
+        """Number of datagrams lost, and number of datagrams sent."""
         return self._out.lost + self._in.lost, self._out.put_in + self._in.put_in
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
@@ -128,7 +128,7 @@ class RehearsalWorld:
 
 
 def _least_mean(values: np.ndarray, window: int) -> float | None:
-    """The least mean over so many successive values."""
+    """Return the least mean over `window` successive values; None if there are fewer values."""
     if len(values) < window:
         return None
     sums = np.concatenate([[0.0], np.cumsum(values)])
