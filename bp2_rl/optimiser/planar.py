@@ -139,7 +139,7 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
     armature = 0.0 if rotor_coupling else hardware.reflected_inertia
     quarters = len(legs)
     mass, inertia = quarters * hardware.trunk_quarter_mass, quarters * hardware.trunk_pitch_inertia / len(specs.LEGS)
-    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, mass, inertia, 0.0)
+    trunk = _add_body(spec.worldbody, "trunk", (0.0, 0.0), mass, inertia, 0.0)
     thigh_mass, toe_mass = hardware.thigh_mass, hardware.toe_mass
     thigh_inertia, toe_inertia = (
         thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
@@ -150,14 +150,14 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
     _add_hinge(trunk, "pitch", 0.0)
     for leg in legs:
         fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
-        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, thigh_mass, thigh_inertia, -specs.THIGH_COM)
+        thigh = _add_body(trunk, f"{leg}_thigh", (fore_aft, 0.0), thigh_mass, thigh_inertia, -specs.THIGH_COM)
         shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
         shank = _add_body(
-            thigh, f"{leg}_shank", 0.0, -hardware.leg_length, specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
+            thigh, f"{leg}_shank", (0.0, -hardware.leg_length), specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
         )
         spring_end = specs.TOE_LENGTH - hardware.leg_length
         toe_com = -specs.TOE_LENGTH - specs.TOE_COM
-        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, toe_mass, toe_inertia, toe_com)
+        toe = _add_body(shank, f"{leg}_toe", (0.0, spring_end), toe_mass, toe_inertia, toe_com)
         _add_hinge(thigh, f"{leg}_hip", armature)
         _add_hinge(shank, f"{leg}_knee", armature)
         _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
@@ -175,11 +175,19 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
 
 
 def _add_body(
-    parent: mujoco.MjsBody, name: str, x: float, z: float, mass: float, inertia: float, com: float
+    parent: mujoco.MjsBody, name: str, place: tuple[float, float], mass: float, inertia: float, com: float
 ) -> mujoco.MjsBody:
-    """A body at (x, z) of its parent, its centre of mass at (0, `com`) of itself; inertia about y, others idle."""
+    """Add a body at `place`, (x, z) in its parent's frame, m, with its centre of mass at (0, `com`) in its own frame.
+
+    `inertia` is that about y, kg m2; the inertias about the other axes have no effect.
+    """
     return parent.add_body(
-        name=name, pos=(x, 0.0, z), mass=mass, inertia=(inertia,) * 3, ipos=(0.0, 0.0, com), explicitinertial=True
+        name=name,
+        pos=(place[0], 0.0, place[1]),
+        mass=mass,
+        inertia=(inertia,) * 3,
+        ipos=(0.0, 0.0, com),
+        explicitinertial=True,
     )
 
 

@@ -107,9 +107,9 @@ def verify(solution: Solution) -> dict[str, float]:
 
 
 def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
-    """A line for each figure that is beyond its limit; none if the solution is sound.
+    """Return a line for each figure that is beyond its limit; no lines if the solution is sound.
 
-    NaN is beyond, and so is a figure that is not there, unless it came `LATER`.
+    A figure that is NaN or missing counts as beyond its limit, except a missing figure in `LATER`.
     """
     lines = []
     speed = figures.get("speed", math.nan)
@@ -144,7 +144,7 @@ def resimulate(
 
 
 def summarise(solution: Solution) -> dict[str, float]:
-    """What a stride amounts to: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
+    """Summarise a stride: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
     moments = [moment for _, moment in _fine(solution.problem, solution.motion)]
     return {
         "period": solution.period,
@@ -295,7 +295,7 @@ def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float
 
 
 def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
-    """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
+    """Yield q and v just before each segment begins: the end of the segment, or of the stride, before it."""
     problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
     q[0] -= problem.speed * np.sum(motion.durations)
@@ -304,7 +304,7 @@ def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Flo
 
 
 def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
-    """Each segment on a grid `FINER` times as fine as the mesh."""
+    """Yield each segment on a grid `FINER` times as fine as the mesh."""
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):
         yield segment, sample(problem, motion, segment, shares)
