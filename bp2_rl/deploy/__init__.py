@@ -1,1 +1,1 @@
-"""From a policy to a folder that runs on a robot: `bundle` writes it, `onboard` is copied into it."""
+"""Deployment: `bundle` writes a policy as a folder that runs on a robot, and copies `onboard` into the folder."""

@@ -23,7 +23,15 @@ from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import to_onnx
-from bp2_rl.deploy.onboard.controller import FORMAT, NETWORK, OBSERVATION, REFERENCE, SETTINGS, Watch, split_name
+from bp2_rl.deploy.onboard.controller import (
+    FORMAT,
+    NETWORK,
+    OBSERVATION,
+    REFERENCE,
+    SETTINGS,
+    WatchdogLimits,
+    split_name,
+)
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
@@ -38,7 +46,7 @@ from bp2_rl.simulation.operator import HEADING_HOLD
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
-WATCH = Watch(
+WATCH = WatchdogLimits(
     silence=0.05,
     stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
     braking=1.0,  # what policies brake at on bad ground
@@ -78,10 +86,10 @@ def write_bundle(directory: Path, policy: Policy) -> None:
 
 
 def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """(What deploy.json says, the arrays of reference.npz) of a policy.
+    """Return the content of deploy.json and the arrays of reference.npz for a policy.
 
     Raises:
-        UserError: the controller of a bundle cannot run it.
+        UserError: the controller of a bundle cannot run this policy.
     """
     card, env = policy.card, policy.card.env
     unknown = [name for name, _ in card.observation_layout if split_name(name)[0] not in OBSERVATION]
@@ -131,13 +139,13 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
-    """Robots to rehearse on: those that have names, and the policy's own where it has none."""
+    """Return the robots to rehearse on: `built`, `ideal`, and the policy's own robot as `own` if it has no name."""
     own = {"own": env.hardware} if name_of(env.hardware) == OWN else {}
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 
 def _machine(env: EnvConfig, hardware: HardwareSpec) -> dict[str, Any]:
-    """Motors, bus and losses of a robot, as `onboard.robot` wants them; null: no limit."""
+    """Return motors, bus and losses of a robot for `onboard.robot`; None means that there is no limit."""
     motors = motors_of(dataclasses.replace(env, hardware=hardware))
     drive = {
         name: getattr(motors, name)
@@ -152,7 +160,7 @@ def _machine(env: EnvConfig, hardware: HardwareSpec) -> dict[str, Any]:
 
 
 def _limits(values: Mapping[str, float]) -> dict[str, float | None]:
-    """The same in JSON, which has no infinity: where there is no limit, None."""
+    """Return the limits by name with None for an infinite one, because JSON has no infinity."""
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""A policy's network as ONNX: standardisation, layers, activations; and that onnxruntime computes the same."""
+"""Convert a policy's network to ONNX, and check that onnxruntime computes the policy's actions."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,9 +10,9 @@ from bp2_rl.learning.policy import Policy
 
 INPUT, OUTPUT = "observation", "action"
 OPSET, IR_VERSION = 17, 8
-"""What every onnxruntime from 1.12 on reads."""
+"""Every onnxruntime from 1.12 on reads these versions."""
 SAMPLES, CLOSE = 256, 1e-5
-"""On so many random observations onnxruntime's action must be the policy's but for float32's rounding."""
+"""Number of random observations to compare on, and the largest relative error that float32 rounding may cause."""
 
 
 def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
@@ -62,7 +62,7 @@ def _activation(helper: Any, name: str, before: str, after: str) -> list[Any]:
 
 
 def _compare(policy: Policy, content: bytes) -> None:
-    """Raise unless onnxruntime finds what the policy says, for observations as far out as sensors are."""
+    """Raise unless onnxruntime and the policy give the same actions for random observations in the sensors' range."""
     import onnxruntime
 
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])

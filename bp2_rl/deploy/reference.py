@@ -1,4 +1,4 @@
-"""A reference motion as plain numbers: what `onboard.motion` needs to play it."""
+"""Write a reference motion as plain numbers, from which `onboard.motion` plays the motion."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 def playback(config: EnvConfig) -> Playback:
-    """The numbers of the motion that the config names, on its robot.
+    """Return the numbers of the reference motion that `config` names, for the robot of `config`.
 
     Raises:
-        UserError: the controller of a bundle cannot play it.
+        UserError: the controller of a bundle cannot play this motion.
     """
     motion = motion_of(config)
     if isinstance(motion, CollocationGait):

@@ -7,7 +7,7 @@ inverse dynamics, and the scheme ties the points of an interval together:
 
     hermite-simpson   points at both ends and in the middle; q and v are cubic, each by its own derivative
     trapezoid         points at the ends; q and v by the trapezoidal rule
-    paper             likewise, v by the explicit Euler rule, q by the trapezoidal rule
+    paper             points at the ends; v by the explicit Euler rule, q by the trapezoidal rule
 
 A standing foot lands at height zero and with velocity zero, and its acceleration is zero at every point. Beyond the
 paper's constraints, forces vanish at lift-off, torques do not jump between segments, and a swinging foot clears a
@@ -90,7 +90,7 @@ def optimise(
     haste: float = 0.0,
     time_limit: float = 300.0,
 ) -> Optimised:
-    """As `solve`, with the program and its multipliers."""
+    """Solve a problem as `solve` does, and return the program and its multipliers as well."""
     if not ca.has_nlpsol("ipopt"):
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
@@ -148,10 +148,10 @@ def fastest(start: Solution) -> Solution:
 
 
 def refine(solution: Solution, intervals: int) -> Solution:
-    """The same problem on another mesh, started from a solution.
+    """Solve the problem of `solution` on another mesh, starting from `solution`.
 
     Raises:
-        NotSolved: IPOPT lost it.
+        NotSolved: IPOPT found no trajectory on the new mesh.
     """
     problem = solution.problem.on_mesh(intervals)
     return solve(problem, resample(solution.problem, solution.motion, problem))

@@ -10,8 +10,8 @@ the slow end is asked for the form of a slow trot as well, by limits that grow t
 
 The motions leave feedback something to work with: a tenth of the motors' torque and speed, and some friction.
 
-How a library is written is the gait's business, `gait.collocation.file`; here a family becomes its arrays and
-provenance, and these a family again.
+`reference.library.file` writes and reads library files; this module converts a family to arrays and provenance, and
+back.
 """
 
 import concurrent.futures
@@ -230,7 +230,7 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
 
 
 def _keep(folder: Path, solution: Solution) -> None:
-    from bp2_rl.optimiser.verify import verify  # MuJoCo, likewise
+    from bp2_rl.optimiser.verify import verify  # MuJoCo only where something is verified
 
     save_solution(_path(folder, solution.problem.speed), dataclasses.replace(solution, checks=verify(solution)))
 

@@ -1,4 +1,4 @@
-"""Where a solve begins that has nothing to begin with. No CasADi in here."""
+"""The first guess of a solve that starts from no other solution. This module does not import CasADi."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from bp2_rl.robot.kinematics import planar_joint_angles
 
 
 def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
-    """A trunk at constant speed, feet on arcs, forces like half a sine; with a seed, all of that varied."""
+    """Return a guess with constant trunk speed, feet on arcs and half-sine forces; a seed varies all of these."""
     vary = (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
     stride, speed, L = problem.stride, problem.speed, problem.hardware.leg_length
     stance = vary(0.8, 1.25) * min(0.6 / speed, 0.25)

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.optimiser import machine
+from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
@@ -53,11 +53,11 @@ class PlanarModel:
 
     @classmethod
     def of(cls, problem: Problem) -> "PlanarModel":
-        """The model that a problem is about."""
+        """Build the model of a problem's robot."""
         return cls(problem.stride.legs, problem.hardware, problem.foot_radius, problem.rotor_coupling)
 
     def terms(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Terms:
-        """The terms at coordinates `q` and velocities `v`."""
+        """Compute the terms at coordinates `q` and velocities `v`."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(model, data)
@@ -71,18 +71,18 @@ class PlanarModel:
         """tau_p: linear springs and dampers, slides, one-sided rounded stops at both ends of travel, and drag."""
         hardware, s, rate = self.hardware, q[self.springs], v[self.springs]
         force = np.zeros_like(q)
-        force[:1] = machine.drag(hardware, self.share, v[:1])
+        force[:1] = verifier_laws.drag(hardware, self.share, v[:1])
         force[self.springs] = (
             hardware.rebound_stiffness * _hinge(-s)
             - hardware.spring_stop_stiffness * _hinge(s - hardware.spring_travel)
             - hardware.spring_stiffness * s
             - self.damping(s) * rate
-            + machine.slide_friction(hardware, rate)
+            + verifier_laws.slide_friction(hardware, rate)
         )
         return force
 
     def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
-        """Of springs at compressions s, N s/m: their own, and at no compression the rebound stop's."""
+        """Return the damping of springs at compressions s, N s/m: the spring's, plus the rebound stop's near s = 0."""
         return self.hardware.spring_damping + self.hardware.rebound_damping * _hinge(-s) / np.hypot(s, STOP_ROUNDING)
 
     def dissipation(
@@ -90,9 +90,9 @@ class PlanarModel:
     ) -> Float[np.ndarray, " k"]:
         """Power that springs, slides, gears, joints and the air take, W, in k states; headwind may give some."""
         rate, qd = v[:, self.springs], v[:, self.motors]
-        springs = self.damping(q[:, self.springs]) * rate**2 - machine.slide_friction(self.hardware, rate) * rate
-        joints = (tau - machine.joint_torque(self.hardware, qd, tau)) * qd
-        air = -machine.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
+        springs = self.damping(q[:, self.springs]) * rate**2 - verifier_laws.slide_friction(self.hardware, rate) * rate
+        joints = (tau - verifier_laws.joint_torque(self.hardware, qd, tau)) * qd
+        air = -verifier_laws.drag(self.hardware, self.share, v[:, 0]) * v[:, 0]
         return np.sum(springs, axis=1) + np.sum(joints, axis=1) + air
 
     def accelerate(
@@ -105,7 +105,7 @@ class PlanarModel:
         """
         terms = self.terms(q, v)
         push = terms.passive - terms.bias
-        push[self.motors] += machine.joint_torque(self.hardware, v[self.motors], tau)
+        push[self.motors] += verifier_laws.joint_torque(self.hardware, v[self.motors], tau)
         return _solve_with_contact(terms.mass, terms.jacobian[rows], push, -terms.convective[rows])
 
     def land(
@@ -139,7 +139,7 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
     armature = 0.0 if rotor_coupling else hardware.reflected_inertia
     quarters = len(legs)
     mass, inertia = quarters * hardware.trunk_quarter_mass, quarters * hardware.trunk_pitch_inertia / len(specs.LEGS)
-    trunk = _add_body(spec.worldbody, "trunk", 0.0, 0.0, mass, inertia, 0.0)
+    trunk = _add_body(spec.worldbody, "trunk", (0.0, 0.0), mass, inertia, 0.0)
     thigh_mass, toe_mass = hardware.thigh_mass, hardware.toe_mass
     thigh_inertia, toe_inertia = (
         thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
@@ -150,14 +150,14 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
     _add_hinge(trunk, "pitch", 0.0)
     for leg in legs:
         fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
-        thigh = _add_body(trunk, f"{leg}_thigh", fore_aft, 0.0, thigh_mass, thigh_inertia, -specs.THIGH_COM)
+        thigh = _add_body(trunk, f"{leg}_thigh", (fore_aft, 0.0), thigh_mass, thigh_inertia, -specs.THIGH_COM)
         shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
         shank = _add_body(
-            thigh, f"{leg}_shank", 0.0, -hardware.leg_length, specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
+            thigh, f"{leg}_shank", (0.0, -hardware.leg_length), specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
         )
         spring_end = specs.TOE_LENGTH - hardware.leg_length
         toe_com = -specs.TOE_LENGTH - specs.TOE_COM
-        toe = _add_body(shank, f"{leg}_toe", 0.0, spring_end, toe_mass, toe_inertia, toe_com)
+        toe = _add_body(shank, f"{leg}_toe", (0.0, spring_end), toe_mass, toe_inertia, toe_com)
         _add_hinge(thigh, f"{leg}_hip", armature)
         _add_hinge(shank, f"{leg}_knee", armature)
         _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
@@ -175,11 +175,19 @@ def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: b
 
 
 def _add_body(
-    parent: mujoco.MjsBody, name: str, x: float, z: float, mass: float, inertia: float, com: float
+    parent: mujoco.MjsBody, name: str, place: tuple[float, float], mass: float, inertia: float, com: float
 ) -> mujoco.MjsBody:
-    """A body at (x, z) of its parent, its centre of mass at (0, `com`) of itself; inertia about y, others idle."""
+    """Add a body at `place`, (x, z) in its parent's frame, m, with its centre of mass at (0, `com`) in its own frame.
+
+    `inertia` is that about y, kg m2; the inertias about the other axes have no effect.
+    """
     return parent.add_body(
-        name=name, pos=(x, 0.0, z), mass=mass, inertia=(inertia,) * 3, ipos=(0.0, 0.0, com), explicitinertial=True
+        name=name,
+        pos=(place[0], 0.0, place[1]),
+        mass=mass,
+        inertia=(inertia,) * 3,
+        ipos=(0.0, 0.0, com),
+        explicitinertial=True,
     )
 
 

@@ -1,4 +1,4 @@
-"""What a trajectory is asked for: speed, robot, sequence of contacts, limits, cost and mesh. No CasADi in here."""
+"""A trajectory problem: speed, robot, sequence of contacts, limits, cost and mesh. This module needs no CasADi."""
 
 import dataclasses
 import math
@@ -89,7 +89,7 @@ class Stride:
 
     @property
     def next_motors(self) -> Int[np.ndarray, " motors"]:
-        """Likewise for the motors, and for contact coordinates and forces."""
+        """The stride's final motor or contact values at these indices are the next stride's initial ones."""
         return np.array([2 * self.legs.index(leg) + i for leg in self.then for i in (0, 1)])
 
 
@@ -107,7 +107,7 @@ STRIDES: dict[Gait, Stride] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Weights:
+class CostWeights:
     """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
@@ -123,7 +123,7 @@ class Weights:
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """What a stride has to look like beyond what physics asks of it; by default like nothing in particular."""
+    """Limits on the form of a stride beyond those of physics; the defaults limit nothing."""
 
     least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
     longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle
@@ -158,7 +158,7 @@ class Problem:
     force_rate: Annotated[float, Within(1.0, 1e9)] = 100e3  # N/s, ASSUMED
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 0.3  # rad
     form: Form = Form()
-    weights: Weights = Weights()
+    weights: CostWeights = CostWeights()
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
@@ -202,13 +202,13 @@ class Problem:
         return weights / np.sum(weights)
 
     def at(self, speed: float) -> "Problem":
-        """The same at another speed, m/s."""
+        """Return this problem with another speed, m/s."""
         return dataclasses.replace(self, speed=speed)
 
     def on(self, **hardware: float) -> "Problem":
-        """The same with other hardware parameters."""
+        """Return this problem with other hardware parameters."""
         return dataclasses.replace(self, hardware=dataclasses.replace(self.hardware, **hardware))
 
     def on_mesh(self, intervals: int) -> "Problem":
-        """The same with another number of intervals in each segment."""
+        """Return this problem with another number of intervals in each segment."""
         return dataclasses.replace(self, intervals=intervals)

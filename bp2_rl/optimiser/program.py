@@ -14,7 +14,7 @@ class Optimum(NamedTuple):
 
     point: Float[np.ndarray, " n"]
     on_unknowns: Float[np.ndarray, " n"]  # multipliers of the unknowns' bounds: positive where the upper one holds
-    on_constraints: Float[np.ndarray, " m"]  # likewise of the constraints'
+    on_constraints: Float[np.ndarray, " m"]  # multipliers of the constraints, with the same signs
     statistics: dict[str, Any]
     violation: float  # largest, of any constraint
 
@@ -27,7 +27,7 @@ class Conditions(NamedTuple):
     unknowns: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 
-class Named(NamedTuple):
+class LimitRows(NamedTuple):
     """Constraints or unknowns that one limit holds back."""
 
     limit: str
@@ -45,8 +45,8 @@ class Program:
         self._constraints: list[ca.MX] = []
         self._ranges: list[tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]] = []
         self.cost: ca.MX = ca.MX(0)
-        self.limiting: list[Named] = []  # constraints that are limits
-        self.limited: list[Named] = []  # unknowns whose bounds are
+        self.limiting: list[LimitRows] = []  # constraints that are limits
+        self.limited: list[LimitRows] = []  # unknowns whose bounds are
 
     def unknown(
         self,
@@ -61,7 +61,7 @@ class Program:
         first = sum(len(lower) for lower, _ in self._limits)
         for row, limit in enumerate(limits):
             if limit:
-                self.limited.append(Named(limit, first + row + rows * np.arange(columns), 1.0))
+                self.limited.append(LimitRows(limit, first + row + rows * np.arange(columns), 1.0))
         symbol = ca.MX.sym("x", *guess.shape)
         low, high = (np.broadcast_to(np.asarray(bound, float), guess.shape) / scale for bound in (lower, upper))
         self._unknowns.append(ca.vec(symbol))
@@ -80,12 +80,12 @@ class Program:
     ) -> None:
         """lower <= expression / scale <= upper: an equation where no bounds are given.
 
-        A `limit` has a name; `share` is as in `Named`.
+        A `limit` has a name; `share` is as in `LimitRows`.
         """
         column = ca.vec(expression) / scale
         if limit:
             first = sum(len(lower) for lower, _ in self._ranges)
-            self.limiting.append(Named(limit, first + np.arange(column.shape[0]), share))
+            self.limiting.append(LimitRows(limit, first + np.arange(column.shape[0]), share))
         self._constraints.append(column)
         self._ranges.append((np.full(column.shape[0], lower), np.full(column.shape[0], upper)))
 

@@ -1,4 +1,4 @@
-"""What a solved problem is: a stride on its mesh, how to read it between the mesh's points, and how to keep it."""
+"""The solution of a problem: a stride on its mesh, its values between the mesh's points, and its files."""
 
 import contextlib
 import dataclasses
@@ -42,7 +42,7 @@ class Motion:
 
     @property
     def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:
-        """By name."""
+        """The arrays by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
 
@@ -98,7 +98,7 @@ class Solution:
 
     @property
     def facts(self) -> Facts:
-        """How its solve went."""
+        """How the solve of this solution went."""
         return Facts(self.cost, self.violation, self.iterations, self.seconds, self.checks)
 
 
@@ -157,7 +157,7 @@ def resample(problem: Problem, motion: Motion, onto: Problem) -> Motion:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Card(Facts):
-    """What is beside the arrays."""
+    """The JSON file beside the arrays of a solution."""
 
     format: int
     problem: Problem
@@ -213,7 +213,7 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
 
 
 def is_saved(path: Path) -> bool:
-    """Whether `save_solution` has come to its end there."""
+    """Whether `save_solution` has written `path` completely."""
     return _beside(path, ".json").is_file()
 
 

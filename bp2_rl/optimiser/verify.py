@@ -1,4 +1,4 @@
-"""The judge of a solution: figures that know nothing of how it was found, and the limits they must keep.
+"""The independent verifier of a solution: it measures figures without the solver's code and checks their limits.
 
 The model is `planar`'s, built in MuJoCo, and time runs through the stride between the mesh's points as well:
 
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from bp2_rl.optimiser import machine
+from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, contact_rows
 from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
@@ -81,17 +81,17 @@ def verify(solution: Solution) -> dict[str, float]:
     foot_drift           largest distance of a standing foot, at the points, from where it landed, or from the ground
     impact_residual      largest |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid)
     position_jump        largest step of a coordinate from segment to segment, around the cycle
-    velocity_jump        likewise of a velocity, where no foot lands
+    velocity_jump        largest step of a velocity from segment to segment, where no foot lands
     energy_residual      |W_motor - W_lost - impact losses| / positive motor work, over the stride; W_lost in springs,
                          slides, gears, joints and air
     impulse_residual_x   |impulse of the contact forces and of the air| / (m g T)
     impulse_residual_z   |impulse of the contact forces - m g T| / (m g T)
     stance_force_min     least vertical force of a standing foot, between the points as at them
-    swing_clearance_min  likewise, least height of a swinging foot
-    torque_excess        likewise, largest torque beyond the motors' envelope; 0 within
-    bus_excess           likewise, largest power beyond what the bus gives or takes back; 0 within
-    joint_speed_max      likewise, fastest joint
-    friction_use         likewise, largest |F_x| / (mu F_z), impulses included
+    swing_clearance_min  least height of a swinging foot; this and the next four between the points as well
+    torque_excess        largest torque beyond the motors' envelope; 0 within
+    bus_excess           largest power beyond what the bus gives or takes back; 0 within
+    joint_speed_max      speed of the fastest joint
+    friction_use         largest |F_x| / (mu F_z), impulses included
     position_error       largest |q - q_simulated| at the points
     velocity_error       largest |v - v_simulated| at the points
     """
@@ -107,9 +107,9 @@ def verify(solution: Solution) -> dict[str, float]:
 
 
 def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
-    """A line for each figure that is beyond its limit; none if the solution is sound.
+    """Return a line for each figure that is beyond its limit; no lines if the solution is sound.
 
-    NaN is beyond, and so is a figure that is not there, unless it came `LATER`.
+    A figure that is NaN or missing counts as beyond its limit, except a missing figure in `LATER`.
     """
     lines = []
     speed = figures.get("speed", math.nan)
@@ -144,7 +144,7 @@ def resimulate(
 
 
 def summarise(solution: Solution) -> dict[str, float]:
-    """What a stride amounts to: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
+    """Summarise a stride: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
     moments = [moment for _, moment in _fine(solution.problem, solution.motion)]
     return {
         "period": solution.period,
@@ -162,7 +162,7 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
-            push[model.motors] += machine.joint_torque(model.hardware, v[model.motors], tau)
+            push[model.motors] += verifier_laws.joint_torque(model.hardware, v[model.motors], tau)
             residual = max(residual, np.max(np.abs(terms.mass @ a + terms.bias - push)))
             speed = max(speed, np.max(np.abs((terms.jacobian @ v)[rows]), initial=0.0))
             feet_at.append(terms.contact[rows])
@@ -201,7 +201,7 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
         positive += dt @ np.maximum(power, 0.0).sum(axis=1)
         lost += dt @ model.dissipation(moment.q, moment.v, moment.tau)
         impulse = impulse + dt @ moment.force
-        blown += dt @ machine.drag(problem.hardware, model.share, moment.v[:, 0])
+        blown += dt @ verifier_laws.drag(problem.hardware, model.share, moment.v[:, 0])
         mass = model.terms(motion.q[i, 0], v_before).mass
         lost += _kinetic(mass, v_before) - _kinetic(mass, motion.v[i, 0])
     weight = model.weight * np.sum(motion.durations)
@@ -223,8 +223,9 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
         heights = [model.terms(q, v).contact[swinging[1::2]] for q, v in zip(moment.q, moment.v, strict=True)]
         clearance = min(clearance, np.min(heights, initial=math.inf))
         qd = moment.v[:, model.motors]
-        excess = max(excess, machine.torque_excess(hardware, model.share, qd, moment.tau))
-        overload = max(overload, machine.bus_excess(hardware, model.share, machine.bus_power(hardware, qd, moment.tau)))
+        excess = max(excess, verifier_laws.torque_excess(hardware, model.share, qd, moment.tau))
+        power = verifier_laws.bus_power(hardware, qd, moment.tau)
+        overload = max(overload, verifier_laws.bus_excess(hardware, model.share, power))
         fastest = max(fastest, np.max(np.abs(qd)))
         for along, down, least in (
             (moment.force[:, 0::2], moment.force[:, 1::2], LIGHT * model.weight),
@@ -294,7 +295,7 @@ def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float
 
 
 def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
-    """q and v just before each segment begins: the end of the one before; for the first, of the previous stride."""
+    """Yield q and v just before each segment begins: the end of the segment, or of the stride, before it."""
     problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
     q[0] -= problem.speed * np.sum(motion.durations)
@@ -303,7 +304,7 @@ def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Flo
 
 
 def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
-    """Each segment on a grid `FINER` times as fine as the mesh."""
+    """Yield each segment on a grid `FINER` times as fine as the mesh."""
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):
         yield segment, sample(problem, motion, segment, shares)

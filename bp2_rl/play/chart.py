@@ -43,7 +43,7 @@ class TorqueSpeed:
         return f'{self._head}<g stroke-width="3" stroke-linecap="round" fill="none">{"".join(paths)}</g></svg>'
 
     def _frame(self, no_load: float, peak: float) -> Iterable[str]:
-        """Axes and words."""
+        """Yield the axes and labels as SVG elements."""
         end, foot, style = WIDTH - RIGHT, HEIGHT - BOTTOM, f'stroke="{QUIET}" stroke-width=".6"'
         x, y = self._place(np.array([-no_load, 0.0, no_load]), np.array([-peak, 0.0, peak]))
         yield f'<path d="M{LEFT} {y[1]}H{end}M{x[1]} {TOP}V{foot}" {style}/>'
@@ -60,7 +60,7 @@ class TorqueSpeed:
     def _place(
         self, speed: Float[np.ndarray, "..."], torque: Float[np.ndarray, "..."]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-        """Where they are drawn, px; what is beyond the chart on its edge."""
+        """Return the places of points on the chart, px; a point beyond the chart is drawn on its edge."""
         across = 0.5 + 0.5 * np.clip(speed / self._speed, -1.0, 1.0)
         down = 0.5 - 0.5 * np.clip(torque / self._torque, -1.0, 1.0)
         x, y = LEFT + (WIDTH - LEFT - RIGHT) * across, TOP + (HEIGHT - TOP - BOTTOM) * down

@@ -16,7 +16,7 @@ GEOM = mujoco.mjtGeom
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class VisiblePart:
     """The geoms of one colour of one body."""
 
     body: int
@@ -32,14 +32,14 @@ class Looks:
         self.model = load_model(hardware)
         self.data = mujoco.MjData(self.model)
         self.bodies = [self._path(i) for i in range(1, self.model.nbody)]
-        """Of each but the world, its name after those of the bodies that it hangs on: trunk/FR_abad."""
+        """Path of each body but the world: the names from the trunk down to the body, such as trunk/FR_abad."""
 
     def _path(self, body: int) -> str:
         name, parent = self.model.body(body).name, int(self.model.body_parentid[body])
         return name if parent == 0 else f"{self._path(parent)}/{name}"
 
-    def parts(self) -> list[Part]:
-        """What the robot is made of."""
+    def parts(self) -> list[VisiblePart]:
+        """Return the visible parts of the robot."""
         model, found = self.model, {}
         for geom in range(model.ngeom):
             body = int(model.geom_bodyid[geom])
@@ -51,7 +51,7 @@ class Looks:
             first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
             vertices = np.concatenate([mesh.vertices for mesh in meshes])
             faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=True)])
-            parts.append(Part(body, vertices, faces, color))
+            parts.append(VisiblePart(body, vertices, faces, color))
         return parts
 
     def place(self, qpos: Float[np.ndarray, "23"]) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
@@ -71,7 +71,7 @@ class Looks:
 
 
 def _product(a: Float[np.ndarray, "B 4"], b: Float[np.ndarray, "B 4"]) -> Float[np.ndarray, "B 4"]:
-    """Of w-x-y-z quaternions, with w at least 0."""
+    """Return the products of w-x-y-z quaternions, each with the sign that makes w at least 0."""
     w, v, x, u = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
     whole = np.concatenate((w * x - np.sum(v * u, axis=1, keepdims=True), w * u + x * v + np.cross(v, u)), axis=1)
     return np.where(whole[:, :1] < 0.0, -whole, whole)

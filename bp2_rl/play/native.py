@@ -44,7 +44,7 @@ class Window:
             options.flags[mujoco.mjtVisFlag.mjVIS_PERTFORCE] = True
 
     def close(self) -> None:
-        """Shut it."""
+        """Close the window."""
         self._viewer.close()
 
     def show(self, session: Session, pace: Pace) -> bool:
@@ -70,7 +70,7 @@ class Window:
         return True
 
     def _draw_ghost(self, qpos: np.ndarray) -> None:
-        """The reference motion, where the robot is."""
+        """Draw the reference motion at the robot's place."""
         if (scene := self._viewer.user_scn) is None:  # it has just been shut
             return
         self._ghost.qpos[:] = qpos
@@ -83,7 +83,7 @@ class Window:
 
 
 def press(session: Session, key: int) -> None:
-    """What a key of GLFW's does."""
+    """Carry out what the GLFW key `key` stands for."""
     wish, limits = session.wish, session.config.commands
     changes: dict[int, Callable[[], None]] = {
         glfw.KEY_ENTER: lambda: session.push(0.0, SHOVE),

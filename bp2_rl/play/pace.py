@@ -45,7 +45,7 @@ class Pace:
 
     @property
     def elapsed(self) -> float:
-        """s of the wall's, since the beginning."""
+        """Wall-clock time since the beginning, s."""
         return self._clock() - self._began
 
     @property
@@ -59,7 +59,7 @@ class Pace:
         return (self._work() - self._worked_before) / max(self._shown, 1e-9)
 
     def __str__(self) -> str:
-        """In words."""
+        """Return real-time factor and processor load in words."""
         return f"real-time factor {self.factor:.2f}, {self.load:.2f} cores busy"
 
 

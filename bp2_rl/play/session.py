@@ -34,7 +34,7 @@ Friction = Annotated[float, Within(0.05, 2.0)]
 
 @dataclasses.dataclass(frozen=True)
 class Wish:
-    """What somebody wants of the robot; it is led there at the rates that policies can follow."""
+    """The speed and turn that a person asks for; the command approaches them at rates that policies can follow."""
 
     speed: float = 0.0  # m/s, forward
     turn: float = 0.0  # rad/s, to the left
@@ -97,7 +97,7 @@ class Session:
 
     @property
     def friction(self) -> float:
-        """Of the feet on the ground."""
+        """Friction coefficient of the feet on the ground."""
         return float(self.machine.model.geom_friction[self._feet[0], 0])
 
     @friction.setter

@@ -39,7 +39,7 @@ class Page:
     Args:
         session: to be shown.
         host: the address to listen at.
-        port: likewise; the next free one where another program has it.
+        port: the port to listen at; the next free one if another program uses it.
 
     Raises:
         UserError: there is no such place to listen at.

@@ -1,4 +1,4 @@
-"""What a reference motion is: a function from (command, phase) to what the whole body should be doing."""
+"""The interface of a reference motion: a function from command and phase to the motion of the whole body."""
 
 from typing import Protocol, runtime_checkable
 

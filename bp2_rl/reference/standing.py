@@ -1,4 +1,4 @@
-"""No gait at all: standing still whatever is commanded, for learning without a reference."""
+"""A reference motion that stands still under every command, for learning without a gait."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ class Standing:
         return jnp.full(command.shape[:-1], CYCLES_PER_SECOND)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
-        """1 whatever is commanded: a policy that is to find steps of its own may see the clock."""
+        """Return 1 for every command, so that a policy that is to find steps of its own sees the clock."""
         return jnp.ones(command.shape[:-1])
 
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:

@@ -1,4 +1,4 @@
-"""What all trots share: which legs go together, where feet are set, and how the ground moves under the robot."""
+"""Properties that all trots share: the pairs of legs, the feet's places, and the ground's motion under the robot."""
 
 import jax.numpy as jnp
 import numpy as np

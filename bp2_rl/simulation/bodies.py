@@ -50,14 +50,14 @@ class Bodies:
 
     @classmethod
     def of(cls, machines: Sequence[Machine], numerics: Sequence[Numerics] = ()) -> "Bodies":
-        """Those of machines, as judged unless said otherwise."""
+        """Make `Bodies` of machines; without `numerics` they are computed with the verifier's settings."""
         hows = numerics or [JUDGE] * len(machines)
         motors = [laws.row_of(one.motors, one.resistance, how.period) for one, how in zip(machines, hows, strict=True)]
         models, data = [one.model for one in machines], [one.data for one in machines]
         return cls(models, data, motors, throughout=[one.throughout for one in machines], numerics=hows)
 
     def look(self, robot: int) -> None:
-        """See a state that somebody has changed."""
+        """Read the state of a robot again after it was changed from outside."""
         self.qpos[robot], self.qvel[robot] = self._outputs[robot]
 
     def renew(self, robot: int, motors: laws.Row) -> None:

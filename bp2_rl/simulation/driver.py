@@ -67,7 +67,7 @@ class Driver:
 
         Args:
             qpos: as the robot and its operator know it.
-            qvel: likewise.
+            qvel: the velocities that belong to `qpos`.
             scheduled: the command at the end of the control step, before the operator steers.
         """
         self.command = self._next_command

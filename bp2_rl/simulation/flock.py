@@ -36,8 +36,8 @@ STAND = np.array(specs.STAND_JOINTS)
 
 
 @dataclasses.dataclass(frozen=True)
-class Moment:
-    """All that what comes next depends on, of N robots, between two control steps."""
+class FlockState:
+    """Complete state of N robots between two control steps: a run can be continued from it."""
 
     qpos: Float[np.ndarray, "N 23"]
     qvel: Float[np.ndarray, "N 22"]
@@ -55,18 +55,18 @@ class Moment:
         """Number of robots."""
         return len(self.qpos)
 
-    def of(self, robots: Any) -> "Moment":
+    def of(self, robots: Any) -> "FlockState":
         """These robots alone, or over again, by any index of NumPy's."""
-        return Moment(**{name: np.array(value[robots]) for name, value in vars(self).items()})
+        return FlockState(**{name: np.array(value[robots]) for name, value in vars(self).items()})
 
-    def replace(self, **changes: Any) -> "Moment":
-        """The same with other fields."""
+    def replace(self, **changes: Any) -> "FlockState":
+        """Return this state with some fields replaced."""
         return dataclasses.replace(self, **changes)
 
 
-def together(*moments: Moment) -> Moment:
+def together(*moments: FlockState) -> FlockState:
     """All robots of several flocks as one."""
-    return Moment(**{name: np.concatenate([vars(moment)[name] for moment in moments]) for name in vars(moments[0])})
+    return FlockState(**{name: np.concatenate([vars(moment)[name] for moment in moments]) for name in vars(moments[0])})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,18 +136,18 @@ class Flock:
 
     @property
     def memory(self) -> int:
-        """Of how many control steps the targets are remembered: those still on their way to the joints."""
+        """Number of control steps whose targets are still on their way to the joints."""
         return max(self._behind)
 
-    def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> Moment:
-        """At rest, settled, about to be told this."""
+    def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> FlockState:
+        """Return the state of settled robots at rest whose next command is `command`."""
         data = standing_start(self.config).data
         depth = self.memory
 
         def each(values: Any) -> np.ndarray:
             return np.repeat(np.asarray(values, np.float64)[None], robots, axis=0)
 
-        return Moment(
+        return FlockState(
             qpos=each(data.qpos),
             qvel=each(data.qvel),
             torque=each(data.ctrl),
@@ -163,14 +163,14 @@ class Flock:
 
     def run(
         self,
-        moment: Moment,
+        moment: FlockState,
         commands: Float[np.ndarray, "K N 3"],
         *,
         seed: int = 0,
         noisy: Float[np.ndarray, " N"] | None = None,
         record: bool = False,
-        until: Callable[[int, Moment], None] | None = None,
-    ) -> tuple[Moment, Bool[np.ndarray, " N"], Recorded | None]:
+        until: Callable[[int, FlockState], None] | None = None,
+    ) -> tuple[FlockState, Bool[np.ndarray, " N"], Recorded | None]:
         """Go on from a moment for K control steps; (the moment then, who fell, what they did on the way).
 
         Robots that fell stay as they are. `commands` are those scheduled at the ends of the control steps; `noisy` is
@@ -236,13 +236,13 @@ class Flock:
 
     def _moment(
         self, body: Bodies, state: ControllerState, command: np.ndarray, position: list, velocity: list
-    ) -> Moment:
+    ) -> FlockState:
         count = len(body.data)
 
         def history(issued: list[np.ndarray]) -> np.ndarray:
             return np.stack(issued, axis=1) if issued else np.zeros((count, 0, specs.NUM_MOTORS))
 
-        return Moment(
+        return FlockState(
             qpos=body.qpos.copy(),
             qvel=body.qvel.copy(),
             torque=body.torque.copy(),

@@ -43,7 +43,7 @@ def row_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> R
 
 
 def ask(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
-    """What is asked for: the motors' torque (12) and the losses' forces (22).
+    """Return the motors' torques (12, Nm) and the losses' generalised forces (22).
 
     Args:
         rows: each robot's.
@@ -53,7 +53,7 @@ def ask(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[n
 
 
 def correct(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
-    """What to try next, likewise, and how far the torque was outside the envelope at the step's end (1).
+    """Return the torques (12) and forces (22) to try next, and the largest torque beyond the envelope at the end (1).
 
     Args:
         rows: each robot's.

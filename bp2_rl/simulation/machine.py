@@ -29,7 +29,7 @@ class Numerics:
     steps: int = 1  # physics steps
     motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
     iterations: int = 100  # of the constraint solver, at most
-    line_search_iterations: int = 50  # likewise, in each of them
+    line_search_iterations: int = 50  # of the line search in each iteration, at most
     tolerance: float = 1e-10  # scaled residual at which the solver is done
 
     @property
@@ -154,7 +154,7 @@ _UNIT[_EACH, MOTOR_QVEL] = 1.0
 
 
 def steepness(motors: Actuator) -> Any:
-    """Of the envelope's falling line, Nm s/rad."""
+    """Return the slope of the envelope's falling line, Nm s/rad."""
     return stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
 
 

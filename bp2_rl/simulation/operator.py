@@ -1,4 +1,4 @@
-"""The operator's stick: a policy sees neither where it is nor where north is, so someone must steer."""
+"""The operator, who steers the robot along its line, because a policy knows neither its place nor its heading."""
 
 import dataclasses
 from typing import Annotated
@@ -18,7 +18,7 @@ class HeadingHold:
     heading_gain: Annotated[float, Within(-1000.0, 1000.0)] = 4.0
     """yaw rate that a radian of wrong heading is answered with, 1/s"""
     lane_gain: Annotated[float, Within(-1000.0, 1000.0)] = 0.4
-    """likewise a metre beside the line, 1/(m s); heading_gain^2 / (4 v) is critical damping at a speed v"""
+    """yaw rate for each metre beside the line, 1/(m s); heading_gain^2 / (4 v) is critical damping at a speed v"""
     limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
     """largest yaw rate commanded, rad/s; 0: nobody steers"""
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.learning.policy import Policy
-from bp2_rl.simulation.team import Try, rollout_team
+from bp2_rl.simulation.team import RunRequest, rollout_team
 from bp2_rl.simulation.trajectory import Trajectory
 
 Task = TypeVar("Task")
-One = TypeVar("One", bound=Try)
+One = TypeVar("One", bound=RunRequest)
 Result = TypeVar("Result")
 
 _kept: list[concurrent.futures.ProcessPoolExecutor] = []
@@ -52,7 +52,7 @@ def run_team(measure: Callable[[One, Trajectory], Result], policy: Policy, tries
     return _share_out(functools.partial(_measure_all, measure), policy, tries, dealt(tries, processors()))
 
 
-def dealt(tries: Sequence[Try], workers: int) -> list[list[int]]:
+def dealt(tries: Sequence[RunRequest], workers: int) -> list[list[int]]:
     """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
 
     The longest first, as those side by side last as long as the longest of them.
@@ -66,7 +66,7 @@ def dealt(tries: Sequence[Try], workers: int) -> list[list[int]]:
     return [sorted(share, key=lambda i: -tries[i].schedule.duration) for share in shares if share]
 
 
-def _work(one: Try) -> float:
+def _work(one: RunRequest) -> float:
     """Torques of a few robots take as long as four of their physics steps."""
     return one.schedule.duration * (one.numerics.steps + 4 * one.numerics.updates)
 

@@ -102,7 +102,9 @@ def rollout_mjx(
     finish: float = math.inf,
     hardware: HardwareSpec | None = None,
 ) -> Trajectory:
-    """The same run in MJX on JAX's default device, with the solver settings and the float32 of training.
+    """Run one robot as `rollout_mujoco` does, but in MJX with the solver settings and the float32 of training.
+
+    It runs on JAX's default device.
 
     Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
     """
@@ -214,7 +216,7 @@ class Recording:
         return cls(*(np.zeros((*steps, *size)) for size in sizes))
 
     def of(self, robot: int) -> "Recording":
-        """That of one robot of several."""
+        """Return the recording of one robot of several."""
         return Recording(*(array[robot] for array in vars(self).values()))
 
     def trajectory(

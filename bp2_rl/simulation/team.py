@@ -48,8 +48,8 @@ NOBODY = HeadingHold(limit=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Try:
-    """What a robot is to do, and what it is; the arguments of `rollout_mujoco`."""
+class RunRequest:
+    """One run to simulate: the robot, its schedule and its surroundings; see the arguments of `rollout_mujoco`."""
 
     schedule: Schedule
     hardware: HardwareSpec
@@ -62,7 +62,7 @@ class Try:
     name: str = "policy"
 
 
-def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]) -> Iterator[Trajectory]:
+def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[RunRequest]) -> Iterator[Trajectory]:
     """Run all of them, at most `MOST` at a time, and give their runs in order; on the CPU, as `rollout_mujoco`."""
     robots = [
         (dataclasses.replace(config, hardware=one.hardware), dataclasses.replace(one.world, pushes=())) for one in tries
@@ -77,9 +77,11 @@ def rollout_team(policy: ActionFunction, config: EnvConfig, tries: Sequence[Try]
 
 
 class _Team:
-    """Some tries, from a stand to the end of the last."""
+    """Several runs side by side, from a stand to the end of the longest."""
 
-    def __init__(self, policy: ActionFunction, config: EnvConfig, tries: Sequence[Try], machines: Sequence[Machine]):
+    def __init__(
+        self, policy: ActionFunction, config: EnvConfig, tries: Sequence[RunRequest], machines: Sequence[Machine]
+    ):
         for machine, one in zip(machines, tries, strict=True):
             one.numerics.apply(machine.model)
         self._tries, self._machines, self._config, self._count = tries, machines, config, len(tries)
@@ -160,7 +162,7 @@ class _Team:
             log.foot_force[robot, step] = self._feet[robot]
 
     def _seen_enough(self, step: int, ended: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """What those who watch say, who may change a robot's motors."""
+        """Return which runs their `watch` functions end; a `watch` may change its robot's motors."""
         enough = np.zeros(self._count, bool)
         for robot, (one, machine) in enumerate(zip(self._tries, self._machines, strict=True)):
             if one.watch is not None and not ended[robot]:

@@ -22,10 +22,10 @@ import sys
 for name in ("jax", "jaxlib", "brax", "flax", "bp2_rl", "mujoco", "scipy", "onnx", "jaxtyping"):
     sys.modules[name] = None  # importing it fails
 import numpy as np
-from onboard.controller import Controller, Measurement
-controller = Controller(".")
+from onboard.controller import OnboardController, SensorReading
+controller = OnboardController(".")
 stand = np.array(controller.settings["control"]["stand"])
-level = Measurement(stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+level = SensorReading(stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
 for k in range(10):
     targets = controller.step(level, (1.0, 0.0, 0.0), 0.0)
 print(controller.fault, np.isfinite(targets.position).all(), np.abs(targets.position - stand).max() > 1e-3)
@@ -108,7 +108,7 @@ def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
 
 def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     with pytest.raises(ValueError, match=r"no bundle in .*: it has no deploy.json"):
-        onboard.controller.Controller(tmp_path)
+        onboard.controller.OnboardController(tmp_path)
     settings = json.loads((bundle / "deploy.json").read_text())
     for name in ("policy.onnx", "reference.npz"):
         (tmp_path / name).write_bytes((bundle / name).read_bytes())
@@ -118,7 +118,7 @@ def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     ):
         (tmp_path / "deploy.json").write_text(json.dumps(settings | changed))
         with pytest.raises(ValueError, match=words):
-            onboard.controller.Controller(tmp_path)
+            onboard.controller.OnboardController(tmp_path)
 
 
 def test_every_entry_of_the_observation_is_known():

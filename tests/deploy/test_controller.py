@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.deploy.bundle import write_bundle
-from bp2_rl.deploy.onboard.controller import Measurement
+from bp2_rl.deploy.onboard.controller import SensorReading
 from bp2_rl.env.commands import eased
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
@@ -21,7 +21,7 @@ STAND = np.array([0.0, 0.62, -1.24] * 4)
 
 @pytest.fixture(scope="module")
 def controller(onboard, bundle):
-    return onboard.controller.Controller(bundle)
+    return onboard.controller.OnboardController(bundle)
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def fresh(controller):
     return controller
 
 
-def standing(time: float, **changes) -> Measurement:
+def standing(time: float, **changes) -> SensorReading:
     fields = {
         "joint_position": STAND.copy(),
         "joint_velocity": np.zeros(12),
@@ -38,7 +38,7 @@ def standing(time: float, **changes) -> Measurement:
         "angular_velocity": np.zeros(3),
         "time": time,
     }
-    return Measurement(**(fields | changes))
+    return SensorReading(**(fields | changes))
 
 
 def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
@@ -56,8 +56,8 @@ def loop(onboard, bundle, shipped, controller):
 
     Robot and controller in C MuJoCo; the fixture's arrays are what JAX's controller is shown afterwards.
     """
-    plan = onboard.world.Plan(hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0)
-    world, inbox = onboard.world.World(bundle, "built", plan), onboard.rehearse.Inbox()
+    plan = onboard.world.RehearsalPlan(hold=TICKS * DT - 10.74 / 2.4, loss=0.0, late=0.0)
+    world, inbox = onboard.world.RehearsalWorld(bundle, "built", plan), onboard.rehearse.Inbox()
     controller.reset()
     ticks = []
     for k in range(5 * TICKS):
@@ -118,7 +118,7 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
     env = dataclasses.replace(shipped.card.env, control=control)
     policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
     write_bundle(tmp_path / "bundle", policy)
-    controller, trained = onboard.controller.Controller(tmp_path / "bundle"), Trained(env)
+    controller, trained = onboard.controller.OnboardController(tmp_path / "bundle"), Trained(env)
     start, measured = trained.init(0.2), Seen(*(jnp.asarray(x) for x in standing(0.0)[:4]))
     for speed in (0.0, 0.2, 6.0):
         controller.reset(0.2)
@@ -155,7 +155,7 @@ def test_a_launch_is_as_gentle_here(onboard, shipped, tmp_path):
     env = dataclasses.replace(shipped.card.env, control=control)
     policy = dataclasses.replace(shipped, card=dataclasses.replace(shipped.card, env=env))
     write_bundle(tmp_path / "bundle", policy)
-    controller = onboard.controller.Controller(tmp_path / "bundle")
+    controller = onboard.controller.OnboardController(tmp_path / "bundle")
     forward = told_alike(controller, control, [13.0] * 600 + [6.0] * 200 + [8.0] * 100)
     assert 10.0 < forward[500] < 10.4  # 18 (1 - exp(-2.5 / 3))
     assert forward[-1] > 7.9

@@ -18,7 +18,7 @@ STAND = np.array([0.0, 0.62, -1.24] * 4)
 
 @pytest.fixture(scope="module")
 def robots(onboard, bundle):
-    return {name: onboard.robot.Robot(bundle, name) for name in ("built", "ideal")}
+    return {name: onboard.robot.SimulatedRobot(bundle, name) for name in ("built", "ideal")}
 
 
 @pytest.mark.parametrize(("name", "hardware"), [("built", BUILT), ("ideal", IDEAL)])
@@ -31,7 +31,7 @@ def test_the_stand_ins_motors_and_losses_obey_the_laws(robots, onboard, shipped,
     for scale in np.geomspace(0.01, 3.0, 200):  # from a stand to far beyond the bus's power
         q, before = rng.normal(size=12), rng.uniform(-120.0, 120.0, 12)
         qd = scale * rng.normal(size=12) * 10.0
-        targets = onboard.controller.Targets(q + 0.3 * rng.normal(size=12), qd + 3.0 * rng.normal(size=12))
+        targets = onboard.controller.DriveTargets(q + 0.3 * rng.normal(size=12), qd + 3.0 * rng.normal(size=12))
         expected = joint_torque(motors, before, q, qd, targets.position, targets.velocity, 1e-3)
         assert robot.motors.torque(before, q, qd, targets) == pytest.approx(expected, abs=1e-9)
         limited += abs(float(expected @ qd)) > 2e3
@@ -93,7 +93,7 @@ def test_a_radio_hears_its_peer_alone_and_the_newest(onboard):
 
 
 def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
-    plan = onboard.world.Plan(speed=3.0, acceleration=3.0, hold=2.0)
+    plan = onboard.world.RehearsalPlan(speed=3.0, acceleration=3.0, hold=2.0)
     world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
     outcome = world.outcome()
     assert controller.fault == ""
@@ -106,7 +106,7 @@ def test_it_runs_with_lost_and_late_datagrams(onboard, bundle):
 def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, fault):
     """From a stand it stays up; from a run no stand can be had, but it is commanded all the same."""
     for speed, stays_up in ((0.02, True), (3.0, False)):
-        plan = onboard.world.Plan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
+        plan = onboard.world.RehearsalPlan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
         world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
         assert controller.fault.startswith("joint_position is not finite" if fault == "nan" else "no measurement for")
         assert (
@@ -120,7 +120,7 @@ def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, f
 
 def test_in_real_time_it_talks_over_udp(onboard, bundle):
     """A second of it: whether the machine has time for it decides how it runs, but not that datagrams get through."""
-    plan = onboard.world.Plan(speed=0.2, acceleration=2.0, hold=1.0)
+    plan = onboard.world.RehearsalPlan(speed=0.2, acceleration=2.0, hold=1.0)
     result = onboard.rehearse.in_real_time(bundle, "ideal", plan, None)
     assert result["ticks"] > 50
     assert result["lost"] > 0

@@ -14,7 +14,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.collocation import fastest, refine, solve, solve_best
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.guess import cold_guess
-from bp2_rl.optimiser.problem import STRIDES, Problem, Weights, motor_coordinates
+from bp2_rl.optimiser.problem import STRIDES, CostWeights, Problem, motor_coordinates
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import Motion, NotSolved, is_saved, load_solution, resample, sample, save_solution
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
@@ -74,7 +74,7 @@ def test_torques_do_not_jump_between_segments(trot):
 @pytest.mark.parametrize("scheme", ["hermite-simpson", "trapezoid", "paper"])
 def test_the_cost_is_the_mean_of_r_as_the_scheme_integrates(scheme):
     """Eq. R without its smoothness, each segment by itself, with the weights that the cycle is measured with."""
-    problem = Problem(scheme=scheme, intervals=6, weights=Weights(smoothness=0.0))
+    problem = Problem(scheme=scheme, intervals=6, weights=CostWeights(smoothness=0.0))
     solution = solve(problem)
     cycle, motors = whole_cycle(solution), motor_coordinates(TROT.legs)
     motion, hardware = cycle.motion, problem.hardware
@@ -170,7 +170,7 @@ def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
 def test_impossible_problems_are_refused(change, message):
     if "weights" in change:
         with pytest.raises(UserError, match=re.escape(message)):
-            Weights(**change["weights"])
+            CostWeights(**change["weights"])
         return
     with pytest.raises(UserError, match=re.escape(message)):
         dataclasses.replace(Problem(), **change)

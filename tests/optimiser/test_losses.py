@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser import machine, sagittal
+from bp2_rl.optimiser import sagittal, verifier_laws
 from bp2_rl.optimiser.collocation import solve, transcribe
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.planar import PlanarModel
@@ -50,7 +50,7 @@ def test_air_presses_on_the_trunk_with_the_square_of_its_speed(legs, share, spee
     v = np.eye(n)[0] * speed
     passive = np.array(model.passive(np.zeros(n), v, sagittal.design_vector(hardware))).ravel()
     assert passive[0] == pytest.approx(share * force, rel=1e-12)
-    assert machine.drag(hardware, share, v[:1])[0] == pytest.approx(share * force, rel=1e-12)
+    assert verifier_laws.drag(hardware, share, v[:1])[0] == pytest.approx(share * force, rel=1e-12)
 
 
 @pytest.mark.parametrize("qd", [5.0, -5.0])
@@ -64,7 +64,7 @@ def test_gear_and_joint_take_their_part_against_the_motion_driving_and_braking(q
     motors = np.full(8, tau)
     resistance = np.array(model.resistance(v, motors, sagittal.design_vector(hardware))).ravel()
     np.testing.assert_allclose(motors - resistance, left, rtol=1e-6)
-    np.testing.assert_allclose(machine.joint_torque(hardware, v[MOTORS], motors), left, rtol=1e-6)
+    np.testing.assert_allclose(verifier_laws.joint_torque(hardware, v[MOTORS], motors), left, rtol=1e-6)
 
 
 def test_nothing_resists_a_joint_at_rest():
@@ -90,25 +90,25 @@ def test_the_bus_gives_what_motors_deliver_and_their_heat():
     qd, tau = np.zeros((2, 8)), np.zeros((2, 8))
     tau[:, 0], qd[1, 0] = 120.0, 10.0
     heat = 120.0**2 * 21.4 / STALL
-    np.testing.assert_allclose(machine.bus_power(IDEAL, qd, tau), [heat, heat + 1200.0], rtol=1e-12)
+    np.testing.assert_allclose(verifier_laws.bus_power(IDEAL, qd, tau), [heat, heat + 1200.0], rtol=1e-12)
     limited = robot(bus_power_out=1500.0, bus_power_in=200.0)
-    assert machine.bus_excess(limited, 1.0, np.array([1600.0, 0.0])) == pytest.approx(100.0)
-    assert machine.bus_excess(limited, 0.5, np.array([-150.0, 0.0])) == pytest.approx(50.0)
-    assert machine.bus_excess(IDEAL, 1.0, np.array([1e6, -1e6])) == 0.0
+    assert verifier_laws.bus_excess(limited, 1.0, np.array([1600.0, 0.0])) == pytest.approx(100.0)
+    assert verifier_laws.bus_excess(limited, 0.5, np.array([-150.0, 0.0])) == pytest.approx(50.0)
+    assert verifier_laws.bus_excess(IDEAL, 1.0, np.array([1e6, -1e6])) == 0.0
 
 
 def test_the_judge_s_envelope_sags_and_ends_braking():
     """A motor at 20 rad/s has 25 Nm to drive with; each kW drawn, at 5 % a kW, takes 5 % of the stall torque off."""
     qd, tau = np.full((1, 8), 20.0), np.zeros((1, 8))
     tau[0, 0] = STALL * (1.0 - 20.0 / 21.4) + 3.0
-    assert machine.torque_excess(IDEAL, 1.0, qd, tau) == pytest.approx(3.0)
-    drawn = machine.bus_power(IDEAL, qd, tau)[0] / 1e3
-    assert machine.torque_excess(robot(bus_sag=0.05), 1.0, qd, tau) == pytest.approx(3.0 + 0.05 * drawn * STALL)
+    assert verifier_laws.torque_excess(IDEAL, 1.0, qd, tau) == pytest.approx(3.0)
+    drawn = verifier_laws.bus_power(IDEAL, qd, tau)[0] / 1e3
+    assert verifier_laws.torque_excess(robot(bus_sag=0.05), 1.0, qd, tau) == pytest.approx(3.0 + 0.05 * drawn * STALL)
     tau[0, 0] = -100.0
-    assert machine.torque_excess(IDEAL, 1.0, qd, tau) == 0.0
+    assert verifier_laws.torque_excess(IDEAL, 1.0, qd, tau) == 0.0
     mirrored = HardwareSpec(braking_speed=21.4)
-    assert machine.torque_excess(mirrored, 1.0, qd, tau) == pytest.approx(100.0 - STALL * (1.0 - 20.0 / 21.4))
-    assert machine.torque_excess(HardwareSpec(braking_speed=18.0), 1.0, qd, tau) == pytest.approx(100.0)
+    assert verifier_laws.torque_excess(mirrored, 1.0, qd, tau) == pytest.approx(100.0 - STALL * (1.0 - 20.0 / 21.4))
+    assert verifier_laws.torque_excess(HardwareSpec(braking_speed=18.0), 1.0, qd, tau) == pytest.approx(100.0)
 
 
 # --- The program ----------------------------------------------------------------------------------------------
@@ -147,14 +147,14 @@ def test_a_trot_that_pays_is_sound_at_its_points_and_costs_more(name, free):
     failing = {line.split()[0] for line in failures(figures)}
     assert not failing & {"dynamics_residual", "impact_residual", "position_jump", "velocity_jump"}
     qd, tau = solution.motion.v[..., MOTORS], solution.motion.tau
-    power = machine.bus_power(PAYING[name], qd, tau)
+    power = verifier_laws.bus_power(PAYING[name], qd, tau)
     # IPOPT's tolerance is 1e-9 of 100 Nm and of 1 kW; a bound may be relaxed by 1e-8 of itself.
-    assert machine.bus_excess(PAYING[name], 1.0, power) < 1e-3
-    assert machine.torque_excess(PAYING[name], 1.0, qd, tau) < 1e-3
+    assert verifier_laws.bus_excess(PAYING[name], 1.0, power) < 1e-3
+    assert verifier_laws.torque_excess(PAYING[name], 1.0, qd, tau) < 1e-3
     if name != "rebound stop":  # as good as a softer one
         assert solution.cost > free.cost
     if name == "bus power":
-        assert np.max(machine.bus_power(IDEAL, free.motion.v[..., MOTORS], free.motion.tau)) > 2.5e3
+        assert np.max(verifier_laws.bus_power(IDEAL, free.motion.v[..., MOTORS], free.motion.tau)) > 2.5e3
         assert np.max(power) == pytest.approx(2.5e3, rel=1e-4)
 
 

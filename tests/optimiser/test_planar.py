@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser import machine, sagittal
+from bp2_rl.optimiser import sagittal, verifier_laws
 from bp2_rl.optimiser.planar import STOP_ROUNDING, PlanarModel
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, SPRING_QVEL, load_model
@@ -64,7 +64,7 @@ def test_every_term_is_that_of_the_casadi_model(hardware, legs, radius, rotors):
         assert_equal(terms.contact, contact[:, 0])
         assert_equal(terms.jacobian, jacobian)
         assert_equal(terms.convective, convective[:, 0])
-        assert_equal(machine.joint_torque(hardware, qd, tau), tau - resistance[:, 0])
+        assert_equal(verifier_laws.joint_torque(hardware, qd, tau), tau - resistance[:, 0])
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, CHANGED], ids=["bp2", "changed"])

@@ -12,13 +12,13 @@ from bp2_rl.simulation import parallel, team
 from bp2_rl.simulation.machine import Numerics
 from bp2_rl.simulation.parallel import dealt, in_parallel, keep_workers, run_team
 from bp2_rl.simulation.schedule import Course
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 
 LIGHT = dataclasses.replace(BUILT, mass_scale=0.9)
 
 
 def lasting(seconds, robot=BUILT, **how):
-    return Try(Course().hold(seconds), robot, **how)
+    return RunRequest(Course().hold(seconds), robot, **how)
 
 
 def test_each_is_dealt_out_once_and_work_is_shared():
@@ -67,5 +67,5 @@ def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch)
 
 
 def test_tries_that_take_no_time_are_tries(make_policy):
-    assert dealt([Try(Course(), BUILT)], 2) == [[0]]
-    assert sorted(i for share in dealt([lasting(1.0), Try(Course(), IDEAL)], 2) for i in share) == [0, 1]
+    assert dealt([RunRequest(Course(), BUILT)], 2) == [[0]]
+    assert sorted(i for share in dealt([lasting(1.0), RunRequest(Course(), IDEAL)], 2) for i in share) == [0, 1]

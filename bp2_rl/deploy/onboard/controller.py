@@ -1,6 +1,6 @@
 """The policy at 200 Hz on a robot's own computer: NumPy and onnxruntime alone.
 
-    controller = Controller("my_bundle")
+    controller = OnboardController("my_bundle")
     while True:                                            # every 5 ms
         targets = controller.step(measurement, command)    # joint targets for the drives' 1 kHz PD loop
 
@@ -29,7 +29,7 @@ WARMING = 20  # ticks before the first
 EASE = 0.5  # m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to rest
 
 
-class Measurement(NamedTuple):
+class SensorReading(NamedTuple):
     """What encoders and IMU report; joints in the order of `joints` in `deploy.json`."""
 
     joint_position: np.ndarray  # (12) rad
@@ -39,7 +39,7 @@ class Measurement(NamedTuple):
     time: float  # s, when it arrived, by the clock whose time `step` is told
 
 
-class Targets(NamedTuple):
+class DriveTargets(NamedTuple):
     """What the drives follow until the next tick: torque = stiffness (position - q) + damping (velocity - qd)."""
 
     position: np.ndarray  # (12) rad
@@ -47,8 +47,8 @@ class Targets(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Watch:
-    """What the watchdog lets pass; `watchdog` in `deploy.json`."""
+class WatchdogLimits:
+    """The limits of the watchdog, `watchdog` in `deploy.json`."""
 
     silence: float  # s without a new measurement, beyond which the robot stands
     stand_time: float  # s, in which the joints are led to the standing pose
@@ -59,15 +59,15 @@ class Watch:
     up_length: float  # by which the length of `up` may differ from 1
 
 
-class Launch(NamedTuple):
+class LaunchLimit(NamedTuple):
     """How fast a forward command rises at most."""
 
     rate: float  # m/s2, from a stand
     speed: float  # m/s, at which it would rise no more
 
     @classmethod
-    def of(cls, control: Mapping[str, Any]) -> "Launch":
-        """That of `control` in `deploy.json`; without one there is no limit."""
+    def of(cls, control: Mapping[str, Any]) -> "LaunchLimit":
+        """Read the limit from `control` in `deploy.json`; a missing entry means that there is no limit."""
         return cls(control.get("launching") or math.inf, control.get("launching_speed") or math.inf)
 
     def most(self, told: float, dt: float) -> float:
@@ -77,12 +77,12 @@ class Launch(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What an observation is made of."""
+    """The values that an observation is computed from."""
 
     command: np.ndarray
     phase: float  # cycles
     hand: float  # length of the clock's hand that shows the phase
-    measurement: Measurement
+    measurement: SensorReading
     last_action: np.ndarray
 
 
@@ -103,12 +103,12 @@ since K ticks ago."""
 
 
 def split_name(entry: str) -> tuple[str, int]:
-    """Of an entry of the observation: (what, change since so many ticks ago; 0: as it is)."""
+    """Split the name of an observation entry, `NAME@K`, into the name and K ticks; K is 0 where there is none."""
     name, _, ticks = entry.partition("@")
     return name, int(ticks or 0)
 
 
-class Controller:
+class OnboardController:
     """One robot's controller. Not for several threads.
 
     Args:
@@ -124,7 +124,7 @@ class Controller:
         self.settings = read_settings(folder)
         control, limits = self.settings["control"], self.settings["command"]
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
-        self.watch = Watch(**self.settings["watchdog"])
+        self.watch = WatchdogLimits(**self.settings["watchdog"])
         self._stand = np.array(control["stand"])
         bounds = np.array(self.settings["joint_range"])
         spread = self.watch.joint_margin + np.ptp(bounds, axis=1) / 2.0
@@ -134,7 +134,7 @@ class Controller:
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._braking = control.get("braking") or math.inf
         self._stopping_time = control.get("stopping_time") or 0.0
-        self._launch = Launch.of(control)
+        self._launch = LaunchLimit.of(control)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -151,7 +151,7 @@ class Controller:
         self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
         self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
         self.reset()
-        still = Measurement(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+        still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
         for _ in range(WARMING):  # else the first ticks are the slowest
             self._act(still)
         self.reset()
@@ -164,15 +164,15 @@ class Controller:
         self._last_action = np.zeros(12, np.float32)
         self._past.clear()
         self.command = np.zeros(3, np.float32)
-        self._targets = Targets(self._stand.copy(), np.zeros(12))
-        self._measurement: Measurement | None = None
+        self._targets = DriveTargets(self._stand.copy(), np.zeros(12))
+        self._measurement: SensorReading | None = None
         self._heard: float | None = None
         self._stopped = 0.0
         self._stopped_at = self._targets.position
 
     def step(
-        self, measurement: Measurement | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
-    ) -> Targets:
+        self, measurement: SensorReading | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
+    ) -> DriveTargets:
         """The joint targets until the next tick, 5 ms on. Never raises for what a sensor or a link may bring.
 
         Args:
@@ -197,8 +197,8 @@ class Controller:
 
     # --- The watchdog -----------------------------------------------------------------------------------------
 
-    def _look(self, measurement: Measurement | None, now: float) -> None:
-        """Take the measurement, or stop."""
+    def _look(self, measurement: SensorReading | None, now: float) -> None:
+        """Accept the measurement, or stop if it is faulty or if sensors have been silent for too long."""
         if measurement is not None:
             if fault := self._fault_of(measurement):
                 return self._stop(fault, now)
@@ -208,14 +208,14 @@ class Controller:
             self._stop(f"no measurement for {1e3 * silent:.0f} ms", now)
         return None
 
-    def _fault_of(self, measurement: Measurement) -> str:
+    def _fault_of(self, measurement: SensorReading) -> str:
         """What is wrong with a measurement, if anything is. Every comparison is one that NaN fails."""
         q, qd, up, turning, time = measurement
         x, y, z = up.tolist()
         sound = np.abs(np.concatenate((q, qd, turning)) - self._middle) <= self._reach
         if sound.all() and abs(math.hypot(x, y, z) - 1.0) <= self.watch.up_length and math.isfinite(time):
             return ""
-        for name, value in zip(Measurement._fields, measurement, strict=True):
+        for name, value in zip(SensorReading._fields, measurement, strict=True):
             if not np.isfinite(value).all():
                 return f"{name} is not finite"
         if not sound[:12].all():
@@ -227,17 +227,17 @@ class Controller:
     def _stop(self, fault: str, now: float) -> None:
         self.fault, self._stopped, self._stopped_at = fault, now, self._targets.position
 
-    def _to_stand(self, now: float) -> Targets:
-        """From where the targets were to the standing pose, along a cubic that begins and ends at rest."""
+    def _to_stand(self, now: float) -> DriveTargets:
+        """Return targets on the way to the standing pose: a cubic in time that begins and ends at rest."""
         time = self.watch.stand_time
         s = min(max((now - self._stopped) / time, 0.0), 1.0)
         way = self._stand - self._stopped_at
-        return Targets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
+        return DriveTargets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
 
     # --- The policy -------------------------------------------------------------------------------------------
 
     def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
-        """Take the command, within what the policy was trained for; without one slow down."""
+        """Accept the command, limited to what the policy was trained for; slow down if there is no command."""
         if command is not None and np.isfinite(asked := np.asarray(command, float)).all():
             told = np.clip(asked, self._least, self._most).astype(np.float32)
         else:
@@ -251,8 +251,8 @@ class Controller:
             told[0] = max(told[0], max(forward - self._dt * rate, 0.0))
         self.command = told
 
-    def _act(self, measurement: Measurement) -> Targets:
-        """One tick: observation, network, reference, targets."""
+    def _act(self, measurement: SensorReading) -> DriveTargets:
+        """Compute the joint targets of one tick: observation, network, reference motion, targets."""
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
@@ -269,16 +269,16 @@ class Controller:
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
-            return Targets(self._stand + offset, np.zeros(12))
+            return DriveTargets(self._stand + offset, np.zeros(12))
         pose: Pose = self.motion(command, self._phase)
-        return Targets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+        return DriveTargets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
 
 
 def read_settings(folder: Path | str) -> dict[str, Any]:
-    """What `deploy.json` in a bundle says.
+    """Read `deploy.json` of a bundle.
 
     Raises:
-        ValueError: there is none, or it is of another format.
+        ValueError: the file is missing or has another format.
     """
     path = Path(folder) / SETTINGS
     if not path.is_file():
@@ -290,7 +290,7 @@ def read_settings(folder: Path | str) -> dict[str, Any]:
 
 
 def _load_network(path: Path) -> onnxruntime.InferenceSession:
-    """The network on one core: what it takes in is small, and threads would only wait for each other."""
+    """Load the network to run on one core: its input is so small that threads would only wait for each other."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
@@ -298,6 +298,6 @@ def _load_network(path: Path) -> onnxruntime.InferenceSession:
 
 
 def describe(settings: Mapping[str, Any]) -> str:
-    """The bundle in one line."""
+    """Describe the bundle in one line: stage, date and weights of its policy."""
     policy = settings["policy"]
     return f"{policy['stage']} policy of {policy['created']}, weights {policy['weights_sha256'][:12]}"

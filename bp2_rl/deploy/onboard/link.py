@@ -26,7 +26,7 @@ Item = TypeVar("Item")
 
 @dataclasses.dataclass(frozen=True)
 class Packet:
-    """What a datagram brought."""
+    """The content of a datagram that has been received."""
 
     kind: bytes
     values: np.ndarray
@@ -46,15 +46,15 @@ class Radio:
 
     @property
     def port(self) -> int:
-        """Where this end listens."""
+        """The port at which this end listens."""
         return self._socket.getsockname()[1]
 
     def connect(self, port: int) -> None:
-        """Talk to the end that listens there, and to no other."""
+        """Exchange datagrams with the end that listens at `port`, and with no other."""
         self._peer = (HOST, port)
 
     def send(self, kind: bytes, values: Sequence[float] | np.ndarray) -> None:
-        """Send without waiting; whether it arrives nobody knows."""
+        """Send a datagram without waiting; the link gives no sign of its arrival."""
         self._sent[kind] += 1
         content = HEADER.pack(b"BP2", kind, self._sent[kind]) + np.asarray(values, "<f8").tobytes()
         try:
@@ -63,7 +63,7 @@ class Radio:
             return
 
     def receive(self) -> list[Packet]:
-        """What has come since the last look, oldest first."""
+        """Return the packets that have come since the last call, oldest first."""
         packets = []
         while True:
             try:
@@ -74,12 +74,12 @@ class Radio:
                 packets.append(packet)
 
     def wait(self, seconds: float) -> list[Packet]:
-        """The same, but wait for something for so long at most."""
+        """Return the packets that have come, and wait at most `seconds` for the first one."""
         select.select([self._socket], [], [], max(seconds, 0.0))
         return self.receive()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Close the socket."""
         self._socket.close()
 
     def _read(self, content: bytes) -> Packet | None:
@@ -103,7 +103,7 @@ class BadLink(Generic[Item]):
         self.put_in = self.lost = 0
 
     def put(self, item: Item, now: float) -> None:
-        """Put something in."""
+        """Send an item into the link at the time `now`, s."""
         self.put_in += 1
         if self._random.random() < self._loss:
             self.lost += 1
@@ -111,7 +111,7 @@ class BadLink(Generic[Item]):
             self._waiting.append((now + self._late, item))
 
     def take(self, now: float) -> list[Item]:
-        """What has come through by now."""
+        """Return the items that have come through the link by the time `now`, s."""
         there: list[Any] = []
         while self._waiting and self._waiting[0][0] <= now + 1e-9:
             there.append(self._waiting.popleft()[1])

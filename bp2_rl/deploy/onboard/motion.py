@@ -22,7 +22,7 @@ TRUNK, COORDINATES = 3, 15  # of a row of the table: trunk, then three a leg, th
 
 
 class Pose(NamedTuple):
-    """What the reference asks of the joints: FR, FL, RR, RL x abad, hip, knee."""
+    """Joint angles, speeds and torques of the reference motion: FR, FL, RR, RL x abad, hip, knee."""
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
@@ -53,15 +53,15 @@ class Stand:
         return self._rate
 
     def stepping(self, command: Sequence[float]) -> float:
-        """1 whatever is commanded, as `gait.standing` has it."""
+        """Return 1 for every command, as `bp2_rl.reference.standing` does."""
         return 1.0
 
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
-        """The pose."""
+        """Return the standing pose."""
         return self._pose
 
 
-class _Stride(NamedTuple):
+class _PlayedStride(NamedTuple):
     """A stride between two of the library's speeds."""
 
     row: int  # of the lower speed
@@ -72,7 +72,7 @@ class _Stride(NamedTuple):
     middle: tuple[float, float, float, float]  # m, x of each foot in mid-stance
 
 
-class _Moment(NamedTuple):
+class _PlayedLeg(NamedTuple):
     """A leg of the library at one time, stepping as far as commanded: each a value and its rate."""
 
     x: tuple[float, float]  # m, of the foot, level, from the trunk's centre
@@ -115,7 +115,7 @@ class Trot:
             at = TRUNK + 3 * (IMAGE[leg] if mirrored else leg)
             rest_x, _, rest_z = self._rest[leg]
             spring = self._sag + stepping * (value[at + 2] - self._sag)
-            moment = _Moment(
+            moment = _PlayedLeg(
                 x=(rest_x + stepping * (value[at] - rest_x), stepping * rate[at]),
                 z=(rest_z + stepping * (value[at + 1] - rest_z), stepping * rate[at + 1]),
                 lower=(self._thigh - spring - self._foot_radius, -stepping * rate[at + 2]),
@@ -135,7 +135,7 @@ class Trot:
         y = min((vx**2 + vy**2 + (self._foot_circle * omega) ** 2) / self._stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
-    def _stride(self, command: Sequence[float]) -> _Stride:
+    def _stride(self, command: Sequence[float]) -> _PlayedStride:
         """Where the command lies between the library's speeds; the weights make the mean speed the one commanded."""
         strides = self._strides
         speed = min(max(command[0], strides[0][0]), strides[-1][0])
@@ -146,9 +146,9 @@ class Trot:
         away = (above[0] - speed) * (above[1] + above[2]), (speed - below[0]) * (below[1] + below[2])
         a, b = away[0] / (away[0] + away[1]), away[1] / (away[0] + away[1])
         stance, flight, fore, hind = (a * low + b * high for low, high in zip(below[1:], above[1:], strict=True))
-        return _Stride(row, (a, b), speed, stance, stance + flight, (fore, fore, hind, hind))
+        return _PlayedStride(row, (a, b), speed, stance, stance + flight, (fore, fore, hind, hind))
 
-    def _sample(self, stride: _Stride, since: float) -> tuple[np.ndarray, np.ndarray]:
+    def _sample(self, stride: _PlayedStride, since: float) -> tuple[np.ndarray, np.ndarray]:
         """The library's row of 23 so many seconds after a touchdown of FL and RR, and its rate."""
         in_flight = since >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
@@ -163,7 +163,7 @@ class Trot:
         return value, slope * (intervals / duration)
 
     def _displacement(
-        self, leg: int, command: Sequence[float], stride: _Stride, stepping: float, since: float
+        self, leg: int, command: Sequence[float], stride: _PlayedStride, stepping: float, since: float
     ) -> tuple[tuple[float, float], tuple[float, float]]:
         """How far a foot is, seen from above, from where the library has it, (x, y) in m, and the rates.
 
@@ -188,7 +188,7 @@ class Trot:
         return (x, y), (x_rate, y_rate)
 
     def _joints(
-        self, leg: int, moment: _Moment, displaced: tuple[float, float], displaced_rate: tuple[float, float]
+        self, leg: int, moment: _PlayedLeg, displaced: tuple[float, float], displaced_rate: tuple[float, float]
     ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """(abad, hip, knee) that put a foot where the library has it and `displaced`, within reach; and their speeds.
 

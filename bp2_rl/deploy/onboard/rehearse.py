@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from .controller import Controller, Measurement, Targets, describe
+from .controller import DriveTargets, OnboardController, SensorReading, describe
 from .link import COMMAND, SENSORS, TARGETS, Packet, Radio
 from .robot import DT
-from .world import FAULTS, TICK, Plan, World
+from .world import FAULTS, TICK, RehearsalPlan, RehearsalWorld
 
 GRACE = 0.001  # s, for which a measurement that is due is waited for
 OPERATOR_SILENCE = 0.5  # s, after which the operator counts as silent
@@ -35,28 +35,28 @@ PERCENTILES = (50, 99, 100)
 
 @dataclasses.dataclass
 class Inbox:
-    """The newest of what has come in."""
+    """The newest measurement and command that have been received."""
 
-    measurement: Measurement | None = None
+    measurement: SensorReading | None = None
     command: np.ndarray | None = None
     command_time: float = -np.inf
 
     def take(self, kind: bytes, values: np.ndarray, time: float) -> None:
-        """File what a datagram brought."""
+        """Store the content of a datagram."""
         if kind == SENSORS:
-            self.measurement = Measurement(values[:12], values[12:24], values[24:27], values[27:30], time)
+            self.measurement = SensorReading(values[:12], values[12:24], values[24:27], values[27:30], time)
         elif kind == COMMAND:
             self.command, self.command_time = values, time
 
-    def tick(self, controller: Controller, now: float) -> Targets:
-        """One tick of the controller with what is there."""
+    def tick(self, controller: OnboardController, now: float) -> DriveTargets:
+        """Run one tick of the controller with the newest measurement and command."""
         heard = now - self.command_time <= OPERATOR_SILENCE
         return controller.step(self.measurement, self.command if heard else None, now)
 
 
-def in_steps(folder: Path | str, robot: str, plan: Plan) -> tuple[World, Controller]:
-    """The rehearsal without sockets and clocks, as fast as it goes and the same each time."""
-    world, controller, inbox = World(folder, robot, plan), Controller(folder), Inbox()
+def in_steps(folder: Path | str, robot: str, plan: RehearsalPlan) -> tuple[RehearsalWorld, OnboardController]:
+    """Run the rehearsal without sockets and clocks: as fast as possible, with the same result each time."""
+    world, controller, inbox = RehearsalWorld(folder, robot, plan), OnboardController(folder), Inbox()
     for k in range(world.milliseconds):
         now = k * DT
         for kind, values in world.says(k, now):
@@ -67,8 +67,8 @@ def in_steps(folder: Path | str, robot: str, plan: Plan) -> tuple[World, Control
     return world, controller
 
 
-def in_real_time(folder: Path | str, robot: str, plan: Plan, core: int | None) -> dict[str, Any]:
-    """The rehearsal over UDP, by the wall clock; what came of it.
+def in_real_time(folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None) -> dict[str, Any]:
+    """Run the rehearsal over UDP in real time, and return its outcome.
 
     Args:
         folder: the bundle.
@@ -77,7 +77,7 @@ def in_real_time(folder: Path | str, robot: str, plan: Plan, core: int | None) -
         core: on which both processes run; None: wherever the system puts them.
     """
     _pin(core)
-    controller, radio = Controller(folder), Radio()
+    controller, radio = OnboardController(folder), Radio()
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     process = multiprocessing.get_context("spawn").Process(
         target=_live, args=(Path(folder), robot, plan, core, radio.port, theirs), daemon=True
@@ -98,7 +98,7 @@ def in_real_time(folder: Path | str, robot: str, plan: Plan, core: int | None) -
     return {**outcome, "ticks": len(ticks), "wall_ms": wall, "cpu_ms": cpu, "fault": controller.fault}
 
 
-def _drive(controller: Controller, radio: Radio, world: Connection) -> list[tuple[float, float]]:
+def _drive(controller: OnboardController, radio: Radio, world: Connection) -> list[tuple[float, float]]:
     """Tick until the world ends; (wall, processor) seconds from each measurement's arrival to the answer's sending."""
     inbox, ticks = Inbox(), []
     gc.collect()
@@ -128,10 +128,10 @@ def _file(inbox: Inbox, packets: Sequence[Packet]) -> None:
         inbox.take(packet.kind, packet.values, packet.time)
 
 
-def _live(folder: Path, robot: str, plan: Plan, core: int | None, port: int, computer: Connection) -> None:
-    """The robot's process."""
+def _live(folder: Path, robot: str, plan: RehearsalPlan, core: int | None, port: int, computer: Connection) -> None:
+    """Run the simulated robot in a process of its own."""
     _pin(core)
-    radio, world = Radio(), World(folder, robot, plan)
+    radio, world = Radio(), RehearsalWorld(folder, robot, plan)
     radio.connect(port)
     computer.send(radio.port)
     computer.recv()
@@ -147,7 +147,7 @@ def _live(folder: Path, robot: str, plan: Plan, core: int | None, port: int, com
             radio.send(kind, values)
         for packet in radio.receive():
             if packet.kind == TARGETS:
-                world.hears(Targets(packet.values[:12], packet.values[12:]), packet.time)
+                world.hears(DriveTargets(packet.values[:12], packet.values[12:]), packet.time)
         world.millisecond(k, now)
     took = time.monotonic() - start
     computer.send({**world.outcome(), "real_time": world.milliseconds * DT / took, "behind_ms": 1e3 * behind})
@@ -158,8 +158,8 @@ def _pin(core: int | None) -> None:
         os.sched_setaffinity(0, {core})
 
 
-def show(result: dict[str, Any], plan: Plan) -> str:
-    """The outcome in lines."""
+def show(result: dict[str, Any], plan: RehearsalPlan) -> str:
+    """Describe the outcome, one line for each subject."""
 
     def row(times: Sequence[float]) -> str:
         return " / ".join(f"{ms:.3f}" for ms in times)
@@ -185,7 +185,7 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m onboard.rehearse", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=here, help="the bundle (default: that of this code)")
     parser.add_argument("--robot", help="one of deploy.json's robots (default: the first)")
-    for field in dataclasses.fields(Plan):
+    for field in dataclasses.fields(RehearsalPlan):
         flag = f"--{field.name.replace('_', '-')}"
         choices = FAULTS[1:] if field.name == "fault" else None
         parser.add_argument(flag, type=type(field.default), default=field.default, choices=choices)
@@ -195,9 +195,9 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command; 1 where the robot fell or the watchdog took over unasked, 2 where the input is wrong."""
+    """Run the command; return 1 if the robot fell or the watchdog stopped it unexpectedly, 2 if the input is wrong."""
     args = parse(argv)
-    plan = Plan(**{field.name: getattr(args, field.name) for field in dataclasses.fields(Plan)})
+    plan = RehearsalPlan(**{field.name: getattr(args, field.name) for field in dataclasses.fields(RehearsalPlan)})
     core = args.core
     if core is None and hasattr(os, "sched_getaffinity"):
         core = max(os.sched_getaffinity(0))

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from .controller import Targets, read_settings
+from .controller import DriveTargets, read_settings
 
 DT = 1e-3  # s
 LEAST_VOLTAGE = 0.3  # share of the nominal one, below which the bus does not sag
@@ -18,7 +18,7 @@ SETTLING, DAMPING = 3.0, 10.0  # s of standing before the clock starts; 1/s, on 
 FALLEN_HEIGHT, FALLEN_UP = 0.3, 0.8  # m, of the trunk's centre; vertical part of its z axis
 
 
-class Robot:
+class SimulatedRobot:
     """A robot on flat ground, standing at first.
 
     Args:
@@ -48,27 +48,27 @@ class Robot:
 
     @property
     def fallen(self) -> bool:
-        """Whether it is down."""
+        """Whether the robot has fallen."""
         height, up = self.data.qpos[2], self.data.xmat[1].reshape(3, 3)[2, 2]
         return not (height >= FALLEN_HEIGHT and up >= FALLEN_UP)
 
     @property
     def place(self) -> tuple[float, float, float, float]:
-        """What an operator sees: x and y (m), yaw (rad), forward speed (m/s)."""
+        """The pose and speed that an operator sees: x and y (m), yaw (rad), forward speed (m/s)."""
         to_world = self.data.xmat[1].reshape(3, 3)
         yaw = float(np.arctan2(to_world[1, 0], to_world[0, 0]))
         vx, vy = self.data.qvel[:2]
         return *self.data.qpos[:2], yaw, float(np.cos(yaw) * vx + np.sin(yaw) * vy)
 
     def sensors(self) -> np.ndarray:
-        """What encoders and IMU report (30): joint positions and velocities, up, angular velocity."""
+        """Return the 30 numbers of encoders and IMU: joint positions and velocities, up, angular velocity."""
         qpos, qvel = self.data.qpos, self.data.qvel
         w, x, y, z = qpos[3:7]
         up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
         return np.concatenate([qpos[self._q], qvel[self._qd], up, qvel[3:6]])
 
-    def millisecond(self, targets: Targets) -> None:
-        """Motors and physics under these targets."""
+    def millisecond(self, targets: DriveTargets) -> None:
+        """Advance motors and physics by a millisecond under these joint targets."""
         data = self.data
         data.ctrl[:] = self.motors.torque(data.ctrl.copy(), data.qpos[self._q], data.qvel[self._qd], targets)
         self.resist()
@@ -88,10 +88,10 @@ class Robot:
         force[self._sd] = -slide - r["rebound_damping"] * np.where(data.qpos[self._s] < 0.0, rate, 0.0)
 
     def _stand(self) -> None:
-        """Stand at the keyframe until still."""
+        """Let the robot stand at the keyframe `stand` until it is still."""
         data = self.data
         mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("stand").id)
-        stand = Targets(data.qpos[self._q].copy(), np.zeros(12))
+        stand = DriveTargets(data.qpos[self._q].copy(), np.zeros(12))
         for _ in range(round(SETTLING / DT)):
             self.millisecond(stand)
             data.qvel *= 1.0 - DAMPING * DT
@@ -116,8 +116,8 @@ class Motors:
         self._follow, self._rate = DT / (number("current_lag") + DT), DT * number("torque_rate")
         self._resistance = self._no_load / self._stall  # W/Nm2, copper loss
 
-    def torque(self, before: np.ndarray, q: np.ndarray, qd: np.ndarray, targets: Targets) -> np.ndarray:
-        """Nm, for the next millisecond."""
+    def torque(self, before: np.ndarray, q: np.ndarray, qd: np.ndarray, targets: DriveTargets) -> np.ndarray:
+        """Return the motors' torques for the next millisecond, Nm."""
         wanted = self._stiffness * (targets.position - q) + self._damping * (targets.velocity - qd)
         torque = before + np.clip(self._follow * (wanted - before), -self._rate, self._rate)
         voltage = 1.0
@@ -140,7 +140,7 @@ class Motors:
         return float(torque @ qd + self._resistance * (torque @ torque))
 
     def _shared(self, torque: np.ndarray, lower: np.ndarray, upper: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """The same share of all torques, so that the bus can feed them."""
+        """Scale all torques by one factor, so that the bus can supply their power."""
         if self._bus is None:
             return torque
         power, out, into = self._power(torque, qd), self._bus["power_out"], -self._bus["power_in"]

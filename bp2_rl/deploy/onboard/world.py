@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from .controller import Launch, Targets, read_settings
+from .controller import DriveTargets, LaunchLimit, read_settings
 from .link import COMMAND, SENSORS, BadLink
-from .robot import DT, Robot
+from .robot import DT, SimulatedRobot
 
 TICK = 5  # ms between two measurements
 FAULTS = ("", "nan", "silence", "operator")
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
-    """What is rehearsed: from a stand to a speed, which is held; and what goes wrong on the way."""
+class RehearsalPlan:
+    """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault may occur on the way."""
 
     speed: float = 10.74  # m/s
     acceleration: float = 2.4  # m/s2
@@ -29,12 +29,12 @@ class Plan:
 
     @property
     def ramp(self) -> float:
-        """When the speed is commanded first, s."""
+        """Time at which the full speed is commanded first, s."""
         return self.speed / self.acceleration
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the rehearsal, s."""
         return self.fault_at + self.after if self.fault else self.ramp + self.hold
 
     def forward(self, time: float) -> float:
@@ -42,8 +42,8 @@ class Plan:
         return min(self.acceleration * time, self.speed)
 
 
-class World:
-    """One rehearsal, millisecond by millisecond, by whatever clock.
+class RehearsalWorld:
+    """The simulated surroundings of a controller in one rehearsal, advanced millisecond by millisecond.
 
     Args:
         folder: the bundle.
@@ -51,25 +51,25 @@ class World:
         plan: what is rehearsed.
     """
 
-    def __init__(self, folder: Path | str, robot: str, plan: Plan):
+    def __init__(self, folder: Path | str, robot: str, plan: RehearsalPlan):
         settings = read_settings(folder)
-        self.robot, self.plan = Robot(folder, robot), plan
+        self.robot, self.plan = SimulatedRobot(folder, robot), plan
         self._operator, self._most = settings["operator"], settings["command"]["most"]
         control = settings["control"]
         self._out: BadLink[tuple[bytes, np.ndarray]] = BadLink(plan.loss, 0.0, plan.seed)
-        self._in: BadLink[Targets] = BadLink(plan.loss, plan.late, plan.seed + 1)
-        self._targets = Targets(np.array(control["stand"]), np.zeros(12))
+        self._in: BadLink[DriveTargets] = BadLink(plan.loss, plan.late, plan.seed + 1)
+        self._targets = DriveTargets(np.array(control["stand"]), np.zeros(12))
         self.milliseconds = round(plan.duration / DT)
         self.places = np.zeros((self.milliseconds, 4))  # x, y (m), yaw (rad), forward speed (m/s)
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
-        self._launch = Launch.of(control)
+        self._launch = LaunchLimit.of(control)
         self._told = 0.0
 
     @property
     def lost(self) -> tuple[int, int]:
-        """Datagrams lost, of how many."""
+        """Number of datagrams lost, and number of datagrams sent."""
         return self._out.lost + self._in.lost, self._out.put_in + self._in.put_in
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
@@ -86,7 +86,7 @@ class World:
             self._out.put((SENSORS, sensors), now)
         return self._out.take(now)
 
-    def hears(self, targets: Targets, now: float) -> None:
+    def hears(self, targets: DriveTargets, now: float) -> None:
         """Joint targets arrive at the drives' end of the link."""
         self._in.put(targets, now)
 
@@ -128,7 +128,7 @@ class World:
 
 
 def _least_mean(values: np.ndarray, window: int) -> float | None:
-    """The least mean over so many successive values."""
+    """Return the least mean over `window` successive values; None if there are fewer values."""
     if len(values) < window:
         return None
     sums = np.concatenate([[0.0], np.cumsum(values)])

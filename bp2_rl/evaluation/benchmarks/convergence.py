@@ -21,7 +21,7 @@ from bp2_rl.simulation.machine import JUDGE, Numerics
 from bp2_rl.simulation.metrics import RIPPLE, measure
 from bp2_rl.simulation.parallel import run_team
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 TOLERANCE = 0.01  # of the mean speed held: what a change of the numerics may change
@@ -66,7 +66,7 @@ class ConvergenceMetrics:
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed under all numerics and compare."""
     robot = robot_of(policy, setup)
-    tries = [Try(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
+    tries = [RunRequest(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
     runs = dict(zip(VARIANTS, run_team(as_it_is, policy, tries), strict=True))
     metrics = compare(runs)
     simulator = (
@@ -89,7 +89,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def as_it_is(_: Try, run: Trajectory) -> Trajectory:
+def as_it_is(_: RunRequest, run: Trajectory) -> Trajectory:
     """The run itself."""
     return run
 

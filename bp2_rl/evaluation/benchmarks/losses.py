@@ -33,7 +33,7 @@ from bp2_rl.robot.variants import PARTS, differing, with_parts
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.parallel import run_team
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 LOSSES_HOLD = 6.0  # s
@@ -82,7 +82,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         added = with_parts(added, built, [part])
         robots += [with_parts(ideal, built, [part]), with_parts(built, ideal, [part]), added]
     different = list(dict.fromkeys(robots))
-    ran = run_team(speed_held, policy, [Try(ramp, robot, setup.operator) for robot in different])
+    ran = run_team(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
     found = greatest_speeds() if name_of(built) != OWN else {}
     rows = []
@@ -107,7 +107,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def speed_held(_: Try, run: Trajectory) -> Tried:
+def speed_held(_: RunRequest, run: Trajectory) -> Tried:
     """How it ran."""
     ran = measure(run)
     return Tried(ran.mean_speed, ran.fell_at)

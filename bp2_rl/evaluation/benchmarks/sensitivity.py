@@ -26,7 +26,7 @@ from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import run_team
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
@@ -114,7 +114,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed and sprint on every robot and compare."""
     sprint, robot = race(policy, setup), robot_of(policy, setup)
     robots = robots_of(robot)
-    held = [Try(ramp, other, setup.operator, name=name) for name, other in robots.items()]
+    held = [RunRequest(ramp, other, setup.operator, name=name) for name, other in robots.items()]
     raced = [dataclasses.replace(one, schedule=sprint, finish=TRACK) for one in held]
     ran: list[Any] = run_team(measure_try, policy, [*held, *raced])
     pairs = zip(robots, ran[: len(robots)], ran[len(robots) :], strict=True)
@@ -136,7 +136,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def measure_try(one: Try, run: Trajectory) -> RunMetrics | SprintMetrics:
+def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
     """What a robot did at its top speed, or in the race."""
     if one.finish == TRACK:
         assert isinstance(one.schedule, Ramp)

@@ -16,7 +16,7 @@ from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.metrics import contacts, touchdowns
 from bp2_rl.simulation.parallel import run_team
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 LEG = LEGS.index("RR")  # whose touchdowns begin the strides
@@ -39,11 +39,11 @@ def run_speeds(
     """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
     robot = robot_of(policy, setup)
     ramps = [dataclasses.replace(ramp, target=(speed, 0.0, 0.0)) for speed in commands]
-    tries = [Try(each, robot, setup.operator) for each in ramps]
+    tries = [RunRequest(each, robot, setup.operator) for each in ramps]
     return run_team(functools.partial(_measure, measure), policy, tries)
 
 
-def _measure(measure: Callable[[Ramp, Trajectory], Result], one: Try, run: Trajectory) -> Result:
+def _measure(measure: Callable[[Ramp, Trajectory], Result], one: RunRequest, run: Trajectory) -> Result:
     assert isinstance(one.schedule, Ramp)
     return measure(one.schedule, run)
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
-from bp2_rl.optimiser.problem import Weights, motor_coordinates
+from bp2_rl.optimiser.problem import CostWeights, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.optimiser.verify import summarise
 from bp2_rl.robot.specs import HardwareSpec
@@ -53,7 +53,7 @@ def running_cost(
     qd: Float[np.ndarray, "... motors"],
     force: Float[np.ndarray, "... contacts"],
     hardware: HardwareSpec,
-    weights: Weights,
+    weights: CostWeights,
 ) -> Float[np.ndarray, "..."]:
     """R (paper, Eq. R) at each instant but for the smoothness: powers, torques and forces as shares of the greatest."""
     tau, load = torque / hardware.joint_peak_torque, force / weights.force

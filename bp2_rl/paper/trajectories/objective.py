@@ -1,6 +1,6 @@
 """What of a trajectory is the objective's and what the robot's: F bar of one, two and three body weights side by side.
 
-The paper has one cost for analysis and co-design and leaves open what forces are divided by (`Weights.force`). The
+The paper has one cost for analysis and co-design and leaves open what forces are divided by (`CostWeights.force`). The
 library is made with one body weight, co-design with three. Here both are made with all of them.
 """
 

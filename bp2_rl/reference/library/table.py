@@ -16,7 +16,7 @@ STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
 ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
 
 
-class Table(NamedTuple):
+class LibraryTable(NamedTuple):
     """A library made ready for interpolation; N intervals in each of its two segments.
 
     A row of 23 is x, height and pitch of the trunk, then for each leg x and z of the foot's centre and the spring's
@@ -34,7 +34,7 @@ class Table(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def load_table(path: Path, leg_length: float) -> Table:
+def load_table(path: Path, leg_length: float) -> LibraryTable:
     """The table of a library whose standing feet are on the ground with legs of this length."""
     library = load_library(path)
     q, v, tau = (array.astype(float) for array in (library.q, library.v, library.tau))
@@ -50,7 +50,7 @@ def load_table(path: Path, leg_length: float) -> Table:
     cubics = _cubics(durations, places, rates, tau)
     middle = by_leg(_by_share(cubics[:, 0], 0.5)[:, TRUNK:COORDINATES])[:, STANDING_PAIR, 0]
     mean_height = np.sum(durations * q[..., 1].mean(axis=2), axis=1) / durations.sum(axis=1)
-    return Table(
+    return LibraryTable(
         strides=np.column_stack([library.speeds.astype(float), durations, middle]),
         cubics=np.moveaxis(cubics, 0, 2),
         height=float(mean_height.min()),

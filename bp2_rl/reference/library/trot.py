@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float
 from bp2_rl.base.polynomials import cubic_and_slope, hermite_and_rate
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, mirror
-from bp2_rl.reference.library.table import Table, load_table
+from bp2_rl.reference.library.table import LibraryTable, load_table
 from bp2_rl.reference.stepping import STANDING, TROT, ground, square_speed, turn
 from bp2_rl.robot import kinematics, specs
 from bp2_rl.settings.reference import CollocationConfig
@@ -86,7 +86,7 @@ class CollocationGait(CollocationConfig):
         )
 
     @property
-    def _table(self) -> Table:
+    def _table(self) -> LibraryTable:
         return load_table(self.file, self.hardware.leg_length)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -98,7 +98,7 @@ class CollocationGait(CollocationConfig):
         y = jnp.minimum(square_speed(command, self.hardware) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
-    def _stride(self, command: Float[Array, "... 3"]) -> "_Stride":
+    def _stride(self, command: Float[Array, "... 3"]) -> "_BlendedStride":
         """Where the command lies between the library's speeds, and the stride there.
 
         The mean speed of motions blended with weights w is that of their strides' sums, (w_0 s_0 + w_1 s_1) /
@@ -114,11 +114,13 @@ class CollocationGait(CollocationConfig):
         away = jnp.stack([ends[..., 1, 0] - speed, speed - ends[..., 0, 0]], axis=-1) * half[..., ::-1]
         weights = away / jnp.sum(away, axis=-1, keepdims=True)
         _, stance, flight, fore, hind = jnp.moveaxis(jnp.sum(weights[..., None] * ends, axis=-2), -1, 0)
-        return _Stride(rows, weights, speed, stance, stance + flight, jnp.stack([fore, fore, hind, hind], axis=-1))
+        return _BlendedStride(
+            rows, weights, speed, stance, stance + flight, jnp.stack([fore, fore, hind, hind], axis=-1)
+        )
 
     def _sample(
-        self, stride: "_Stride", since: Float[Array, "..."], mirrored: Bool[Array, "..."]
-    ) -> tuple["_Moment", "_Moment"]:
+        self, stride: "_BlendedStride", since: Float[Array, "..."], mirrored: Bool[Array, "..."]
+    ) -> tuple["_BlendedPose", "_BlendedPose"]:
         """The blended motion `since` seconds after a touchdown, and its rates, with left and right in their places."""
         cubics = jnp.asarray(self._table.cubics, dtype=since.dtype)
         intervals = cubics.shape[1]
@@ -136,7 +138,7 @@ class CollocationGait(CollocationConfig):
     def _displacement(
         self,
         command: Float[Array, "... 3"],
-        stride: "_Stride",
+        stride: "_BlendedStride",
         stepping: Float[Array, "..."],
         since_touchdown: Float[Array, "... 4"],
     ) -> tuple[Float[Array, "... 4 2"], Float[Array, "... 4 2"]]:
@@ -175,7 +177,7 @@ class CollocationGait(CollocationConfig):
         )
 
     def _joints(
-        self, stepping: Float[Array, "..."], moment: "_Moment", displaced: Float[Array, "... 4 2"]
+        self, stepping: Float[Array, "..."], moment: "_BlendedPose", displaced: Float[Array, "... 4 2"]
     ) -> Float[Array, "... 4 3"]:
         """Joint angles that put the feet between standing and the library's motion, and `displaced`, within reach."""
         stand = _stand(self.hardware)
@@ -189,7 +191,7 @@ class CollocationGait(CollocationConfig):
         return kinematics.joint_angles(_within_reach(anyway, wanted, centre, self.hardware), centre, self.hardware)
 
 
-class _Stride(NamedTuple):
+class _BlendedStride(NamedTuple):
     """A stride between two of the library's speeds."""
 
     rows: Array  # (..., 2) indices of the two speeds
@@ -200,7 +202,7 @@ class _Stride(NamedTuple):
     middle: Array  # (..., 4) m, x of each foot's centre in mid-stance, from the trunk's centre
 
 
-class _Moment(NamedTuple):
+class _BlendedPose(NamedTuple):
     """The library's motion at one time, or its rates."""
 
     x: Array  # (...) m
@@ -231,7 +233,7 @@ def _stand(hardware: specs.HardwareSpec) -> _Stand:
     return _Stand(feet, sag, specs.FOOT_RADIUS - float(feet[0, 2]), torque)
 
 
-def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _Moment:
+def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _BlendedPose:
     """The parts of a row of the table."""
 
     def placed(legs: Array) -> Array:
@@ -239,7 +241,7 @@ def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _Mo
 
     legs = placed(by_leg(values[..., TRUNK:COORDINATES]))
     torque = placed(values[..., COORDINATES:].reshape(*values.shape[:-1], 4, 2))
-    return _Moment(values[..., 0], values[..., 1], values[..., 2], legs[..., :2], legs[..., 2], torque)
+    return _BlendedPose(values[..., 0], values[..., 1], values[..., 2], legs[..., :2], legs[..., 2], torque)
 
 
 def _within_reach(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser.problem import Weights
+from bp2_rl.optimiser.problem import CostWeights
 from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.figures.binding import numbers as numbers_module
 from bp2_rl.paper.figures.binding.figure import binding
@@ -19,7 +19,7 @@ def test_the_running_cost_is_the_papers():
     # One motor of eight at half its torque and a quarter of its speed, one foot with a body weight and a half.
     torque, qd, force = np.zeros((1, 8)), np.zeros((1, 8)), np.zeros((1, 8))
     torque[0, 3], qd[0, 3], force[0, 5] = 60.0, -0.25 * 21.4, 1.5 * 353.0
-    assert running_cost(torque, qd, force, IDEAL, Weights()) == pytest.approx(0.125**2 + 0.5**2 + 1.5**2)
+    assert running_cost(torque, qd, force, IDEAL, CostWeights()) == pytest.approx(0.125**2 + 0.5**2 + 1.5**2)
     assert pytest.approx(353.0, abs=0.5) == TOTAL_MASS * 9.81
 
 

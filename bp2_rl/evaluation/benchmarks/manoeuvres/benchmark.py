@@ -30,7 +30,7 @@ from bp2_rl.simulation.metrics import RIPPLE, best_window
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import run_team
 from bp2_rl.simulation.schedule import ACCELERATION, Ramp
-from bp2_rl.simulation.team import Try, rollout_team
+from bp2_rl.simulation.team import RunRequest, rollout_team
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import EVEN, GRID
 
@@ -85,7 +85,7 @@ def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
     """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
-    run = next(rollout_team(policy, policy.card.env, [Try(dash_of(ramp), robot, operator, finish=TRACK)]))
+    run = next(rollout_team(policy, policy.card.env, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)]))
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 

@@ -13,7 +13,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import ACCELERATION, Course, Ramp, Schedule
-from bp2_rl.simulation.team import Try
+from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 
@@ -41,7 +41,7 @@ LATENCIES = 0.005, 0.010, 0.015  # s
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Manoeuvre(Try):
+class Manoeuvre(RunRequest):
     """One try, and how it is judged."""
 
     group: str  # what is tried ...

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.robot import specs
-from bp2_rl.simulation.flock import Flock, Moment
+from bp2_rl.simulation.flock import Flock, FlockState
 
 TICK = specs.CONTROL_STEP
 CHUNK = 32  # robots that run side by side
@@ -64,7 +64,7 @@ class Orbit:
         base: one robot at a stroke; says all that coordinates leave out.
     """
 
-    def __init__(self, flock: Flock, coordinates: Coordinates, speed: float, ticks: int, base: Moment):
+    def __init__(self, flock: Flock, coordinates: Coordinates, speed: float, ticks: int, base: FlockState):
         self.flock, self.coordinates, self.speed, self.ticks, self.base = flock, coordinates, speed, ticks, base
 
     @property

@@ -29,7 +29,7 @@ from bp2_rl.paper.orbits.pushes import largest
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
-from bp2_rl.simulation.flock import Flock, Moment, Recorded, together
+from bp2_rl.simulation.flock import Flock, FlockState, Recorded, together
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
@@ -99,11 +99,11 @@ def try_speed(policy: Policy, one: StabilityTry) -> Found:
     start = flock.standing(len(share), commands[0])
     scheduled = np.repeat(commands[1:, None], len(share), axis=1)
     eased, down, _ = flock.run(start, scheduled, seed=one.seed, noisy=share)
-    strokes: list[Moment] = []
+    strokes: list[FlockState] = []
 
-    passed: list[Moment] = []  # of the robot without noise, in the last stride
+    passed: list[FlockState] = []  # of the robot without noise, in the last stride
 
-    def keep(step: int, moment: Moment) -> None:
+    def keep(step: int, moment: FlockState) -> None:
         if (step + 1) % one.ticks == 0:
             strokes.append(moment)
         if step >= (extent.strides - 1) * one.ticks - 1:
@@ -147,7 +147,7 @@ def _steady(flock: Flock, log: Recorded | None, robot: int) -> Steady:
 # --- The return map ------------------------------------------------------------------------------------------
 
 
-def orbit_of(policy: Policy, one: StabilityTry, at: Moment, operator: HeadingHold) -> Orbit:
+def orbit_of(policy: Policy, one: StabilityTry, at: FlockState, operator: HeadingHold) -> Orbit:
     """The map from stroke to stroke of a robot that is at one."""
     flock = Flock(policy, policy.card.env, hardware=one.robot, operator=operator)
     coordinates = Coordinates.of(policy.card.env, one.robot, flock.memory, steered=operator.limit > 0.0)
@@ -155,7 +155,9 @@ def orbit_of(policy: Policy, one: StabilityTry, at: Moment, operator: HeadingHol
     return Orbit(flock, coordinates, one.speed, one.ticks, base)
 
 
-def measure_returns(policy: Policy, one: StabilityTry, quiet: Moment, strokes: list[Moment]) -> MapMetrics | None:
+def measure_returns(
+    policy: Policy, one: StabilityTry, quiet: FlockState, strokes: list[FlockState]
+) -> MapMetrics | None:
     """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one.
 
     Coordinates count over their scatter under noise, from stroke to stroke. They do not hold what a policy with a
@@ -254,7 +256,7 @@ def _by_differences(
 # --- Pushes --------------------------------------------------------------------------------------------------
 
 
-def push_all(policy: Policy, one: StabilityTry, passed: Sequence[Moment]) -> tuple[PushMetrics, ...]:
+def push_all(policy: Policy, one: StabilityTry, passed: Sequence[FlockState]) -> tuple[PushMetrics, ...]:
     """The largest push that a robot survives, by the phase of the clock and the direction.
 
     `passed` are its moments in a stride, from stroke to stroke by the control step.
@@ -277,7 +279,7 @@ def push_all(policy: Policy, one: StabilityTry, passed: Sequence[Moment]) -> tup
     )
 
 
-def pushed_by(moment: Moment, sizes: Float[np.ndarray, " N"], directions: Float[np.ndarray, " N"]) -> Moment:
+def pushed_by(moment: FlockState, sizes: Float[np.ndarray, " N"], directions: Float[np.ndarray, " N"]) -> FlockState:
     """Return these robots after a jump of their velocity, m/s, in directions from forward to the left, rad."""
     qvel, toward = moment.qvel.copy(), yaw_of(moment.qpos[:, 3:7]) + directions
     qvel[:, :2] += sizes[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=-1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.collocation import solve
-from bp2_rl.optimiser.problem import Problem, Weights
+from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.paper.benchmarks.efficiency.measured import measure_energy
 from bp2_rl.paper.benchmarks.speeds import whole_strides
@@ -152,5 +152,5 @@ def describe_run(run: Trajectory) -> Gait:
         rms_torque=float(np.sqrt(np.mean(torque**2))),
         peak_force=float(np.max(part.foot_force[..., 2])),
         positive=energy.positive,
-        running_cost=float(np.mean(running_cost(torque, qd, force, run.hardware, Weights()))),
+        running_cost=float(np.mean(running_cost(torque, qd, force, run.hardware, CostWeights()))),
     )

@@ -3,12 +3,12 @@
 import dataclasses
 import math
 
-from bp2_rl.optimiser.problem import Problem, Weights
+from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT
 
-BODY_WEIGHT = Weights().force  # N
+BODY_WEIGHT = CostWeights().force  # N
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.optimiser.problem import Intervals, Problem, Starts, Weights
+from bp2_rl.optimiser.problem import CostWeights, Intervals, Problem, Starts
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 
@@ -85,7 +85,7 @@ class CodesignSettings:
     """
 
     problem: Problem = Problem(
-        intervals=8, speed_margin=0.6, weights=Weights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
+        intervals=8, speed_margin=0.6, weights=CostWeights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
     )
     bounds: Bounds = Bounds()
     # Where scans go; free parameters keep to `bounds`. Behind higher gears the speed margin leaves no gait.

@@ -38,7 +38,7 @@ from bp2_rl.robot.specs import BUILT, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.account import CAUSES, Ledger
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import Try, rollout_team
+from bp2_rl.simulation.team import RunRequest, rollout_team
 
 N = 4001  # ms of four cycles a second, and the one that is left out
 HIND_KNEES = (8, 11)
@@ -121,7 +121,7 @@ def test_work_is_what_is_lost_and_stored():
     """A shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account(ramp, next(rollout_team(policy, policy.card.env, [Try(ramp, BUILT)])))
+    at = account(ramp, next(rollout_team(policy, policy.card.env, [RunRequest(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None

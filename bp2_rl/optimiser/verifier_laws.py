@@ -1,5 +1,5 @@
-"""What a machine does to torque and motion between its battery and the road, as the judge has it: in NumPy, from
-`HardwareSpec` alone, with no line of code in common with `sagittal`, `collocation` and the simulation.
+"""Motor and loss laws of the independent verifier: gears, friction, air drag, bus power and torque envelope. They are
+written in NumPy from `HardwareSpec` alone and share no code with `sagittal`, `collocation` and the simulation.
 
 Speeds qd (rad/s) and motor torques tau (Nm, before the gear's loss) are of the joints with a motor, the last axis;
 `share` is the share of the robot that the model is.
@@ -17,7 +17,7 @@ Each = Float[np.ndarray, "..."]
 
 
 def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
-    """What reaches the joints of the motors' torque, Nm: less by the gear's loss, dry and viscous friction."""
+    """Return the torque that reaches the joints, Nm: the motors' torque less gear loss, dry and viscous friction."""
     losses = hardware.losses
     in_gear = tau * (1.0 - losses.gear_efficiency) * _smooth_sign(tau, GEAR_ROUNDING)
     return tau - (in_gear + losses.joint_friction) * _smooth_sign(qd, JOINT_ROUNDING) - losses.joint_viscosity * qd
