@@ -18,7 +18,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.episode import DRAWS, PipelineState, Starts
-from bp2_rl.env.metrics import Outcome, metrics
+from bp2_rl.env.metrics import StepOutcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.named import CONFIGS, DEFAULT
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
@@ -135,7 +135,7 @@ class BP2Env(envs.Env):
             obs=obs,
             reward=sum(terms.values()),
             done=fall.happened.astype(jnp.float32),
-            metrics=metrics(Outcome(terms, before.command.current, heading, effort, level, fall)),
+            metrics=metrics(StepOutcome(terms, before.command.current, heading, effort, level, fall)),
             info={**state.info, "rng": rng, "curriculum": level},
         )
 
@@ -204,7 +204,7 @@ class BP2Env(envs.Env):
             obs=obs,
             reward=zero,
             done=zero,
-            metrics=metrics(Outcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
+            metrics=metrics(StepOutcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
             info={"rng": rng, "curriculum": level},
         )
 

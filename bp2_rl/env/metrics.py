@@ -14,7 +14,7 @@ SPEED_BINS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)
 """Lower edges of the bins of commanded speed for which tracking errors are reported, m/s."""
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """One control step of one robot."""
 
     rewards: dict[str, Array]  # by row of Table S4
@@ -25,7 +25,7 @@ class Outcome(NamedTuple):
     fall: Fall
 
 
-def metrics(step: Outcome) -> dict[str, Array]:
+def metrics(step: StepOutcome) -> dict[str, Array]:
     """The numbers by name. `error/A` over `share/A` is the mean speed error at commands from A m/s to the next bin."""
     error = jnp.abs(step.heading.velocity[0] - step.command[0])
     speed = jnp.abs(step.command[0])

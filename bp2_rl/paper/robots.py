@@ -8,14 +8,14 @@ import numpy as np
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
-from bp2_rl.evaluation.published.table import Heading, read_table
+from bp2_rl.evaluation.published.table import ColumnHeading, read_table
 from bp2_rl.robot.specs import GRAVITY
 from bp2_rl.simulation.metrics import power_demand
 
 TABLE_S1 = "published/robots.csv"
 PAPER_GRAVITY = 9.8  # m/s2, DERIVED: the paper's 1.475 is 36 g 10.74 / (120 x 21.4) with this g; 9.81 gives 1.477
 KMH = 3.6  # km/h in a m/s
-Mass = Annotated[float, Within(1e-6, 1e6), Heading("mass [kg]")]
+Mass = Annotated[float, Within(1e-6, 1e6), ColumnHeading("mass [kg]")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,9 +24,11 @@ class PublishedRobot:
 
     robot: str
     mass: Mass  # kg
-    peak_torque: Annotated[float | None, Within(1e-3, 1e6), Heading("peak torque [Nm]")]  # of a motor, at the joint
-    no_load_speed: Annotated[float | None, Within(1e-3, 1e6), Heading("no-load speed [rad/s]")]  # likewise
-    top_speed: Annotated[float, Within(1e-3, 1e3), Heading("top speed [m/s]")]
+    peak_torque: Annotated[
+        float | None, Within(1e-3, 1e6), ColumnHeading("peak torque [Nm]")
+    ]  # of a motor, at the joint
+    no_load_speed: Annotated[float | None, Within(1e-3, 1e6), ColumnHeading("no-load speed [rad/s]")]  # likewise
+    top_speed: Annotated[float, Within(1e-3, 1e3), ColumnHeading("top speed [m/s]")]
     wheels: bool  # at the ends of its legs; the paper does not mark them
     source: str
 
@@ -50,7 +52,7 @@ class Mammal:
 
     species: str
     mass: Mass  # kg
-    top_speed: Annotated[float, Within(1e-3, 1e3), Heading("top speed [km/h]")]  # as Hirt et al. tabulate it
+    top_speed: Annotated[float, Within(1e-3, 1e3), ColumnHeading("top speed [km/h]")]  # as Hirt et al. tabulate it
 
 
 def read_robots() -> tuple[PublishedRobot, ...]:

@@ -107,7 +107,7 @@ def let_converge(
     Args:
         model: to be changed.
         iterations: of the solver in a step, at most; with the usual tolerance mostly two do.
-        line_search: likewise in each of them.
+        line_search: line-search steps in an iteration, at most.
         tolerance: scaled residual at which it is done; None for that of the model.
     """
     model.opt.iterations, model.opt.ls_iterations = iterations, line_search

@@ -45,7 +45,7 @@ class Ledger(NamedTuple):
         return self.bus - sum(self.lost.values()) - self.stored
 
 
-class Soles(NamedTuple):
+class SoleAccount(NamedTuple):
     """The feet's lowest points."""
 
     height: Float[np.ndarray, "N 4"]  # m, below 0 in the ground
@@ -58,7 +58,7 @@ def account(run: Trajectory) -> Account:
     return Account(_power(run, ledger), _ground(run, soles))
 
 
-def replay(run: Trajectory) -> tuple[Ledger, Soles]:
+def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     """Take every sample but the last through MuJoCo's forward dynamics."""
     model = load_model(run.hardware, visual=False)
     JUDGE.apply(model)
@@ -70,7 +70,7 @@ def replay(run: Trajectory) -> tuple[Ledger, Soles]:
     change = np.diff(run.qvel, axis=0)
     names = "momentum", "bias", "spring", "damper", "ground", "legs", "stops"
     force = {name: np.zeros((count, NV)) for name in names}
-    soles = Soles(np.zeros((count, 4)), np.zeros((count, 4, 3)))
+    soles = SoleAccount(np.zeros((count, 4)), np.zeros((count, 4, 3)))
     energy, velocity = np.zeros(count), np.zeros(6)
     against = None if resistance is None else losses.loss(resistance, run.qpos, run.qvel, run.torque)
     applied = np.zeros_like(run.qvel) if against is None else losses.generalized(against)
@@ -178,7 +178,7 @@ def beyond_envelope(run: Trajectory) -> Float[np.ndarray, "M 12"]:
     return excess
 
 
-def _ground(run: Trajectory, soles: Soles) -> GroundMetrics:
+def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     standing = contacts(run)[:-1]
     touching = run.foot_force[:-1, :, 2] > 0.0
     speed = np.linalg.norm(soles.velocity[..., :2], axis=-1)

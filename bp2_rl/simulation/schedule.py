@@ -57,7 +57,7 @@ class Ramp:
             )
 
     def under(self, control: ControlConfig) -> "Ramp":
-        """The same as this controller's policy is told it."""
+        """Return this ramp as the controller's policy is told it."""
         return dataclasses.replace(self, launching=control.launching, launching_speed=control.launching_speed)
 
     @property
@@ -125,11 +125,11 @@ class Course:
     legs: tuple[Leg, ...] = ()
 
     def to(self, command: Command, seconds: float) -> "Course":
-        """The same, and then to a command in so many seconds."""
+        """Return this course with one more leg: to a command in so many seconds."""
         return Course((*self.legs, Leg(command, seconds)))
 
     def hold(self, seconds: float) -> "Course":
-        """The same, and then the last command for so many seconds more."""
+        """Return this course with its last command held for so many seconds more."""
         return self.to(self._commands[-1], seconds)
 
     @property

@@ -11,7 +11,7 @@ from bp2_rl.simulation.machine import Numerics
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import Course, Ramp
-from bp2_rl.simulation.team import MOST, Try, rollout_team
+from bp2_rl.simulation.team import MOST, RunRequest, rollout_team
 from bp2_rl.simulation.world import Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
@@ -28,17 +28,19 @@ def tire(machine, torque):
 
 
 TRIES = (
-    Try(RAMP, BUILT, name="built"),
-    Try(Ramp((2.0, 0.0, 0.0), acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
-    Try(RAMP, SLIPPERY, HeadingHold(heading_gain=9.0, limit=2.0), gyro_bias=0.5, name="slippery, steered astray"),
-    Try(RAMP, LATE, name="late"),
-    Try(RAMP, BUILT, world=World(slope=0.05), name="uphill"),
-    Try(RAMP, BUILT, world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)), name="rough, pushed"),
-    Try(RAMP, BUILT, world=World(pushes=(Push(0.01, 2.0, 0.0),)), finish=0.05, name="there"),
-    Try(RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"),
-    Try(RAMP, IDEAL, numerics=Numerics(steps=2), name="ideal, finer"),
-    Try(RAMP, BUILT, watch=tire, name="tired"),
-    Try(Course().hold(0.3), BUILT, world=World(pushes=(Push(0.01, 6.0, 0.0),)), name="down"),
+    RunRequest(RAMP, BUILT, name="built"),
+    RunRequest(Ramp((2.0, 0.0, 0.0), acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
+    RunRequest(
+        RAMP, SLIPPERY, HeadingHold(heading_gain=9.0, limit=2.0), gyro_bias=0.5, name="slippery, steered astray"
+    ),
+    RunRequest(RAMP, LATE, name="late"),
+    RunRequest(RAMP, BUILT, world=World(slope=0.05), name="uphill"),
+    RunRequest(RAMP, BUILT, world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)), name="rough, pushed"),
+    RunRequest(RAMP, BUILT, world=World(pushes=(Push(0.01, 2.0, 0.0),)), finish=0.05, name="there"),
+    RunRequest(RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"),
+    RunRequest(RAMP, IDEAL, numerics=Numerics(steps=2), name="ideal, finer"),
+    RunRequest(RAMP, BUILT, watch=tire, name="tired"),
+    RunRequest(Course().hold(0.3), BUILT, world=World(pushes=(Push(0.01, 6.0, 0.0),)), name="down"),
 )
 
 
@@ -55,7 +57,9 @@ def together():
 @pytest.mark.parametrize("i", range(len(TRIES)), ids=[one.name for one in TRIES])
 def test_each_runs_as_it_would_alone(together, i):
     one, run = TRIES[i], together[i]
-    given = {field.name: getattr(one, field.name) for field in dataclasses.fields(Try) if field.name != "schedule"}
+    given = {
+        field.name: getattr(one, field.name) for field in dataclasses.fields(RunRequest) if field.name != "schedule"
+    }
     alone = rollout_mujoco(answering, one.schedule, CONFIG, **given)
     assert (len(run), run.fell_at, run.name, run.hardware) == (len(alone), alone.fell_at, one.name, one.hardware)
     # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
@@ -79,7 +83,7 @@ def test_they_do_end_in_different_ways(together):
 
 
 def test_more_than_fit_beside_each_other_run_in_turn():
-    tries = [Try(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
+    tries = [RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
     runs = list(rollout_team(answering, CONFIG, tries))
     assert [run.name for run in runs] == [one.name for one in tries]
     assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]

@@ -18,7 +18,7 @@ from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class LibraryArguments:
     """Build the library of reference motions: solve the family, verify it, write the file.
 
     Interrupted, it goes on where it stopped when run again.
@@ -42,10 +42,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _build(app.parse(Arguments, argv, "bp2 trajopt library")))
+    return app.run(lambda: _build(app.parse(LibraryArguments, argv, "bp2 trajopt library")))
 
 
-def _build(arguments: Arguments) -> None:
+def _build(arguments: LibraryArguments) -> None:
     """Leave the solutions in their folder and the library in its file."""
     with output.own_folder(arguments.out):
         make_folder(arguments.to.parent)

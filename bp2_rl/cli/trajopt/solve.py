@@ -14,7 +14,7 @@ from bp2_rl.optimiser.solution import save_solution, speed_name
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class SolveArguments:
     """Find the best trajectory at one speed, verify it, and keep it with its picture."""
 
     problem: Annotated[Problem, Flat] = Problem()
@@ -34,10 +34,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _solve(parse_on_robot(Arguments, argv, "bp2 trajopt solve")))
+    return app.run(lambda: _solve(parse_on_robot(SolveArguments, argv, "bp2 trajopt solve")))
 
 
-def _solve(arguments: Arguments) -> None:
+def _solve(arguments: SolveArguments) -> None:
     """Leave a solution, named after its speed, in the output folder."""
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.optimiser.collocation import refine, solve_best

@@ -13,7 +13,7 @@ from bp2_rl.cli.trajopt.solutions import load_solutions
 
 
 @dataclasses.dataclass(frozen=True)
-class Arguments:
+class VerifyArguments:
     """Judge solutions by a model that shares no code with the one they were found with."""
 
     path: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTION_OR_LIBRARY")] = None
@@ -22,10 +22,10 @@ class Arguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    return app.run(lambda: _verify(app.parse(Arguments, argv, "bp2 trajopt verify")))
+    return app.run(lambda: _verify(app.parse(VerifyArguments, argv, "bp2 trajopt verify")))
 
 
-def _verify(arguments: Arguments) -> None:
+def _verify(arguments: VerifyArguments) -> None:
     """Print every figure and its limit; a figure beyond its limit is a user's mistake like any other."""
     solutions = load_solutions(arguments.path)
 

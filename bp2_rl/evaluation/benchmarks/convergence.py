@@ -43,7 +43,7 @@ TILES = "Greatest change", "Mean speed", "Top speed"
 
 
 @dataclasses.dataclass(frozen=True)
-class Variant:
+class NumericsVariant:
     """One run; changes are relative to the first one."""
 
     name: str
@@ -60,7 +60,7 @@ class ConvergenceMetrics:
 
     commanded_speed: float  # m/s
     greatest_change: float  # of the mean speed held, relative
-    variants: tuple[Variant, ...]
+    variants: tuple[NumericsVariant, ...]
 
 
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
@@ -99,7 +99,7 @@ def compare(runs: dict[str, Trajectory]) -> ConvergenceMetrics:
     measured = {name: measure(run) for name, run in runs.items()}
     first = next(iter(measured.values()))
     variants = tuple(
-        Variant(
+        NumericsVariant(
             name=name,
             mean_speed=m.mean_speed,
             best_speed=m.best_speed,

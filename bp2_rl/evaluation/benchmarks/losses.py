@@ -51,7 +51,7 @@ class Tried:
 
 
 @dataclasses.dataclass(frozen=True)
-class Loss:
+class PricedLoss:
     """One loss: its price in three ways; m/s, mean speed held."""
 
     name: str
@@ -68,7 +68,7 @@ class LossesMetrics:
     commanded_speed: float  # m/s
     ideal: Tried
     built: Tried
-    losses: tuple[Loss, ...]
+    losses: tuple[PricedLoss, ...]
     optimiser: tuple[float, float] | None  # m/s, greatest speeds of its ideal and its built robot
 
 
@@ -88,7 +88,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     rows = []
     for i, part in enumerate(parts):
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
-        rows.append(Loss(part, alone, without, added, found.get(f"ideal + {part}")))
+        rows.append(PricedLoss(part, alone, without, added, found.get(f"ideal + {part}")))
     pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
     metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair)
     return Evaluation(
@@ -171,7 +171,15 @@ def price(before: Tried, after: Tried) -> float:
 
 def loss_table(metrics: LossesMetrics) -> Table:
     """Every loss."""
-    head = "Loss", "Alone [m/s]", "Cost", "All but this [m/s]", "Gain", "Added in turn [m/s]", "Optimiser, alone [m/s]"
+    head = (
+        "Loss",
+        "Alone [m/s]",
+        "Cost",
+        "All but this [m/s]",
+        "Gain",
+        "Added in turn [m/s]",
+        "Optimiser, alone [m/s]",
+    )
     return Table(
         "Losses",
         head,

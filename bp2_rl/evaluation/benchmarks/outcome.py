@@ -69,7 +69,7 @@ def show_fall(fell_at: float | None) -> str:
 
 
 def rounded(results: dict[str, Any]) -> dict[str, Any]:
-    """The same to four digits, within lists and groups too; None for what is no number, as of a run that blew up."""
+    """Round numbers to four digits, within lists and groups too; None stands for what is not finite."""
 
     def four_digits(value: Any) -> Any:
         if isinstance(value, float):

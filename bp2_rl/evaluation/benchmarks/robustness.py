@@ -33,7 +33,7 @@ TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst of
 
 
 @dataclasses.dataclass(frozen=True)
-class Robot:
+class DrawnRobot:
     """One robot: what was drawn for it, and what it did."""
 
     friction: float  # of the feet on the ground
@@ -47,7 +47,7 @@ class Robot:
 
 @dataclasses.dataclass(frozen=True)
 class Quantiles:
-    """Of the robots that did not fall."""
+    """Quantiles of a figure over the robots that did not fall."""
 
     low: float  # 5 % lie below
     median: float
@@ -69,7 +69,7 @@ class RobustnessMetrics:
     fallen_at: tuple[float, ...]  # s, in order
     legs_touch: int  # robots with a leg in another or in the trunk at some control step
     leg_depth: float  # m, greatest
-    robots: tuple[Robot, ...]
+    robots: tuple[DrawnRobot, ...]
 
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
@@ -165,7 +165,7 @@ def measure_fleet(run: BatchRun) -> RobustnessMetrics:
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
     offsets = np.max(np.abs(run.offset), axis=0)
     robots = tuple(
-        Robot(
+        DrawnRobot(
             **{name: float(values[i]) for name, values in run.robots.items()},
             mean_speed=float(speeds[i]) if up else None,
             offset=float(offsets[i]) if up else None,

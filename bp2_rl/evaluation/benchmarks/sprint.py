@@ -66,7 +66,7 @@ class Split:
 
 
 @dataclasses.dataclass(frozen=True)
-class Launch:
+class SprintLaunch:
     """The first `LAUNCH` metres.
 
     The paper gives mean accelerations (BP2 2.38, a trained sprinter 4.8 m/s2) without a definition. Here it is the
@@ -96,7 +96,7 @@ class SprintMetrics:
     time: float | None  # s over 100 m, from when the command begins to rise; None if it did not arrive
     sprint_acceleration: float  # m/s2, of the command
     splits: tuple[Split, ...]  # as far as it came
-    launch: Launch | None  # None if it did not come so far
+    launch: SprintLaunch | None  # None if it did not come so far
     lane: Lane
     run: RunMetrics
 
@@ -194,14 +194,14 @@ def measure_splits(run: Trajectory) -> tuple[Split, ...]:
     return tuple(splits)
 
 
-def measure_launch(run: Trajectory) -> Launch | None:
+def measure_launch(run: Trajectory) -> SprintLaunch | None:
     """The first metres; None if the run ends less than half of `RIPPLE` after them."""
     time = time_at(run, LAUNCH)
     if time is None or time + RIPPLE / 2 > run.time[-1]:
         return None
     behind, ahead = np.interp((time - RIPPLE / 2, time + RIPPLE / 2), run.time, track_position(run)[0])
     speed = float(ahead - behind) / RIPPLE
-    return Launch(time, speed, speed / time, 2.0 * LAUNCH / time**2)
+    return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH / time**2)
 
 
 def measure_lane(run: Trajectory) -> Lane:

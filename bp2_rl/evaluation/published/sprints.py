@@ -8,7 +8,7 @@ from typing import Annotated
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.published.table import Heading, read_table
+from bp2_rl.evaluation.published.table import ColumnHeading, read_table
 from bp2_rl.robot import specs
 
 TABLE_S2 = "published/standards.csv"
@@ -42,7 +42,7 @@ class Standard:
 
     category: str
     level: Annotated[int, Within(1, 9)]  # 1 is the highest
-    time: Annotated[float, Within(1.0, 100.0), Heading("time [s]")]
+    time: Annotated[float, Within(1.0, 100.0), ColumnHeading("time [s]")]
     source: str
 
 
@@ -51,9 +51,9 @@ class SplitRow:
     """One row of a user's table of splits."""
 
     athlete: str
-    distance: Annotated[float, Within(0.0, TRACK, open_below=True), Heading("distance [m]")]
-    time: Annotated[float, Within(0.0, 1000.0, open_below=True), Heading("time [s]")]  # from the gun
-    reaction: Annotated[float | None, Within(0.0, 1.0), Heading("reaction [s]")]
+    distance: Annotated[float, Within(0.0, TRACK, open_below=True), ColumnHeading("distance [m]")]
+    time: Annotated[float, Within(0.0, 1000.0, open_below=True), ColumnHeading("time [s]")]  # from the gun
+    reaction: Annotated[float | None, Within(0.0, 1.0), ColumnHeading("reaction [s]")]
 
 
 @dataclasses.dataclass(frozen=True)

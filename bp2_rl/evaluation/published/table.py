@@ -1,7 +1,7 @@
 """Tables of published numbers as CSV: ours that ship, and a stranger's, looked at before use.
 
-A row is a frozen dataclass. Its fields are the columns, under the headings that `Heading` gives them, unit included:
-a column in km/h is not taken for one in m/s. A file may hold further columns, and the columns in any order.
+A row is a frozen dataclass. Its fields are the columns, under the headings that `ColumnHeading` gives them, unit
+included: a column in km/h is not taken for one in m/s. A file may hold further columns, and the columns in any order.
 """
 
 import csv
@@ -22,7 +22,7 @@ LARGEST = 1 << 20  # bytes of a table that is read
 YES, NO = "yes", "no"
 
 
-class Heading(NamedTuple):
+class ColumnHeading(NamedTuple):
     """What stands over a field's column: `mass: Annotated[float, Heading("mass [kg]")]`; else the field's name."""
 
     text: str
@@ -64,7 +64,7 @@ def _fields(row: type[Any]) -> tuple[_Field, ...]:
     found = []
     for field in dataclasses.fields(row):
         remarks = get_args(hints[field.name])[1:] if get_origin(hints[field.name]) is Annotated else ()
-        heading = next((remark.text for remark in remarks if isinstance(remark, Heading)), field.name)
+        heading = next((remark.text for remark in remarks if isinstance(remark, ColumnHeading)), field.name)
         bare = get_args(hints[field.name])[0] if remarks else hints[field.name]
         members = get_args(bare) if isinstance(bare, types.UnionType) else (bare,)
         found.append(_Field(field.name, heading, members[0], types.NoneType in members))

@@ -44,7 +44,7 @@ class Item:
     because: str = ""  # what makes the difference, or why it cannot be said
 
 
-class Number(NamedTuple):
+class ReportNumber(NamedTuple):
     """A number of the page, and where it comes from."""
 
     text: str  # as shown
@@ -57,8 +57,8 @@ class IndexRow(NamedTuple):
 
     item: Item
     verdict: Verdict
-    ours: tuple[str | Number, ...]
-    because: tuple[str | Number, ...]
+    ours: tuple[str | ReportNumber, ...]
+    because: tuple[str | ReportNumber, ...]
 
 
 Reports = Mapping[str, Any]
@@ -123,8 +123,8 @@ def _same(value: Any, wanted: str) -> bool:
     return value == float(wanted) if isinstance(value, float) else str(value) == wanted
 
 
-def _filled(text: str, reports: Reports) -> tuple[str | Number, ...]:
-    parts: list[str | Number] = []
+def _filled(text: str, reports: Reports) -> tuple[str | ReportNumber, ...]:
+    parts: list[str | ReportNumber] = []
     end = 0
     for match in _NUMBER.finditer(text):
         parts.append(text[end : match.start()])
@@ -133,8 +133,8 @@ def _filled(text: str, reports: Reports) -> tuple[str | Number, ...]:
     return tuple(part for part in (*parts, text[end:]) if part)
 
 
-def _number(at: str, form: str, reports: Reports) -> Number:
+def _number(at: str, form: str, reports: Reports) -> ReportNumber:
     value = look_up(reports, at)
     if isinstance(value, str) or value is None:
-        return Number(value or "-", value, at)
-    return Number(format(value, form), value, at)
+        return ReportNumber(value or "-", value, at)
+    return ReportNumber(format(value, form), value, at)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from bp2_rl.base.files import read_bytes
 from bp2_rl.evaluation.report.page import document
-from bp2_rl.paper.index.item import IndexRow, Number, Verdict
+from bp2_rl.paper.index.item import IndexRow, ReportNumber, Verdict
 from bp2_rl.paper.index.sources import Source
 
 VERDICTS: tuple[Verdict, ...] = ("same", "differs", "not comparable", "needs hardware", "not run")
@@ -84,11 +84,11 @@ def _line(row: IndexRow, commands: Mapping[str, str], there: set[tuple[str, str]
     )
 
 
-def _filled(parts: Iterable[str | Number]) -> str:
+def _filled(parts: Iterable[str | ReportNumber]) -> str:
     return "".join(
         f'<data data-at="{html.escape(part.at)}" value="{html.escape(json.dumps(part.value))}">'
         f"{html.escape(part.text)}</data>"
-        if isinstance(part, Number)
+        if isinstance(part, ReportNumber)
         else html.escape(part)
         for part in parts
     )

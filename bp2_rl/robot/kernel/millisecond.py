@@ -36,11 +36,11 @@ def step(
         state: before the step.
         applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among them, N and Nm.
     """
-    after, heights = _step(design, masses, friction, _State.of(state), _split(applied))
+    after, heights = _step(design, masses, friction, _RobotState.of(state), _split(applied))
     return after.moving(), heights
 
 
-class _State(NamedTuple):
+class _RobotState(NamedTuple):
     """The state of the robots, number by number."""
 
     place: Vector
@@ -50,7 +50,7 @@ class _State(NamedTuple):
     warmstart: Accelerations
 
     @classmethod
-    def of(cls, moving: Moving) -> "_State":
+    def of(cls, moving: Moving) -> "_RobotState":
         qpos, qvel, warmstart = moving
         place, quaternion = (qpos[0], qpos[1], qpos[2]), (qpos[3], qpos[4], qpos[5], qpos[6])
         return cls(place, quaternion, _of_legs(qpos[TRUNK + 1 :]), _split(qvel), _split(warmstart))
@@ -61,8 +61,8 @@ class _State(NamedTuple):
 
 
 def _step(
-    design: Design, masses: Masses, friction: Number, state: _State, applied: Accelerations
-) -> tuple[_State, Number]:
+    design: Design, masses: Masses, friction: Number, state: _RobotState, applied: Accelerations
+) -> tuple[_RobotState, Number]:
     barriers = FusionBarriers.of(friction)
     rotation, legs, inertia = in_one_kernel(partial(_posed, barriers), design, masses, state)
     force, constraints, start, heights = in_one_kernel(
@@ -73,7 +73,9 @@ def _step(
     return after, heights
 
 
-def _posed(barriers: FusionBarriers, design: Design, masses: Masses, state: _State) -> tuple[Rotation, Legs, Arrow]:
+def _posed(
+    barriers: FusionBarriers, design: Design, masses: Masses, state: _RobotState
+) -> tuple[Rotation, Legs, Arrow]:
     """Where everything is, and its inertia."""
     rotation, legs = barriers(partial(_pose, design), masses, state.quaternion, state.legs)
     return rotation, legs, inertia_matrix(barriers, design, masses, legs, rotation)
@@ -86,7 +88,7 @@ def _acted_on(
     friction: Number,
     legs: Legs,
     rotation: Rotation,
-    state: _State,
+    state: _RobotState,
     applied: Accelerations,
 ) -> tuple[Accelerations, Constraints, Accelerations, Number]:
     """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
@@ -103,10 +105,10 @@ def _moved(
     design: Design,
     inertia: Arrow,
     rotation: Rotation,
-    state: _State,
+    state: _RobotState,
     acceleration: Accelerations,
     total: Accelerations,
-) -> _State:
+) -> _RobotState:
     """The state after the step under these forces in all; the next starts from these accelerations."""
     damped = solve(barriers, _damped(inertia, design), total)
     after = barriers(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
@@ -123,7 +125,7 @@ def _damped(inertia: Arrow, design: Design) -> Arrow:
     return inertia._replace(legs=[*others, [*spring[:3], spring[3] + design.timestep * design.spring[1]]])
 
 
-def _integrated(dt: float, state: _State, acceleration: Accelerations) -> _State:
+def _integrated(dt: float, state: _RobotState, acceleration: Accelerations) -> _RobotState:
     """The state after the step."""
     trunk = [v + dt * a for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)]
     legs = [v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)]

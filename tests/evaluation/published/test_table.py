@@ -9,14 +9,14 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError
-from bp2_rl.evaluation.published.table import LARGEST, Heading, headings, read_table
+from bp2_rl.evaluation.published.table import LARGEST, ColumnHeading, headings, read_table
 from bp2_rl.paper.robots import TABLE_S1, PublishedRobot
 
 
 @dataclasses.dataclass(frozen=True)
 class Boat:
     name: str
-    length: Annotated[float, Within(0.0, 500.0, open_below=True), Heading("length [m]")]
+    length: Annotated[float, Within(0.0, 500.0, open_below=True), ColumnHeading("length [m]")]
     masts: Annotated[int | None, Within(0, 9)]
     afloat: bool
 

@@ -9,7 +9,7 @@ from paper_items import paper_items
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.paper.cli.index import is_known
-from bp2_rl.paper.index.item import Check, Item, Number, fill, look_up, places
+from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places
 from bp2_rl.paper.index.items import ITEMS
 from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
 
@@ -71,7 +71,7 @@ def test_all_checks_decide_and_their_numbers_are_the_files():
     assert [part if isinstance(part, str) else part.text for part in found.ours] == [
         "a share of ", "50%", ", ", "-", " and ", "wind",
     ]  # fmt: skip
-    assert [part.value for part in found.ours if isinstance(part, Number)] == [0.5, None, "wind"]
+    assert [part.value for part in found.ours if isinstance(part, ReportNumber)] == [0.5, None, "wind"]
     assert row(checks=(Check(SHARE, 0.4), Check(SHARE, most=0.45))).verdict == "differs"
     assert row(checks=(Check("one:said", words="rain"),)).verdict == "differs"
     assert row(checks=(Check("one:none", most=3.0),)).verdict == "differs"

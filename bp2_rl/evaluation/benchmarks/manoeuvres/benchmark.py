@@ -9,7 +9,14 @@ from collections.abc import Iterable, Sequence
 
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import CHATTER_WINDOW, STOPPED, Measured, Outcome, Standing, Straight
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
+    CHATTER_WINDOW,
+    STOPPED,
+    ManoeuvreOutcome,
+    Measured,
+    StandingRule,
+    Straight,
+)
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
     SLOW_TIME,
     STAND,
@@ -44,10 +51,10 @@ class ManoeuvreMetrics:
     level_speed: float  # m/s, best second at the top speed's command, on level ground
     passed: int
     fell: int
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[ManoeuvreOutcome, ...]
 
     @property
-    def groups(self) -> dict[str, tuple[Outcome, ...]]:
+    def groups(self) -> dict[str, tuple[ManoeuvreOutcome, ...]]:
         """By what was tried."""
         return {name: tuple(group) for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)}
 
@@ -90,10 +97,10 @@ def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: Headi
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 
 
-def judge(manoeuvre: Manoeuvre, run: Trajectory) -> Outcome:
+def judge(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
     """What became of it; a robot that falls fails."""
     judged, fell = manoeuvre.judge(run), run.fell_at is not None
-    return Outcome(
+    return ManoeuvreOutcome(
         group=manoeuvre.group,
         asked=manoeuvre.asked,
         rule=manoeuvre.rule,
@@ -126,7 +133,7 @@ MEASURES = (
 )
 
 
-def summarise(level_speed: float, outcomes: Sequence[Outcome]) -> ManoeuvreMetrics:
+def summarise(level_speed: float, outcomes: Sequence[ManoeuvreOutcome]) -> ManoeuvreMetrics:
     """Count."""
     passed, fell = (sum(flags) for flags in zip(*((o.passed, o.fell_at is not None) for o in outcomes), strict=True))
     return ManoeuvreMetrics(level_speed, passed, fell, tuple(outcomes))
@@ -138,7 +145,7 @@ def verdict(metrics: ManoeuvreMetrics) -> str:
     return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
 
 
-def hardest(outcomes: Iterable[Outcome]) -> str:
+def hardest(outcomes: Iterable[ManoeuvreOutcome]) -> str:
     """The hardest try that passed along with all gentler ones."""
     passed = list(itertools.takewhile(lambda outcome: outcome.passed, outcomes))
     return passed[-1].asked if passed else NOT_MEASURED
@@ -196,12 +203,12 @@ def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
     )
 
 
-def _share(group: Sequence[Outcome]) -> str:
+def _share(group: Sequence[ManoeuvreOutcome]) -> str:
     return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
 
 
 def _creep(metrics: ManoeuvreMetrics) -> float | None:
-    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, Standing)), None)
+    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, StandingRule)), None)
 
 
 def _astray(metrics: ManoeuvreMetrics) -> float | None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, QUIET, WIDTH, styled
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Outcome
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import ManoeuvreOutcome
 
 CELL, ROW = 0.76, 0.42  # inches
 LABELS = 2.2  # inches, left of the cells
@@ -21,7 +21,7 @@ CAPTION = (
 
 
 @styled
-def manoeuvres_figure(outcomes: Sequence[Outcome]) -> Figure:
+def manoeuvres_figure(outcomes: Sequence[ManoeuvreOutcome]) -> Figure:
     """The whole sheet."""
     groups = [list(group) for _, group in itertools.groupby(outcomes, key=lambda outcome: outcome.group)]
     figure = Figure(figsize=(WIDTH, ROW * (len(groups) + 1.2)))
@@ -42,7 +42,7 @@ def manoeuvres_figure(outcomes: Sequence[Outcome]) -> Figure:
     return figure
 
 
-def _draw_cell(axes: Axes, left: float, top: float, outcome: Outcome) -> None:
+def _draw_cell(axes: Axes, left: float, top: float, outcome: ManoeuvreOutcome) -> None:
     color, alpha = (FRONT, 0.16) if outcome.passed else (FALL, 1.0)
     axes.add_patch(Rectangle((left, top + 0.06), CELL - 0.05, 0.88, facecolor=color, alpha=alpha, linewidth=0))
     middle = left + (CELL - 0.05) / 2

@@ -59,7 +59,7 @@ class Turning:
 
 
 @dataclasses.dataclass(frozen=True)
-class Moving:
+class MovingRule:
     """Slowly, in any direction."""
 
     commanded_speed: float  # m/s
@@ -69,8 +69,8 @@ class Moving:
 
 
 @dataclasses.dataclass(frozen=True)
-class Standing:
-    """Nothing is asked for."""
+class StandingRule:
+    """Return whether no motion is asked for."""
 
     creep: float  # m, greatest distance from the start
     chatter: float  # Nm, root mean square of what varies faster than in `CHATTER_WINDOW`, of all motors
@@ -101,13 +101,13 @@ class Running:
     distance: float  # m
 
 
-Measured = Braking | Launching | Turning | Moving | Standing | Straight | Pushed | Running
+Measured = Braking | Launching | Turning | MovingRule | StandingRule | Straight | Pushed | Running
 M = TypeVar("M", bound=Measured)
 
 
 @dataclasses.dataclass(frozen=True)
 class Judged(Generic[M]):
-    """Of a run without a fall."""
+    """What a rule says of a run, and the figures that the rule looked at."""
 
     passed: bool
     said: str  # what it did, in a word
@@ -115,7 +115,7 @@ class Judged(Generic[M]):
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class ManoeuvreOutcome:
     """What came of one try."""
 
     group: str
@@ -128,7 +128,7 @@ class Outcome:
 
 
 def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judged[Braking]:
-    """It stops, within `BRAKING_DISTANCE` of what the command takes; `since` (s) the command falls."""
+    """Judge whether the robot stops within `BRAKING_DISTANCE`; the command falls from `since` (s) on."""
     if run.time[-1] < since:
         return Judged(False, "not begun", Braking(deceleration, None, None, None, None))
     start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
@@ -146,7 +146,7 @@ def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judg
 
 
 def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judged[Launching]:
-    """It reaches `SPEED_SHARE` of the speed before the schedule ends."""
+    """Judge whether the robot reaches `SPEED_SHARE` of the speed before the schedule ends."""
     forward = _smooth(run, run.ground_velocity[:, 0])
     fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
     time, greatest = float(run.time[fast[0]]) if len(fast) else None, float(np.max(forward))
@@ -155,7 +155,7 @@ def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judge
 
 
 def judge_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Judged[Turning]:
-    """It turns as fast as it is told, within `YAW_ERROR`, at `SPEED_SHARE` of the speed (m/s); measured `since` (s)."""
+    """Judge whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed (m/s), from `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
     kept = measured.speed is not None and measured.speed >= SPEED_SHARE * speed
@@ -163,38 +163,38 @@ def judge_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float =
 
 
 def judge_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:
-    """It turns as fast as it is told, and stays within `WANDER` of where it was."""
+    """Judge whether the robot turns as fast as it is told, and stays within `WANDER` of where it was."""
     turn = judge_turn(run, yaw_rate=yaw_rate, since=since)
     wander = turn.measured.wander
     return Judged(turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured)
 
 
-def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged[Moving]:
-    """It moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
+def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged[MovingRule]:
+    """Judge whether the robot moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
     told = math.hypot(*command[:2])
     if run.time[-1] < since + RIPPLE:
-        return Judged(False, "not begun", Moving(told, None, None, None))
+        return Judged(False, "not begun", MovingRule(told, None, None, None))
     steady = run.between(since, math.inf)
     speed = float(np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])) / told
     cost = mean_powers(steady)[1] / (run.mass * specs.GRAVITY * speed) if speed > 0.1 * told else None
-    measured = Moving(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
+    measured = MovingRule(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
     return Judged(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
 
 
-def judge_creep(run: Trajectory) -> Judged[Standing]:
-    """It stays within `CREEP` of where it was."""
+def judge_creep(run: Trajectory) -> Judged[StandingRule]:
+    """Judge whether the robot stays within `CREEP` of where it was."""
     measured = _measure_stand(run)
     return Judged(measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured)
 
 
-def judge_chatter(run: Trajectory) -> Judged[Standing]:
-    """Its motors are quiet: less than `CHATTER`."""
+def judge_chatter(run: Trajectory) -> Judged[StandingRule]:
+    """Judge whether the motors are quiet: less than `CHATTER`."""
     measured = _measure_stand(run)
     return Judged(measured.chatter < CHATTER, f"{measured.chatter:.1f} Nm", measured)
 
 
 def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Judged[Straight]:
-    """It arrives, with no edge of its trunk farther than allowed (m) from the line."""
+    """Judge whether the robot arrives with no edge of its trunk farther than allowed (m) from the line."""
     distance, reach = float(track_position(run)[0][-1]), float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
     said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
@@ -202,13 +202,13 @@ def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_
 
 
 def judge_push(run: Trajectory) -> Judged[Pushed]:
-    """It does not fall."""
+    """Judge whether the robot stays upright."""
     offset = float(np.max(np.abs(track_position(run)[1])))
     return Judged(True, f"{offset:.1f} m", Pushed(offset))
 
 
 def judge_run(run: Trajectory, *, level: float) -> Judged[Running]:
-    """Its best second reaches `SPEED_SHARE` of that on level ground."""
+    """Judge whether the best second reaches `SPEED_SHARE` of that on level ground."""
     best, distance = best_window(run, 1.0), float(track_position(run)[0][-1])
     if best is None:
         return Judged(False, "-", Running(level, None, distance))
@@ -229,9 +229,9 @@ def _measure_turn(run: Trajectory, commanded: float, since: float) -> Turning:
     return Turning(commanded, rate, speed, speed / abs(rate) if rate else None, wander)
 
 
-def _measure_stand(run: Trajectory) -> Standing:
+def _measure_stand(run: Trajectory) -> StandingRule:
     ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
-    return Standing(_wander(run), float(np.sqrt(np.mean(ripple**2))))
+    return StandingRule(_wander(run), float(np.sqrt(np.mean(ripple**2))))
 
 
 def _wander(run: Trajectory) -> float:

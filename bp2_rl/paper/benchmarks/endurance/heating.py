@@ -178,7 +178,7 @@ def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HotRun]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Watched(team.Try):
+class _Watched(team.RunRequest):
     cold_lap: float  # s
 
 

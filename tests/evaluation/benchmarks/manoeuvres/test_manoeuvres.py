@@ -25,7 +25,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     verdict,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Braking, Judged, Outcome, Pushed
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Braking, Judged, ManoeuvreOutcome, Pushed
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
@@ -48,7 +48,7 @@ def group(asked, name):
 
 def outcome(passed=True, fell_at=None, **fields):
     said = {"group": "a", "asked": "1", "rule": "none", "did": "x", "measured": Pushed(0.1)}
-    return Outcome(**(said | {"passed": passed, "fell_at": fell_at} | fields))
+    return ManoeuvreOutcome(**(said | {"passed": passed, "fell_at": fell_at} | fields))
 
 
 # --- What is asked ---------------------------------------------------------------------------------------------
