@@ -64,8 +64,8 @@ def segment_distance(
 ) -> Float[Any, "..."]:
     """Least distance between the points of two segments, either of which may be a point, m; coordinates in front.
 
-    The point of the first line that is nearest to the second, kept within its segment; then the point of the second
-    that is nearest to that one, kept within its segment; then again of the first (Ericson, Real-Time Collision Detection, 5.1.9).
+    Take the point of the first line that is nearest to the second line, then the point of the second that is nearest
+    to it, then again of the first, each kept within its segment (Ericson, Real-Time Collision Detection, 5.1.9).
     """
     xp = p.__array_namespace__()
     along_p, along_q, between = p_end - p, q_end - q, p - q

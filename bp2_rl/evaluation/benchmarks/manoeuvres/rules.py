@@ -155,7 +155,7 @@ def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judge
 
 
 def judge_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Judged[Turning]:
-    """Judge whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed (m/s), from `since` (s)."""
+    """Judge whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed, from `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
     kept = measured.speed is not None and measured.speed >= SPEED_SHARE * speed
