@@ -26,18 +26,17 @@ MID_THOUGHT = (
 STAND_INS = re.compile(r"\b(he|him|his|whose robot|who stands|likewise|the former|the latter)\b", re.IGNORECASE)
 
 
-def nodes(kinds):
-    return [
-        (path, node)
-        for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, kinds)
-    ]
+def nodes():
+    return [(path, node) for path in SOURCES for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
 
 
 def docstrings():
-    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    return [(path, text) for path, node in nodes(kinds) if (text := ast.get_docstring(node))]
+    return [
+        (path, text)
+        for path, node in nodes()
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        and (text := ast.get_docstring(node))
+    ]
 
 
 @pytest.mark.parametrize(
@@ -57,7 +56,7 @@ def test_one_training_and_one_evaluation_can_be_read():
 
 
 def test_a_class_name_means_one_thing():
-    named = collections.Counter(node.name for _, node in nodes(ast.ClassDef))
+    named = collections.Counter(node.name for _, node in nodes() if isinstance(node, ast.ClassDef))
     assert [name for name, times in named.items() if times > 1] == []
 
 

@@ -1,0 +1,36 @@
+"""README's table of results says what the cards of the shipped policies say, cell by cell, as the table rounds."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROWS = {
+    "top speed": lambda results: f"{results['topspeed']['top_speed']:.2f} m/s",
+    "100 m": lambda results: f"{results['sprint']['time_100m']:.2f} s",
+    "200 randomised robots": lambda results: f"{results['robustness']['upright']} upright",
+    "manoeuvres passed, of 95": lambda results: f"{results['manoeuvres']['passed']}",
+}
+
+
+def table() -> dict[str, list[str]]:
+    """Return the cells of README's table of results by the names of its rows."""
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    return {row[0]: row[1:] for row in rows if len(row) == 4}
+
+
+@pytest.mark.parametrize(("column", "policy"), [(1, "built"), (2, "fastest")])
+@pytest.mark.parametrize("start", ROWS)
+def test_a_cell_is_what_the_card_says(start, column, policy):
+    (cells,) = (cells for name, cells in table().items() if name.startswith(start))
+    results = json.loads((ROOT / f"assets/policies/{policy}/card.json").read_text(encoding="utf-8"))["results"]
+    assert cells[column] == ROWS[start](results)
+
+
+def test_the_columns_are_those_policies():
+    (head,) = (cells for name, cells in table().items() if name.startswith("from a standing start"))
+    assert head[0] == "BP2 (paper)"
+    assert [found[1] for cell in head[1:] if (found := re.search(r"`(\w+)`", cell))] == ["built", "fastest"]
