@@ -17,7 +17,7 @@ from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.verify import verify
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.simulation.metrics import measure
-from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 
@@ -44,7 +44,8 @@ def played(speed: float) -> Stride:
 def run(speed: float, hold: float) -> Stride:
     """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
     policy = load_policy(asset_path("policies/built"))
-    leg = measure(rollout_mujoco(policy, Ramp((speed, 0.0, 0.0), hold=hold), policy.card.env)).legs[0]
+    [found] = simulate(policy, policy.card.env, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold))])
+    leg = measure(found).legs[0]
     return Stride(1.0 / (leg.stride_frequency or math.inf), leg.duty_factor)
 
 

@@ -15,7 +15,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.specs import BUILT
 from bp2_rl.simulation.metrics import measure
-from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 POLICY = asset_path("policies/built")
@@ -35,7 +35,7 @@ def try_spring(stiffness: float, speed: float, hold: float, policy: Path = POLIC
     chosen = load_policy(policy)
     robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
     # `hardware` is the robot that runs; controller and policy still take it for the one that they were trained on.
-    run = rollout_mujoco(chosen, Ramp((speed, 0.0, 0.0), hold=hold), chosen.card.env, hardware=robot)
+    [run] = simulate(chosen, chosen.card.env, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold), robot)])
     metrics = measure(run)
     sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
     return Tried(sag, metrics.mean_speed, metrics.peak_compression, metrics.fell_at)

@@ -13,7 +13,7 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.simulation.figures import gait_figure
 from bp2_rl.simulation.film import NoVideo, make_video
 from bp2_rl.simulation.metrics import RunMetrics, measure
-from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 OUT = Path("reports/watch")
@@ -24,7 +24,7 @@ def watch(policy_or_run: Path, speed: float, hold: float, out: Path) -> RunMetri
     policy = load_policy(policy_or_run)
     # A schedule says the command over time; the policy's card says on which robot it was trained.
     schedule = Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold)
-    run = rollout_mujoco(policy, schedule, policy.card.env)
+    [run] = simulate(policy, policy.card.env, [RunRequest(schedule)])
     out.mkdir(parents=True, exist_ok=True)
     run.save(out / "trajectory.npz")  # every millisecond: states, torques, targets, forces of the ground
     save_figure(gait_figure(run), out / "gait.png")

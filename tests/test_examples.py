@@ -17,7 +17,7 @@ import watch
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.env.rewards import ROWS
-from bp2_rl.simulation import rollout
+from bp2_rl.simulation import simulator
 from bp2_rl.simulation.trajectory import Trajectory
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -26,7 +26,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.fixture(autouse=True)
 def _briefly_settled(monkeypatch):
     """Every millisecond counts where all shapes are checked: a stand of 0.3 s is within 4 % of a settled one."""
-    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.3)
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.3)
 
 
 def test_a_policy_is_watched(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from bp2_rl.paper.orbits.returns import radius
-from bp2_rl.simulation.machine import Numerics
+from bp2_rl.simulation.simulator import Numerics
 
 
 @pytest.mark.parametrize("test", ["one test", "the next"])

@@ -21,7 +21,7 @@ from bp2_rl.env.episode import DRAWS, PipelineState, Starts
 from bp2_rl.env.metrics import StepOutcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.named import CONFIGS, DEFAULT
-from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Simulator
+from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, PhysicsEngine
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
@@ -287,7 +287,7 @@ class BP2Env(envs.Env):
         return {"state": noisy, "privileged_state": privileged}, state.replace(controller=controller)
 
 
-def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> Simulator:
+def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":

@@ -23,11 +23,10 @@ from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.bodies import SwiftMachine
-from bp2_rl.simulation.driver import ActionFunction
 from bp2_rl.simulation.metrics import HELD, best_window
 from bp2_rl.simulation.parallel import compute_here
-from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.policy_runner import ActionFunction
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 AT_A_TIME = 2  # most policies that are judged side by side
@@ -85,7 +84,7 @@ def measure_launch(
 
     Where `kept` names a file, the last `length` seconds of the run are saved there.
     """
-    run = rollout_mujoco(policy, launch.ramp(env), env, hardware=launch.robot(env.hardware), machine=SwiftMachine)
+    [run] = simulate(policy, env, [RunRequest(launch.ramp(env), launch.robot(env.hardware))])
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     if kept is not None:

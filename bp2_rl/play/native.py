@@ -53,7 +53,7 @@ class Window:
             return False
         while not self._keys.empty():
             press(session, self._keys.get())
-        real, shown = session.machine.data, self._data
+        real, shown = session.data, self._data
         with self._viewer.lock():
             real.xfrc_applied[:] = shown.xfrc_applied
             shown.qpos[:], shown.qvel[:], shown.ctrl[:] = real.qpos, real.qvel, real.ctrl

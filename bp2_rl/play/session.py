@@ -17,13 +17,11 @@ from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.bodies import SwiftMachine
-from bp2_rl.simulation.driver import ActionFunction, Driver
-from bp2_rl.simulation.machine import DT, STATE
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.simulation.rollout import standing_start
+from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import ACCELERATION
-from bp2_rl.simulation.world import LEVEL, shove
+from bp2_rl.simulation.simulator import DT, RobotSetup, settled
+from bp2_rl.simulation.world import shove
 
 BRAKING = 1.5  # m/s2, at which a slower speed is commanded where the controller does not ease stops itself
 RIPPLE = 0.25  # s: over a stride speeds are averaged
@@ -62,10 +60,10 @@ class Session:
         self.wish = Wish()
         self._policy, self._operator = policy, operator
         robot = dataclasses.replace(config, hardware=self.hardware)
-        self.machine = standing_start(robot, LEVEL, SwiftMachine)
-        self._start = np.empty(mujoco.mj_stateSize(self.machine.model, STATE))
-        mujoco.mj_getState(self.machine.model, self.machine.data, self._start, STATE)
-        self._feet = foot_geom_ids(self.machine.model)
+        self._simulator = settled([RobotSetup(robot)])
+        self.data = self._simulator.data[0]
+        self._model, self._start = self._simulator.models[0], self._simulator.state(0)
+        self._feet = foot_geom_ids(self._model)
         self.falls = 0
         self.reset()
         self.tick()  # compiles the controller, which takes seconds
@@ -73,11 +71,15 @@ class Session:
 
     def reset(self) -> None:
         """Stand at the origin; the wish stays."""
-        machine = self.machine
-        mujoco.mj_setState(machine.model, machine.data, self._start, STATE)
-        mujoco.mj_forward(machine.model, machine.data)
-        latency = self.hardware.losses.latency
-        self._driver = Driver(self._policy, self.config, self._operator, latency=latency, command=np.zeros(3))
+        self._simulator.set_state(0, self._start)
+        mujoco.mj_forward(self._model, self.data)
+        self._runner = PolicyRunner(
+            self._policy,
+            self.config,
+            operators=[self._operator],
+            latencies=[self.hardware.losses.latency],
+            commands=np.zeros((1, 3)),
+        )
         self._asked = Wish()
         self._line = np.zeros(3)
         self.time = 0.0
@@ -93,29 +95,30 @@ class Session:
 
     def push(self, forward: float, left: float) -> None:
         """Let the robot's velocity jump by so many m/s, in the frame of its heading."""
-        shove(self.machine.data, forward, left)
+        shove(self.data, forward, left)
 
     @property
     def friction(self) -> float:
         """Friction coefficient of the feet on the ground."""
-        return float(self.machine.model.geom_friction[self._feet[0], 0])
+        return float(self._model.geom_friction[self._feet[0], 0])
 
     @friction.setter
     def friction(self, value: float) -> None:
-        self.machine.model.geom_friction[self._feet, 0] = value
+        self._model.geom_friction[self._feet, 0] = value
 
     def tick(self) -> None:
         """A control step. A robot that has fallen lies a while, then it stands at the origin again."""
-        data = self.machine.data
+        data, simulator = self.data, self._simulator
         if self.down_since is not None and self.time > self.down_since + DOWN - 0.5 * specs.CONTROL_STEP:
             self.reset()
         self._lead()
         scheduled = np.array([self._asked.speed, 0.0, self._asked.turn])
-        targets = self._driver.tick(self._seen_from_line(), data.qvel, scheduled)
+        simulator.read(0)  # hands may have changed it
+        targets = self._runner.tick(self._seen_from_line()[None], simulator.qvel, scheduled[None])
         for position, velocity in targets:
             self._worked[:-1] = self._worked[1:]
             self._worked[-1, 0] = data.qvel[MOTOR_QVEL]
-            self._worked[-1, 1] = self.machine.millisecond(position, velocity)
+            self._worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
         forward = self._forward_velocity()
         if not np.isfinite(forward) or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded:
@@ -132,7 +135,7 @@ class Session:
     @property
     def command(self) -> Float[np.ndarray, "3"]:
         """What the policy is told: m/s forward, m/s to the left, rad/s; the operator's steering included."""
-        return self._driver.command
+        return self._runner.command[0]
 
     @property
     def speed(self) -> float:
@@ -152,24 +155,24 @@ class Session:
     @property
     def qpos(self) -> Float[np.ndarray, "23"]:
         """The robot's state in MuJoCo's coordinates."""
-        return self.machine.data.qpos
+        return self.data.qpos
 
     def foot_forces(self) -> Float[np.ndarray, "4 3"]:
         """The ground's force on each foot, N, world frame."""
-        return foot_forces(self.machine.data).copy()
+        return foot_forces(self.data).copy()
 
     def reference(self) -> Float[np.ndarray, "23"]:
         """The reference motion at this moment where the robot is: `qpos` of its ghost."""
         qpos = self.qpos.copy()
-        if (reference := self._driver.reference) is None:
+        if (reference := self._runner.reference) is None:
             return qpos
-        yaw, up = float(yaw_of(qpos[3:7])), np.asarray(reference.up, np.float64)
+        yaw, up = float(yaw_of(qpos[3:7])), np.asarray(reference.up, np.float64)[0]
         turn, lean = np.zeros(4), np.array([1.0 + up[2], -up[1], up[0], 0.0])  # lean: the least from z to `up`
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_mulQuat(qpos[3:7], turn, lean / np.linalg.norm(lean))
-        qpos[2] = float(reference.height)
-        joints = np.asarray(reference.joint_position).reshape(4, 3)
-        qpos[7:] = np.column_stack((joints, np.asarray(reference.spring_compression))).ravel()
+        qpos[2] = float(reference.height[0])
+        joints = np.asarray(reference.joint_position)[0].reshape(4, 3)
+        qpos[7:] = np.column_stack((joints, np.asarray(reference.spring_compression)[0])).ravel()
         return qpos
 
     # --- Within -----------------------------------------------------------------------------------------------
@@ -206,11 +209,11 @@ class Session:
         return seen
 
     def _forward_velocity(self) -> float:
-        yaw, (vx, vy) = yaw_of(self.qpos[3:7]), self.machine.data.qvel[:2]
+        yaw, (vx, vy) = yaw_of(self.qpos[3:7]), self.data.qvel[:2]
         return float(np.cos(yaw) * vx + np.sin(yaw) * vy)
 
     def _yaw_rate(self) -> float:
         """rad/s, about the world's vertical."""
         rate = np.zeros(3)
-        mujoco.mju_rotVecQuat(rate, self.machine.data.qvel[3:6], self.qpos[3:7])
+        mujoco.mju_rotVecQuat(rate, self.data.qvel[3:6], self.qpos[3:7])
         return float(rate[2])

@@ -20,8 +20,8 @@ from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
-from bp2_rl.simulation.machine import JUDGE
 from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics, contacts, touchdowns, window_means
+from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
 
 CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
@@ -61,7 +61,7 @@ def account(run: Trajectory) -> Account:
 def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     """Take every sample but the last through MuJoCo's forward dynamics."""
     model = load_model(run.hardware, visual=False)
-    JUDGE.apply(model)
+    CONVERGED.apply(model)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data, feet = mujoco.MjData(model), foot_geom_ids(model)
     floor = int(model.geom("floor").id)

@@ -22,8 +22,8 @@ from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
-from bp2_rl.simulation.driver import ActionFunction
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Schedule
 

@@ -10,14 +10,24 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from bp2_rl.robot import losses, specs
-from bp2_rl.robot.actuator import ENDLESS, Actuator, Bus, bus_voltage, joint_torque, torque_limits
+from bp2_rl.robot.actuator import (
+    ENDLESS,
+    Actuator,
+    Bus,
+    bus_voltage,
+    joint_torque,
+    share_bus,
+    stall_torque,
+    torque_limits,
+)
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NQ, NV
-from bp2_rl.simulation.machine import beyond, less, steepness
 
+SIZES = 4, 24
+"""Programs are compiled for these numbers of robots; fewer robots are filled up with copies of the last one."""
 Row = Float[np.ndarray, " _"]
 JOINT = [
     "stiffness",
@@ -42,35 +52,45 @@ def row_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> R
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
-def ask(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
+def ask(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
     """Return the motors' torques (12, Nm) and the losses' generalised forces (22).
 
     Args:
-        rows: each robot's.
+        rows: the robots' numbers, from `rows_of`.
         arrays: torque before, qpos, qvel, target of joints and its rate.
     """
     return _call(_compiled(_ask, (12, NQ, NV, 12, 12)), rows, arrays)
 
 
-def correct(rows: Float[Array, "N _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
+def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
     """Return the torques (12) and forces (22) to try next, and the largest torque beyond the envelope at the end (1).
 
     Args:
-        rows: each robot's.
+        rows: the robots' numbers, from `rows_of`.
         arrays: torque tried, torque before, qpos, qvel, qvel at the end, mobility.
     """
     return _call(_compiled(_correct, (12, 12, NQ, NV, NV, 12)), rows, arrays)
 
 
-def rows_of(rows: Sequence[Row]) -> Float[Array, "N _"]:
-    """All of them, as the laws take them."""
+def rows_of(rows: Sequence[Row]) -> Float[Array, "P _"]:
+    """Return the rows of N robots, filled up, on the CPU, where the laws are computed."""
     with jax.enable_x64(True):
-        return jnp.array(np.stack(rows))
+        return jax.device_put(np.stack(rows)[filled(len(rows))], jax.devices("cpu")[0])
+
+
+def filled(robots: int) -> Int[np.ndarray, " P"]:
+    """Return which robot each place of a compiled program computes, where there are so many robots."""
+    places = next((size for size in SIZES if robots <= size), robots)
+    return np.minimum(np.arange(places), robots - 1)
 
 
 def _call(law: Callable[..., Array], rows: Array, arrays: Sequence[np.ndarray]) -> np.ndarray:
+    robots = len(arrays[0])
+    values = np.concatenate(arrays, axis=-1)
+    if robots < len(rows):
+        values = values[filled(robots)]
     with jax.enable_x64(True):
-        return np.asarray(law(rows, np.concatenate(arrays, axis=-1)))
+        return np.asarray(law(rows, values))[:robots]
 
 
 @functools.cache
@@ -104,11 +124,17 @@ def _correct(
     motors: Actuator, resistance: Resistance, seconds: Any, torque: Array, before: Array, qpos: Array, qvel: Array,
     qvel_after: Array, mobility: Array,
 ) -> tuple[Array, ...]:  # fmt: skip
+    """Take back what lies outside the limits at the step's end.
+
+    Less torque changes the speed at the end, too, and the limit with it: this is Newton's step, joint by joint.
+    """
     qd = _of_motors(qvel[6:])
     voltage = bus_voltage(motors, before, qd)
-    outside = beyond(motors, torque, _of_motors(qvel_after[6:]), voltage)
-    limits = torque_limits(motors, qd, voltage)
-    next_torque = less(motors, torque, outside, steepness(motors) * seconds * mobility, limits, qd)
+    lower, upper = torque_limits(motors, _of_motors(qvel_after[6:]), voltage)
+    outside = torque - jnp.clip(torque, lower, upper)
+    slope = stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
+    less = torque - outside / (1.0 + slope * seconds * mobility)
+    next_torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)  # with less torque more flows back
     forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque))
     return next_torque, forces, jnp.max(jnp.abs(outside), keepdims=True)
 

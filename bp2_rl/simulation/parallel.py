@@ -13,7 +13,7 @@ import numpy as np
 
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.learning.policy import Policy
-from bp2_rl.simulation.team import RunRequest, rollout_team
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.trajectory import Trajectory
 
 Task = TypeVar("Task")
@@ -44,26 +44,26 @@ def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Se
     return _share_out(functools.partial(_run_all, run), policy, tasks, shares)
 
 
-def run_team(measure: Callable[[One, Trajectory], Result], policy: Policy, tries: Sequence[One]) -> list[Result]:
-    """`measure(one, its run)` of every try, run side by side on all processors.
+def simulate_all(measure: Callable[[One, Trajectory], Result], policy: Policy, requests: Sequence[One]) -> list[Result]:
+    """Return `measure(request, its run)` of every request, run side by side on all processors.
 
     `measure` and all else must be picklable.
     """
-    return _share_out(functools.partial(_measure_all, measure), policy, tries, dealt(tries, processors()))
+    return _share_out(functools.partial(_measure_all, measure), policy, requests, dealt(requests, processors()))
 
 
-def dealt(tries: Sequence[RunRequest], workers: int) -> list[list[int]]:
+def dealt(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
 
     The longest first, as those side by side last as long as the longest of them.
     """
     kinds: dict[object, int] = {}
-    alike = sorted(range(len(tries)), key=lambda i: kinds.setdefault(tries[i].hardware, len(kinds)))
-    work = np.array([_work(tries[i]) for i in alike])
+    alike = sorted(range(len(requests)), key=lambda i: kinds.setdefault(requests[i].hardware, len(kinds)))
+    work = np.array([_work(requests[i]) for i in alike])
     worker = (workers * (np.cumsum(work) - work / 2) / max(np.sum(work), 1e-9)).astype(int)
-    worker = np.minimum(worker, workers - 1)  # where that comes to all of them, by tries that take no time
+    worker = np.minimum(worker, workers - 1)  # where that comes to all of them, by requests that take no time
     shares = [[i for i, whose in zip(alike, worker, strict=True) if whose == each] for each in range(workers)]
-    return [sorted(share, key=lambda i: -tries[i].schedule.duration) for share in shares if share]
+    return [sorted(share, key=lambda i: -requests[i].schedule.duration) for share in shares if share]
 
 
 def _work(one: RunRequest) -> float:
@@ -98,9 +98,9 @@ def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures
 _unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
 
 
-def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, tries: Sequence[One]) -> list[Result]:
+def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, requests: Sequence[One]) -> list[Result]:
     policy = _unpickled(pickled)
-    return [measure(one, run) for one, run in zip(tries, rollout_team(policy, policy.card.env, tries), strict=True)]
+    return [measure(one, run) for one, run in zip(requests, simulate(policy, policy.card.env, requests), strict=True)]
 
 
 def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:

@@ -1,206 +1,149 @@
-"""A policy x a command schedule x a simulator -> Trajectory.
+"""Runs of a policy in C MuJoCo: what is asked for, and `simulate`, which runs it.
 
-C MuJoCo is the judge: an independent implementation of the physics, in float64 with a converged solver, so that
-nothing a policy has learnt about MJX's approximations helps it there. MJX runs the policy in the simulator it was
-trained in. Both start from the same settled stand and run the same controller and the same motors.
+The physics is an independent implementation, in float64 with a converged solver, so that nothing that a policy has
+learnt about the approximations of its training helps it here.
 """
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
-import jax
-import jax.numpy as jnp
-import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from bp2_rl.env.controller import Controller, Targets, motors_of
-from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import specs
-from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import NQ, NU, NV, foot_forces, load_model
+from bp2_rl.robot.model import NQ, NU, NV
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.driver import ActionFunction, Driver, control_step, control_steps_behind
-from bp2_rl.simulation.machine import JUDGE, Machine, Numerics
+from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
 from bp2_rl.simulation.schedule import Schedule
+from bp2_rl.simulation.simulator import CONVERGED, DT, Numerics, RobotSetup, Simulator, settled
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose
 
-Array = Any  # numpy or jax array
-Watch = Callable[[Machine, Float[np.ndarray, "12"]], bool]  # after a millisecond under this torque: whether to stop
+MOST = SIZES[-1]
+"""Robots side by side: more are hardly cheaper each, and all that they do is kept until the last is done."""
 
-SETTLING_TIME = 4.0  # s of standing before the clock starts
-SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
-DT = specs.PHYSICS_STEP
-
-
-# --- The simulators ------------------------------------------------------------------------------------------
+Watch = Callable[[Simulator, int, Float[np.ndarray, "12"]], bool]
+"""Is shown the simulator, the index of a robot in it, and the torque (Nm) that the robot applied in a millisecond;
+returns whether the run ends, and may change the robot's motors."""
 
 
-def rollout_mujoco(
-    policy: ActionFunction,
-    schedule: Schedule,
-    config: EnvConfig,
-    *,
-    operator: HeadingHold = HEADING_HOLD,
-    name: str = "policy",
-    finish: float = math.inf,
-    numerics: Numerics = JUDGE,
-    hardware: HardwareSpec | None = None,
-    world: World = LEVEL,
-    gyro_bias: float = 0.0,
-    machine: type[Machine] = Machine,
-    watch: Watch | None = None,
-) -> Trajectory:
-    """Run one robot in C MuJoCo until the schedule ends, it falls, or its trunk is `finish` metres ahead.
+@dataclasses.dataclass(frozen=True)
+class RunRequest:
+    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so."""
+
+    schedule: Schedule
+    hardware: HardwareSpec | None = None
+    """the robot that runs; the one that the controller takes it for by default"""
+    operator: HeadingHold = HEADING_HOLD
+    world: World = LEVEL
+    gyro_bias: float = 0.0
+    """rad/s, of the gyro from which the operator has the heading"""
+    finish: float = math.inf
+    """m, at which distance ahead the run ends"""
+    numerics: Numerics = CONVERGED
+    """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
+    watch: Watch | None = None
+    name: str = "policy"
+
+    def robot(self, config: EnvConfig) -> RobotSetup:
+        """Return the robot of this run, under a policy that was trained in an environment."""
+        config = dataclasses.replace(config, hardware=self.hardware or config.hardware)
+        return RobotSetup(config, self.world, self.numerics)
+
+
+def simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest]) -> Iterator[Trajectory]:
+    """Run a policy from a settled stand in C MuJoCo, many runs side by side; yield the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot. Whatever the `numerics`, the start is the same and samples are taken each ms, with the torque
-    and the limits at its beginning. `hardware` is that of the robot, if it is not the one that the policy and its
-    controller take it for. Joint targets act after its latency; until the first does, it stands. `gyro_bias` (rad/s) is
-    that of the gyro from which the operator has the heading. `machine` is the kind that takes the milliseconds. `watch`
-    is shown the machine after each millisecond with the torque that it applied; it may change the machine's motors,
-    and says when it has seen enough.
+    CPU, as on the robot.
+
+    Args:
+        policy: observation -> action, for one robot.
+        config: the environment that the policy was trained in.
+        requests: the runs.
     """
-    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
-    body = standing_start(robot, world, machine)
-    model, data = body.model, body.data
-    numerics.apply(model)
-    commands = sampled_commands(schedule)
-    recording = Recording.empty((len(commands) - 1) * specs.SUBSTEPS)
-    driver = Driver(policy, config, operator, latency=robot.hardware.losses.latency, command=commands[0])
-
-    for k, scheduled in enumerate(commands[1:]):
-        sensed = sensed_pose(data.qpos, world, gyro_bias, k * specs.CONTROL_STEP)
-        for substep, (position, velocity) in enumerate(driver.tick(sensed, data.qvel, scheduled)):
-            step = k * specs.SUBSTEPS + substep
-            world.push(data, step)
-            recording.qpos[step], recording.qvel[step] = data.qpos, data.qvel
-            recording.target[step], recording.command[step] = position, driver.command
-            recording.torque[step] = body.millisecond(position, velocity, numerics)
-            recording.foot_force[step] = foot_forces(data)
-            fell = bool(fall(data.qpos, data.qvel, config.termination).happened)
-            enough = watch is not None and watch(body, recording.torque[step])
-            if fell or enough or recording.qpos[step, 0] >= finish:
-                return recording.trajectory(step + 1, fell, schedule, model, robot, name, "C MuJoCo")
-    return recording.trajectory(len(recording.qpos), False, schedule, model, robot, name, "C MuJoCo")
+    parts = math.ceil(len(requests) / MOST)
+    for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
+        yield from _simulate(policy, config, [requests[i] for i in part])
 
 
-def rollout_mjx(
-    policy: ActionFunction,
-    schedule: Schedule,
-    config: EnvConfig,
-    *,
-    operator: HeadingHold = HEADING_HOLD,
-    name: str = "policy",
-    finish: float = math.inf,
-    hardware: HardwareSpec | None = None,
-) -> Trajectory:
-    """Run one robot as `rollout_mujoco` does, but in MJX with the solver settings and the float32 of training.
-
-    It runs on JAX's default device.
-
-    Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
-    """
-    robot = dataclasses.replace(config, hardware=hardware or config.hardware)
-    machine = standing_start(robot)
-    model, start = machine.model, machine.data
-    commands = sampled_commands(schedule)
-    state = Controller(config).init()
-    with jax.default_matmul_precision("highest"):  # TF32 is too coarse for physics
-        run = _compiled_mjx_run(policy, config, operator, robot.hardware)
-        recorded = run(state, start.qpos, start.qvel, start.ctrl, commands)
-    qpos, qvel, torque, target, command = (
-        np.asarray(x, np.float64).reshape(-1, x.shape[-1]) for x in jax.device_get(recorded)
+def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest]) -> list[Trajectory]:
+    count = len(requests)
+    simulator = settled([request.robot(config) for request in requests])
+    schedules = [sampled_commands(request.schedule) for request in requests]
+    ticks = np.array([len(commands) - 1 for commands in schedules])
+    longest = int(np.max(ticks))
+    scheduled = np.stack([commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules])
+    runner = PolicyRunner(
+        policy,
+        config,
+        operators=[request.operator for request in requests],
+        latencies=[request.robot(config).config.hardware.losses.latency for request in requests],
+        commands=scheduled[:, 0],
     )
-    down = np.flatnonzero(fall(qpos, qvel, config.termination).happened)
-    length = int(down[0]) if len(down) else len(qpos)
-    fell = len(down) > 0
-    there = np.flatnonzero(qpos[:length, 0] >= finish)
-    if len(there):
-        length, fell = int(there[0]) + 1, False
-    recording = Recording(qpos, qvel, torque, target, command, np.zeros((len(qpos), 4, 3)))
-    for step in range(length):
-        start.qpos[:], start.qvel[:], start.ctrl[:] = qpos[step], qvel[step], torque[step]
-        mujoco.mj_forward(model, start)
-        recording.foot_force[step] = foot_forces(start)
-    return recording.trajectory(length, fell, schedule, model, robot, name, "MJX")
+    recording = Recording.empty(count, longest * specs.SUBSTEPS)
+    finish = np.array([request.finish for request in requests])
+    lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
+    for k in range(longest):
+        poses = zip(requests, simulator.qpos, strict=True)
+        sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * specs.CONTROL_STEP) for one, x in poses])
+        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1])
+        for step, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
+            running = np.flatnonzero(~ended)
+            _push(simulator, requests, running, step)
+            recording.qpos[:, step], recording.qvel[:, step] = simulator.qpos, simulator.qvel
+            recording.target[:, step], recording.command[:, step] = position, runner.command
+            there = simulator.qpos[:, 0] >= finish
+            recording.torque[:, step] = simulator.millisecond(position, velocity, running)
+            recording.foot_force[:, step] = simulator.foot_force
+            down = fall(simulator.qpos, simulator.qvel, config.termination).happened
+            over = ~ended & (down | there | _watch(simulator, requests, running, recording.torque[:, step]))
+            lasted[over], fell[over & down] = step + 1, True
+            ended |= over
+        ended |= ticks <= k + 1
+        if ended.all():
+            break
+    return [
+        recording.of(i).trajectory(request, config, length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i))
+        for i, request in enumerate(requests)
+    ]
 
 
-def mjx_run(
-    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
-) -> Callable[..., tuple[Array, ...]]:
-    """A pure function that runs one robot through MJX; jit it, and vmap it for many.
-
-    (controller state, qpos, qvel, torque, commands "K+1 3") -> qpos, qvel, torque, target, command, each "K 5 ...".
-    """
-    # A run counts to the fall only, and a robot falls before its trunk touches.
-    motors, resistance = motors_of(dataclasses.replace(config, hardware=hardware)), Resistance.from_hardware(hardware)
-    physics = MjxPhysics(load_model(hardware, visual=False, feet_only=True), motors, resistance, "jax")
-    control = control_step(policy, config, operator)
-    late = control_steps_behind(hardware.losses.latency)
-    behind, longest = jnp.array(late), max(late) + 1
-    before = Targets(jnp.array(specs.STAND_JOINTS), jnp.zeros(NU))
-
-    def control_period(carry, scheduled):
-        state, command, robot, issued = carry
-        state, targets, _, next_command = control(state, command, robot.qpos, robot.qvel, scheduled)
-        issued = jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), targets, issued)
-
-        def physics_step(robot, late):
-            now = jax.tree.map(lambda x: x[late], issued)
-            after, _ = physics.millisecond(physics.model, motors, resistance, robot, now)
-            return after, (robot.qpos, robot.qvel, after.torque, now.position, command)
-
-        robot, samples = jax.lax.scan(physics_step, robot, behind)
-        return (state, next_command, robot, issued), samples
-
-    def run(state, qpos, qvel, torque, commands):
-        qpos, qvel, torque, commands = (jnp.asarray(x, jnp.float32) for x in (qpos, qvel, torque, commands))
-        robot = Remembered(qpos, qvel, jnp.zeros_like(qvel), torque)
-        issued = jax.tree.map(lambda x: jnp.tile(x, (longest, 1)), before)
-        return jax.lax.scan(control_period, (state, commands[0], robot, issued), commands[1:])[1]
-
-    return run
+def _push(simulator: Simulator, requests: Sequence[RunRequest], running: Int[np.ndarray, " M"], step: int) -> None:
+    for robot in running.tolist():
+        if requests[robot].world.pushes:
+            requests[robot].world.push(simulator.data[robot], step)
+            simulator.read(robot)
 
 
-# --- Parts that both share -----------------------------------------------------------------------------------
-
-
-def standing_start(config: EnvConfig, world: World = LEVEL, machine: type[Machine] = Machine) -> Machine:
-    """BP2 at rest on its feet at the origin: the keyframe `stand`, settled under the joint PD loop."""
-    return _settled(config, world, machine, SETTLING_TIME).copy()
-
-
-@functools.lru_cache(maxsize=16)
-def _settled(config: EnvConfig, world: World, machine: type[Machine], seconds: float) -> Machine:
-    settled = machine(config, world)
-    settled.settle(seconds, SETTLING_DAMPING)
-    return settled
-
-
-@functools.lru_cache(maxsize=8)
-def _compiled_mjx_run(
-    policy: ActionFunction, config: EnvConfig, operator: HeadingHold, hardware: HardwareSpec
-) -> Callable[..., Any]:
-    return jax.jit(mjx_run(policy, config, operator, hardware))
+def _watch(
+    simulator: Simulator,
+    requests: Sequence[RunRequest],
+    running: Int[np.ndarray, " M"],
+    torque: Float[np.ndarray, "N 12"],
+) -> np.ndarray:
+    """Return which runs end because their `watch` says so."""
+    enough = np.zeros(len(requests), bool)
+    for robot in running.tolist():
+        watch = requests[robot].watch
+        enough[robot] = watch is not None and watch(simulator, robot, torque[robot])
+    return enough
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
-    """The scheduled command at every control step and at the end of the last."""
+    """Return the scheduled command at every control step and at the end of the last."""
     steps = math.ceil(schedule.duration * specs.POLICY_RATE - 1e-9)
     return np.stack([schedule.command(k * specs.CONTROL_STEP) for k in range(steps + 1)])
 
 
 @dataclasses.dataclass(frozen=True)
 class Recording:
-    """The samples of a run as they come in: arrays over physics steps."""
+    """The samples of runs as they come in: arrays over runs and milliseconds."""
 
     qpos: np.ndarray
     qvel: np.ndarray
@@ -210,35 +153,36 @@ class Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, *steps: int) -> "Recording":
-        """Room for so many; with an axis in front, of so many robots."""
+    def empty(cls, *shape: int) -> "Recording":
+        """Make room for so many runs and milliseconds."""
         sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
-        return cls(*(np.zeros((*steps, *size)) for size in sizes))
+        return cls(*(np.zeros((*shape, *size)) for size in sizes))
 
-    def of(self, robot: int) -> "Recording":
-        """Return the recording of one robot of several."""
-        return Recording(*(array[robot] for array in vars(self).values()))
+    def of(self, run: int) -> "Recording":
+        """Return the recording of one run of several."""
+        return Recording(*(array[run] for array in vars(self).values()))
 
     def trajectory(
-        self,
-        length: int,
-        fell: bool,
-        schedule: Schedule,
-        model: mujoco.MjModel,
-        config: EnvConfig,
-        name: str,
-        backend: str,
+        self, request: RunRequest, config: EnvConfig, *, length: int, fell: bool, mass: float, backend: str = "C MuJoCo"
     ) -> Trajectory:
-        """The first `length` samples; `fell`: the next state was that of a fallen robot."""
-        arrays = {field.name: getattr(self, field.name)[:length] for field in dataclasses.fields(self)}
+        """Return the first `length` milliseconds of one run.
+
+        Args:
+            request: the run.
+            config: the policy's environment.
+            length: ms.
+            fell: whether the next state was that of a fallen robot.
+            mass: of the robot, kg.
+            backend: the simulator's name, for titles.
+        """
         return Trajectory(
             time=np.arange(length) * DT,
-            **arrays,
+            **{name: array[:length] for name, array in vars(self).items()},
             dt=DT,
-            steady_from=schedule.steady_from,
+            steady_from=request.schedule.steady_from,
             fell_at=round(length * DT, 6) if fell else None,
-            mass=float(np.sum(model.body_mass)),
-            hardware=config.hardware,
-            name=name,
+            mass=mass,
+            hardware=request.robot(config).config.hardware,
+            name=request.name,
             backend=backend,
         )

@@ -5,8 +5,6 @@ import multiprocessing
 import time
 
 import jax.numpy as jnp
-import mujoco
-import numpy as np
 import pytest
 
 from bp2_rl.base.assets import asset_path
@@ -17,11 +15,7 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import load_policy, save_policy
-from bp2_rl.robot.model import MOTOR_QVEL
-from bp2_rl.robot.specs import BUILT, STAND_JOINTS
-from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.bodies import SwiftMachine
-from bp2_rl.simulation.machine import Machine
+from bp2_rl.robot.specs import BUILT
 from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -41,7 +35,6 @@ def slower(shipped):
 
 
 def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
-    """The benchmark computes in NumPy, and roundings part the two runs by 1e-8 m/s."""
     kept = tmp_path / "kept.npz"
     launched = judging.measure_launch(slower, slower.card.env, JudgedLaunch(acceleration=3.0, hold=0.5), kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
@@ -49,38 +42,8 @@ def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     assert isinstance(result, RunMetrics)
     assert not launched.fell
     assert launched.speed > 4.0
-    assert launched.speed == pytest.approx(result.best_speed, abs=1e-5)
+    assert launched.speed == pytest.approx(result.best_speed, abs=1e-9)
     assert Trajectory.load(kept).time[[0, -1]] == pytest.approx([1.0, 2.499], abs=1e-6)  # its last 1.5 s of 2.5
-
-
-def test_a_swift_machine_moves_as_the_judges_does():
-    """The robot with all its losses, whose torque is tried several times a millisecond, through 0.1 s of kicks."""
-    env, rng, fastest = EnvConfig(hardware=BUILT), np.random.default_rng(0), 0.0
-    machines = Machine(env), SwiftMachine(env)
-    for machine in machines:
-        mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
-    for _ in range(20):
-        target = np.array(STAND_JOINTS) + rng.uniform(-0.6, 0.6, 12)
-        for _ in range(5):
-            torques = [machine.millisecond(target, np.zeros(12)) for machine in machines]
-            # A processor may multiply and add in one: that rounds by 1e-16, and a push into the ground is 1e4 as stiff.
-            np.testing.assert_allclose(torques[0], torques[1], atol=1e-7)
-            fastest = max(fastest, np.max(np.abs(machines[0].data.qvel[MOTOR_QVEL])))
-    assert fastest > machines[0].motors.corner_speed  # on the envelope's falling line
-    np.testing.assert_allclose(machines[0].data.qpos, machines[1].data.qpos, atol=1e-9)
-
-
-def test_a_swift_machines_motors_may_change():
-    machine = SwiftMachine(EnvConfig(hardware=BUILT))
-    mujoco.mj_resetDataKeyframe(machine.model, machine.data, machine.model.key("stand").id)
-    before = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
-    machine.motors = dataclasses.replace(machine.motors, peak_torque=5.0)
-    after = machine.millisecond(np.array(STAND_JOINTS) + 0.5, np.zeros(12))
-    assert np.max(np.abs(before)) > 40.0
-    assert np.max(np.abs(after)) <= 5.0 + 1e-9
-    twin = machine.copy()
-    assert twin.millisecond(np.array(STAND_JOINTS), np.zeros(12)) is not None
-    assert machine.data.time < twin.data.time
 
 
 def test_a_robot_that_falls_has_no_speed(slower):

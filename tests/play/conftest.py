@@ -12,7 +12,7 @@ from bp2_rl.robot.specs import IDEAL
 def standing():
     policy = load_policy(asset_path("policies/ideal"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.simulation.rollout.SETTLING_TIME", 0.5)  # s: it need not be quite still
+        patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)  # s: it need not be quite still
         return Session(policy, policy.card.env, hardware=IDEAL)
 
 

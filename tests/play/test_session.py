@@ -6,13 +6,12 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from runs import run_one
 
 from bp2_rl.env.commands import eased
 from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, Wish
 from bp2_rl.robot.specs import CONTROL_STEP
-from bp2_rl.simulation.bodies import SwiftMachine
-from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
@@ -28,11 +27,11 @@ def run(session, seconds):
 
 
 def test_it_runs_as_the_judge_has_it_run(session):
-    """The same policy on the same robot under the same ramp, held: `rollout_mujoco` steps it by a loop of its own."""
+    """A run of the same policy on the same robot under the same ramp, held."""
     ramp = Ramp((0.6, 0.0, 0.0), ACCELERATION, hold=0.15)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.simulation.rollout.SETTLING_TIME", 0.5)
-        judged = rollout_mujoco(session._policy, ramp, session.config, hardware=session.hardware, machine=SwiftMachine)
+        patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
+        judged = run_one(session._policy, ramp, session.config, hardware=session.hardware)
     session.wish = Wish(0.6)
     run(session, ramp.duration - CONTROL_STEP)
     k = len(judged) - round(CONTROL_STEP / judged.dt)  # a sample is the state at the beginning of its millisecond
@@ -89,7 +88,7 @@ def test_no_more_turn_is_asked_for_than_friction_holds(session):
 
 
 def test_a_push_is_a_jump_of_velocity_along_the_heading(session):
-    data = session.machine.data
+    data = session.data
     mujoco.mju_axisAngle2Quat(data.qpos[3:7], np.array([0.0, 0.0, 1.0]), np.pi / 2)  # it looks along y
     before = data.qvel.copy()
     session.push(0.5, 0.2)
@@ -130,7 +129,7 @@ def test_after_a_fall_it_lies_a_while_and_stands_again(session, monkeypatch):
 
 def test_a_robot_whose_state_is_no_robots_any_more_is_set_on_its_feet_at_once(session):
     stand = session.qpos.copy()
-    session.machine.data.qvel[:] = np.nan
+    session.data.qvel[:] = np.nan
     session.tick()
     assert session.falls == 1
     np.testing.assert_array_equal(session.qpos, stand)
@@ -151,14 +150,14 @@ def test_after_a_reset_it_does_the_same_again(session):
 def test_the_ghost_is_the_reference_under_the_robots_heading(session):
     session.wish = Wish(3.0)
     run(session, 1.0)
-    ghost, reference = session.reference(), session._driver.reference
+    ghost, reference = session.reference(), session._runner.reference
     np.testing.assert_array_equal(ghost[:2], session.qpos[:2])
     up = np.zeros(3)
     mujoco.mju_rotVecQuat(up, np.array([0.0, 0.0, 1.0]), ghost[3:7])
-    np.testing.assert_allclose(up[2], np.asarray(reference.up)[2], atol=1e-6)
+    np.testing.assert_allclose(up[2], np.asarray(reference.up)[0, 2], atol=1e-6)
     assert np.linalg.norm(ghost[3:7]) == pytest.approx(1.0)
     legs = ghost[7:].reshape(4, 4)
-    np.testing.assert_allclose(legs[:, :3].ravel(), np.asarray(reference.joint_position))
+    np.testing.assert_allclose(legs[:, :3].ravel(), np.asarray(reference.joint_position)[0])
     # A policy that has learnt from the motion is near it: more than the trot's 1 rad of swing is another motion.
     assert np.abs(legs - session.qpos[7:].reshape(4, 4)).max() < 1.0
 

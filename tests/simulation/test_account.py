@@ -6,15 +6,16 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from runs import run_one
 
+from bp2_rl.env.controller import motors_of
 from bp2_rl.robot.actuator import bus_power, torque_limits
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.account import CAUSES, account, before_contact, beyond_envelope, replay
-from bp2_rl.simulation.machine import OUTSIDE, Machine
-from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import OUTSIDE, RobotSetup, Simulator
 
 CONFIG = EnvConfig()  # the action is added to the reference motion
 
@@ -26,7 +27,7 @@ def no_action(observation):
 @cache
 def trot(hardware: HardwareSpec = BUILT):
     """Up to 2 m/s, half a second of it held."""
-    return rollout_mujoco(no_action, Ramp((2.0, 0.0, 0.0), acceleration=4.0, hold=0.5), CONFIG, hardware=hardware)
+    return run_one(no_action, Ramp((2.0, 0.0, 0.0), acceleration=4.0, hold=0.5), CONFIG, hardware=hardware)
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, BUILT], ids=["ideal", "built"])
@@ -67,8 +68,8 @@ def test_energy_is_of_motion_height_and_springs():
     """Against one half v' M v, m g h of the bodies, and one half k s^2 of the springs within their travel."""
     run = trot(IDEAL)
     ledger, _ = replay(run)
-    machine = Machine(EnvConfig())
-    model, data = machine.model, machine.data
+    simulator = Simulator([RobotSetup(EnvConfig())])
+    model, data = simulator.models[0], simulator.data[0]
     for k in (0, 400, 760):
         data.qpos[:], data.qvel[:] = run.qpos[k], run.qvel[k]
         mujoco.mj_forward(model, data)
@@ -83,9 +84,9 @@ def test_energy_is_of_motion_height_and_springs():
 def test_the_bus_is_what_the_motors_draw():
     run = trot()
     ledger, _ = replay(run)
-    machine = Machine(EnvConfig(hardware=BUILT))
+    motors = motors_of(EnvConfig(hardware=BUILT))
     mean = 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:])
-    np.testing.assert_allclose(ledger.bus, bus_power(machine.motors, run.torque[:-1], mean), rtol=1e-12)
+    np.testing.assert_allclose(ledger.bus, bus_power(motors, run.torque[:-1], mean), rtol=1e-12)
 
 
 def test_gears_lose_their_share_of_the_motors_work():
@@ -100,16 +101,16 @@ def test_no_torque_leaves_the_envelope_at_any_time_of_a_built_robots_millisecond
     """Under targets as rough as they can be; the ideal robot leaves it, by its own account."""
 
     def rough(hardware):
-        machine, rng = Machine(EnvConfig(hardware=hardware)), np.random.default_rng(0)
-        machine.settle(0.05, 10.0)
+        robot, rng = Simulator([RobotSetup(EnvConfig(hardware=hardware))]), np.random.default_rng(0)
+        robot.settle()
         worst = 0.0
         for _ in range(60):
-            target = machine.data.qpos[MOTOR_QPOS] + rng.uniform(-0.5, 0.5, 12)
+            target = robot.qpos[:, MOTOR_QPOS] + rng.uniform(-0.5, 0.5, 12)
             for _ in range(5):
-                before = machine.data.qvel[MOTOR_QVEL].copy()
-                torque = machine.millisecond(target, np.zeros(12))
-                for qd in (before, machine.data.qvel[MOTOR_QVEL]):
-                    lower, upper = torque_limits(machine.motors, qd)
+                before = robot.qvel[:, MOTOR_QVEL].copy()
+                torque = robot.millisecond(target, np.zeros((1, 12)))
+                for qd in (before, robot.qvel[:, MOTOR_QVEL]):
+                    lower, upper = torque_limits(robot.motors[0], qd)
                     worst = max(worst, float(np.max(np.maximum(torque - upper, lower - torque))))
         return worst
 

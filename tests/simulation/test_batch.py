@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from runs import run_one
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
 from bp2_rl.robot import specs
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
-from bp2_rl.simulation import driver, rollout
+from bp2_rl.simulation import policy_runner, simulator
 from bp2_rl.simulation.batch import rollout_batch
-from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import Ramp
 
 TROTTING = EnvConfig()  # the action is added to the kinematic gait
@@ -40,9 +40,9 @@ def alone(monkeypatch):
         def init(self, phase=phase):
             return super().init(phase)
 
-    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.0)
-    monkeypatch.setattr(driver, "Controller", OutOfPhase)
-    return rollout_mujoco(no_action, SCHEDULE, TROTTING)
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)
+    monkeypatch.setattr(policy_runner, "Controller", OutOfPhase)
+    return run_one(no_action, SCHEDULE, TROTTING)
 
 
 def test_a_robot_as_designed_runs_as_it_does_alone(alone):

@@ -8,11 +8,11 @@ import signal
 import numpy as np
 
 from bp2_rl.robot.specs import BUILT, IDEAL
-from bp2_rl.simulation import parallel, team
-from bp2_rl.simulation.machine import Numerics
-from bp2_rl.simulation.parallel import dealt, in_parallel, keep_workers, run_team
+from bp2_rl.simulation import parallel, policy_runner
+from bp2_rl.simulation.parallel import dealt, in_parallel, keep_workers, simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Course
-from bp2_rl.simulation.team import RunRequest
+from bp2_rl.simulation.simulator import Numerics
 
 LIGHT = dataclasses.replace(BUILT, mass_scale=0.9)
 
@@ -22,12 +22,12 @@ def lasting(seconds, robot=BUILT, **how):
 
 
 def test_each_is_dealt_out_once_and_work_is_shared():
-    tries = [lasting(seconds) for seconds in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)]
-    shares = dealt(tries, 2)
+    requests = [lasting(seconds) for seconds in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)]
+    shares = dealt(requests, 2)
     assert sorted(i for share in shares for i in share) == list(range(6))
-    assert [sum(tries[i].schedule.duration for i in share) for share in shares] == [10.0, 14.0]
+    assert [sum(requests[i].schedule.duration for i in share) for share in shares] == [10.0, 14.0]
     assert shares == [[3, 2, 1, 0], [5, 4]]  # the longest first
-    assert dealt(tries[:1], 4) == [[0]]
+    assert dealt(requests[:1], 4) == [[0]]
 
 
 def test_a_robot_stays_with_one_worker():
@@ -47,7 +47,7 @@ def where(policy, task):
 
 
 def compiled(one, run):
-    return os.getpid(), team._compiled.cache_info().misses
+    return os.getpid(), policy_runner._compiled_control_step.cache_info().misses
 
 
 def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch):
@@ -58,7 +58,7 @@ def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch)
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     with keep_workers():
         first, then = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
-        ran = [run_team(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
+        ran = [simulate_all(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
         os.kill(first[0][0], signal.SIGINT)  # as Ctrl-C does, to all at once
         assert in_parallel(where, policy, ("three",)) == first[:1]
     assert first == then == 2 * [first[0]]
@@ -66,6 +66,6 @@ def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch)
     assert in_parallel(where, policy, ("four",))[0][0] != first[0][0]
 
 
-def test_tries_that_take_no_time_are_tries(make_policy):
+def test_requests_that_take_no_time_are_requests(make_policy):
     assert dealt([RunRequest(Course(), BUILT)], 2) == [[0]]
     assert sorted(i for share in dealt([lasting(1.0), RunRequest(Course(), IDEAL)], 2) for i in share) == [0, 1]

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from runs import run_one
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.env.termination import fall
@@ -12,15 +13,12 @@ from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
 from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
-from bp2_rl.simulation.machine import Machine, Numerics
 from bp2_rl.simulation.metrics import envelope_use
+from bp2_rl.simulation.mjx import simulate_in_mjx
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import (
-    rollout_mjx,
-    rollout_mujoco,
-    standing_start,
-)
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
@@ -37,12 +35,16 @@ def kick(observation):
     return 100.0 * jnp.sign(observation[..., 5:17])
 
 
+def run_in_mjx(policy, schedule, config, **request):
+    return simulate_in_mjx(policy, config, RunRequest(schedule, **request))
+
+
 # --- C MuJoCo ----------------------------------------------------------------------------------------------------
 
 
 def test_standing_start_is_at_rest_at_the_origin():
-    machine = standing_start(STANDING)
-    model, data = machine.model, machine.data
+    simulator = settled([RobotSetup(STANDING)])
+    model, data = simulator.models[0], simulator.data[0]
     rest = data.qpos.copy()
     stand, motors = model.key("stand").qpos[MOTOR_QPOS], motors_of(STANDING)
     for _ in range(1000):  # and it stays there
@@ -58,7 +60,7 @@ def test_standing_start_is_at_rest_at_the_origin():
 
 
 def test_feet_of_a_standing_robot_carry_its_weight():
-    run = rollout_mujoco(no_action, Ramp((0.0, 0.0, 0.0), hold=0.5), STANDING)
+    run = run_one(no_action, Ramp((0.0, 0.0, 0.0), hold=0.5), STANDING)
     assert run.fell_at is None
     force = np.mean(run.foot_force[-100:], axis=0)
     assert np.sum(force[:, 2]) == pytest.approx(run.mass * GRAVITY, rel=1e-3)
@@ -71,8 +73,8 @@ def test_feet_of_a_standing_robot_carry_its_weight():
 @pytest.mark.parametrize("world", [LEVEL, World(roughness=0.02, seed=3)], ids=["level", "rough"])
 def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
     """Against the constraint forces: the ground is all that acts on the free trunk's six coordinates from outside."""
-    machine = standing_start(STANDING, world)
-    model, data = machine.model, machine.data
+    simulator = settled([RobotSetup(STANDING, world)])
+    model, data = simulator.models[0], simulator.data[0]
     data.qvel[:6] = 1.0, -0.5, -0.8, 0.3, 0.2, 0.0
     mujoco.mj_forward(model, data)
     force = foot_forces(data)
@@ -88,8 +90,8 @@ def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
 
 def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_them():
     """Every recorded step, repeated from its record alone, leads to the next record."""
-    run = rollout_mujoco(no_action, Ramp((1.0, 0.0, 0.0), hold=0.1), TROTTING)
-    model = Machine(TROTTING).model
+    run = run_one(no_action, Ramp((1.0, 0.0, 0.0), hold=0.1), TROTTING)
+    model = RobotSetup(TROTTING).model()
     data = mujoco.MjData(model)
     for k in range(0, len(run) - 1, 7):
         data.qpos[:], data.qvel[:], data.ctrl[:] = run.qpos[k], run.qvel[k], run.torque[k]
@@ -100,7 +102,7 @@ def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_th
 
 
 def test_torque_is_the_motors_answer_to_the_recorded_target():
-    run = rollout_mujoco(no_action, Ramp((0.0, 0.0, 0.0), hold=0.2), STANDING)
+    run = run_one(no_action, Ramp((0.0, 0.0, 0.0), hold=0.2), STANDING)
     motors = motors_of(STANDING)
     q, qd = run.joint_position, run.joint_velocity
     expected = joint_torque(motors, 0.0 * q, q, qd, run.target, 0.0 * qd, 1e-3)
@@ -108,14 +110,14 @@ def test_torque_is_the_motors_answer_to_the_recorded_target():
 
 
 def test_no_torque_leaves_the_envelope_whatever_the_policy_does():
-    run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=1.0), TROTTING)
+    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=1.0), TROTTING)
     use = envelope_use(run)
     assert np.sum(use.outside) == 0
     assert np.mean(use.near) > 0.05  # it tried
 
 
 def test_a_run_ends_at_the_fall():
-    run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=5.0), TROTTING)
+    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=5.0), TROTTING)
     assert run.fell_at == pytest.approx(len(run) * run.dt)
     assert len(run) < 4000
     assert not fall(run.qpos, run.qvel, TROTTING.termination).happened.any()
@@ -123,9 +125,7 @@ def test_a_run_ends_at_the_fall():
 
 def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
     schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
-    usual, fine, finest = (
-        rollout_mujoco(kick, schedule, STANDING, numerics=Numerics(steps=steps)) for steps in (1, 4, 8)
-    )
+    usual, fine, finest = (run_one(kick, schedule, STANDING, numerics=Numerics(steps=steps)) for steps in (1, 4, 8))
     assert len(fine) == len(usual) == 100
     np.testing.assert_array_equal(fine.qpos[0], usual.qpos[0])
     torque = joint_torque(
@@ -140,8 +140,8 @@ def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
 def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
     """Four steps of a quarter of a millisecond, each under the torque of its own start."""
     numerics = Numerics(steps=4, motors_each_step=True)
-    run = rollout_mujoco(kick, Ramp((3.0, 0.0, 0.0), hold=0.05), STANDING, numerics=numerics)
-    model, motors = Machine(STANDING).model, motors_of(STANDING)
+    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=0.05), STANDING, numerics=numerics)
+    model, motors = RobotSetup(STANDING).model(), motors_of(STANDING)
     numerics.apply(model)
     data = mujoco.MjData(model)
     changes = []
@@ -164,8 +164,7 @@ def test_finer_motors_lag_no_less():
     lagging = dataclasses.replace(STANDING, hardware=HardwareSpec(losses=Losses(current_lag=0.02)))
     schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
     held, fine = (
-        rollout_mujoco(kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each))
-        for each in (False, True)
+        run_one(kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each)) for each in (False, True)
     )
     rise, fine_rise = (np.abs(run.torque[1] - run.torque[0]) for run in (held, fine))
     assert np.min(rise) > 10.0
@@ -178,29 +177,29 @@ def test_another_robot_runs_under_the_controller_of_the_assumed_one():
     heavy = HardwareSpec(mass_scale=1.1, peak_torque=100.0)
     config = EnvConfig(control=ControlConfig(feedforward=1.0))
     schedule = Ramp((1.0, 0.0, 0.0), hold=0.05)
-    run = rollout_mujoco(no_action, schedule, config, hardware=heavy)
+    run = run_one(no_action, schedule, config, hardware=heavy)
     assert run.hardware == heavy
     own, assumed = (
-        rollout_mujoco(no_action, schedule, each) for each in (dataclasses.replace(config, hardware=heavy), config)
+        run_one(no_action, schedule, each) for each in (dataclasses.replace(config, hardware=heavy), config)
     )
     assert run.mass == pytest.approx(1.1 * assumed.mass)
     np.testing.assert_array_equal(run.qpos[0], own.qpos[0])  # it stands as it is
     # More weight asks for more torque from the start, but the controller knows nothing of it.
     np.testing.assert_allclose(run.target[:5], assumed.target[:5], atol=1e-6)
     assert np.max(np.abs(run.target[:5] - own.target[:5])) > 1e-3
-    weak = rollout_mujoco(kick, schedule, config, hardware=heavy)
+    weak = run_one(kick, schedule, config, hardware=heavy)
     assert np.max(np.abs(weak.torque)) == pytest.approx(100.0)
 
 
 def test_numerics_reach_the_model():
-    model = Machine(STANDING).model
+    model = RobotSetup(STANDING).model()
     Numerics(steps=2, iterations=7, line_search_iterations=9, tolerance=1e-3).apply(model)
     assert model.opt.timestep == 0.5e-3
     assert (model.opt.iterations, model.opt.ls_iterations, model.opt.tolerance) == (7, 9, 1e-3)
 
 
 def test_a_run_repeats_exactly():
-    first, second = (rollout_mujoco(no_action, Ramp((1.0, 0.0, 0.0), hold=0.2), TROTTING) for _ in range(2))
+    first, second = (run_one(no_action, Ramp((1.0, 0.0, 0.0), hold=0.2), TROTTING) for _ in range(2))
     for field in ("qpos", "qvel", "torque", "command", "target", "foot_force"):
         np.testing.assert_array_equal(getattr(first, field), getattr(second, field))
 
@@ -209,11 +208,11 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
     operator = HeadingHold(heading_gain=0.0, lane_gain=-0.1, limit=0.3)
     crooked = dataclasses.replace(operator, limit=0.0)
     schedule = Ramp((1.0, 0.0, 0.0), acceleration=2.0, hold=0.1)
-    run = rollout_mujoco(no_action, schedule, STANDING, operator=crooked)
+    run = run_one(no_action, schedule, STANDING, operator=crooked)
     expected = np.array([schedule.command(5e-3 * (k // 5)) for k in range(len(run))])
     np.testing.assert_allclose(run.command, expected, atol=1e-6)  # float32
     assert run.command[0, 0] == 0.0
-    steered = rollout_mujoco(no_action, schedule, STANDING, operator=operator)
+    steered = run_one(no_action, schedule, STANDING, operator=operator)
     y = np.repeat(steered.qpos[5::5, 1], 5)
     np.testing.assert_allclose(steered.command[5:, 2], 0.1 * y[: len(steered) - 5], atol=1e-4)
 
@@ -222,7 +221,7 @@ def test_a_policy_is_told_no_more_than_its_controller_launches():
     """From a stand at 6 m/s2, towards 18 m/s: v = 18 (1 - exp(-t / 3 s)), though 30 m/s2 are asked for."""
     control = dataclasses.replace(STANDING.control, launching=6.0, launching_speed=18.0)
     asked = Ramp((3.0, 0.0, 0.0), acceleration=30.0, hold=0.2)
-    run = rollout_mujoco(no_action, asked, dataclasses.replace(STANDING, control=control))
+    run = run_one(no_action, asked, dataclasses.replace(STANDING, control=control))
     assert run.command[-1, 0] > 1.5
     np.testing.assert_allclose(run.command[:, 0], 18.0 * (1.0 - np.exp(-run.time / 3.0)), atol=0.035)  # ticks of 5 ms
     assert np.all(run.command[:, 0] <= 6.0 * (run.time + 0.005))
@@ -230,8 +229,8 @@ def test_a_policy_is_told_no_more_than_its_controller_launches():
 
 def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a log file
-    machine = standing_start(STANDING)
-    model, data = machine.model, machine.data
+    simulator = settled([RobotSetup(STANDING)])
+    model, data = simulator.models[0], simulator.data[0]
     data.qvel[0] = np.nan
     mujoco.mj_step(model, data)
     assert fall(data.qpos, data.qvel, TerminationConfig()).happened
@@ -245,7 +244,7 @@ SCHEDULE = Ramp((1.0, 0.0, 0.0), hold=0.2)
 
 @pytest.fixture(scope="module")
 def trot_in_both():
-    return tuple(rollout(no_action, SCHEDULE, TROTTING) for rollout in (rollout_mujoco, rollout_mjx))
+    return tuple(rollout(no_action, SCHEDULE, TROTTING) for rollout in (run_one, run_in_mjx))
 
 
 def test_both_simulators_run_the_same_trot(trot_in_both):
@@ -271,7 +270,7 @@ def test_mjx_keeps_to_the_envelope(trot_in_both):
 
 
 def test_a_run_ends_with_the_first_sample_beyond_the_finish(trot_in_both):
-    for rollout, whole in zip((rollout_mujoco, rollout_mjx), trot_in_both, strict=True):
+    for rollout, whole in zip((run_one, run_in_mjx), trot_in_both, strict=True):
         half_way = 0.5 * float(whole.qpos[-1, 0])
         run = rollout(no_action, SCHEDULE, TROTTING, finish=half_way)
         assert run.fell_at is None
@@ -295,8 +294,8 @@ def test_targets_act_late_in_both_simulators():
     """7 ms late: until then it stands, and each target acts from the seventh ms after it was issued."""
     late = HardwareSpec(losses=Losses(latency=0.007))
     schedule = Ramp((0.5, 0.0, 0.0), acceleration=50.0, hold=0.03)
-    judged, simulated = (run(kick, schedule, STANDING, hardware=late) for run in (rollout_mujoco, rollout_mjx))
-    prompt = rollout_mujoco(kick, schedule, STANDING)
+    judged, simulated = (run(kick, schedule, STANDING, hardware=late) for run in (run_one, run_in_mjx))
+    prompt = run_one(kick, schedule, STANDING)
     np.testing.assert_allclose(simulated.target, judged.target, rtol=0, atol=1e-6)
     np.testing.assert_array_equal(judged.target[:7], np.tile(judged.target[0], (7, 1)))
     np.testing.assert_array_equal(judged.target[7], prompt.target[0])

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from runs import run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import measure
@@ -14,10 +15,9 @@ from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import GRAVITY, IDEAL, STAND_JOINTS, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig
-from bp2_rl.simulation.machine import Machine
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import rollout_mujoco, standing_start
 from bp2_rl.simulation.schedule import Course, Ramp
+from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
 from bp2_rl.simulation.world import BEHIND, GRID, LEVEL, Push, World, sensed_pose
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
@@ -32,7 +32,7 @@ def no_action(observation):
 
 
 def stand(seconds=0.3, **given):
-    return rollout_mujoco(no_action, Course().hold(seconds), STANDING, **given)
+    return run_one(no_action, Course().hold(seconds), STANDING, **given)
 
 
 # --- Slopes ----------------------------------------------------------------------------------------------------
@@ -40,8 +40,8 @@ def stand(seconds=0.3, **given):
 
 def test_a_robot_in_flight_over_a_slope_falls_along_it():
     """Uphill is +x: gravity's parts are -g sin and -g cos, whatever the robot does with its legs."""
-    machine = standing_start(STANDING, World(slope=SLOPE))
-    model, data = machine.model, machine.data
+    simulator = settled([RobotSetup(STANDING, World(slope=SLOPE))])
+    model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] += 1.0
     mujoco.mj_forward(model, data)
     momentum = model.body_mass.sum() * np.array([-math.sin(SLOPE), 0.0, -math.cos(SLOPE)]) * GRAVITY
@@ -75,8 +75,8 @@ def test_rough_ground_has_the_heights_that_it_says():
     world = World(roughness=0.03, seed=1)
     heights = world.heights()
     assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
-    machine = Machine(STANDING, world)
-    model, data = machine.model, machine.data
+    simulator = Simulator([RobotSetup(STANDING, world)])
+    model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
     row = heights.shape[0] // 2 + 20  # 2 m to the left
@@ -90,7 +90,8 @@ def test_rough_ground_has_the_heights_that_it_says():
 
 def test_rough_ground_is_even_around_the_start_and_carries_the_robot():
     world = World(roughness=0.03)
-    rough, level = (standing_start(STANDING, w).data for w in (world, LEVEL))
+    simulator = settled([RobotSetup(STANDING, world), RobotSetup(STANDING, LEVEL)])
+    rough, level = simulator.data
     # A sphere on a field of heights may touch two triangles: twice the friction holds the feet a few mrad otherwise.
     np.testing.assert_allclose(rough.qpos, level.qpos, atol=5e-3)
     force = np.sum(stand(world=world).foot_force[-1], axis=0)
@@ -140,9 +141,7 @@ def late(latency):
 def test_targets_act_after_the_latency_to_the_ms(milliseconds):
     """The kinematic gait's targets do not depend on the robot: late ones are the same, so many ms later."""
     prompt, delayed = (
-        rollout_mujoco(
-            no_action, Ramp((1.0, 0.0, 0.0)), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02
-        )
+        run_one(no_action, Ramp((1.0, 0.0, 0.0)), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02)
         for ms in (0, milliseconds)
     )
     samples = min(len(prompt), len(delayed))

@@ -48,7 +48,7 @@ class Effort(struct.PyTreeNode):
 
 
 @runtime_checkable
-class Simulator(Protocol):
+class PhysicsEngine(Protocol):
     """A physics engine: a pure function that one can jit, vmap and scan."""
 
     def __call__(

@@ -42,7 +42,7 @@ class KernelPhysics:
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """See `physics.Simulator`; under `jax.vmap` the robots of the batch are computed side by side."""
+        """See `interface.PhysicsEngine`; under `jax.vmap` the robots of the batch are computed side by side."""
         return self._one(physics, targets, robot)
 
     def _alone(

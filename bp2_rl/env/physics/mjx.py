@@ -38,7 +38,7 @@ class MjxPhysics:
     Before each step of 1 ms the motors' torque is computed (PD law, current loop, envelope, bus) and applied as `ctrl`;
     what resists motion (`robot.losses`) is applied as `qfrc_applied`. Torque is held for the step and keeps to the
     envelope at the step's start. A hardware's `envelope="throughout"`, which also bounds the torque at the step's end,
-    is honoured by the judge alone (`simulation.machine`); training treats it as `start`, in every engine.
+    is honoured in C MuJoCo alone (`simulation.simulator`); training treats it as `start`, in every engine.
 
     Args:
         model: BP2 on flat ground, without what is only seen.
@@ -67,7 +67,7 @@ class MjxPhysics:
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """See `physics.Simulator`."""
+        """See `interface.PhysicsEngine`."""
         model = randomization.randomize_model(self.model, robot, self._trunk)
         motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
         if resistance is not None:

@@ -1,6 +1,5 @@
 """What a benchmark is run with, and what a reader must know to run it again."""
 
-import functools
 import math
 
 import jax
@@ -12,13 +11,21 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 from bp2_rl.settings.env import ControlConfig
-from bp2_rl.simulation.bodies import SwiftMachine
+from bp2_rl.simulation.mjx import simulate_in_mjx
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import rollout_mjx, rollout_mujoco
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import Trajectory
 
 OWN = "card's own"
-BACKENDS = {"mujoco": functools.partial(rollout_mujoco, machine=SwiftMachine), "mjx": rollout_mjx}
+
+
+def run_once(policy: Policy, request: RunRequest, setup: Setup) -> Trajectory:
+    """Run a policy once, in the simulator that was asked for."""
+    if setup.backend == "mjx":
+        return simulate_in_mjx(policy, policy.card.env, request)
+    [run] = simulate(policy, policy.card.env, [request])
+    return run
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:

@@ -17,17 +17,17 @@ from bp2_rl.evaluation.benchmarks.conditions import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.learning.policy import Policy
-from bp2_rl.simulation.machine import JUDGE, Numerics
 from bp2_rl.simulation.metrics import RIPPLE, measure
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import RunRequest
+from bp2_rl.simulation.simulator import CONVERGED, Numerics
 from bp2_rl.simulation.trajectory import Trajectory
 
 TOLERANCE = 0.01  # of the mean speed held: what a change of the numerics may change
 
 VARIANTS = {
-    "1 ms, as judged": JUDGE,
+    "1 ms, as judged": CONVERGED,
     "solver x 2": Numerics(iterations=200, line_search_iterations=100, tolerance=1e-12),
     "0.5 ms": Numerics(steps=2),
     "0.25 ms": Numerics(steps=4),
@@ -66,8 +66,8 @@ class ConvergenceMetrics:
 def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run top speed under all numerics and compare."""
     robot = robot_of(policy, setup)
-    tries = [RunRequest(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
-    runs = dict(zip(VARIANTS, run_team(as_it_is, policy, tries), strict=True))
+    requests = [RunRequest(ramp, robot, setup.operator, numerics=how, name=name) for name, how in VARIANTS.items()]
+    runs = dict(zip(VARIANTS, simulate_all(as_it_is, policy, requests), strict=True))
     metrics = compare(runs)
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "

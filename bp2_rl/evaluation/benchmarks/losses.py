@@ -31,9 +31,9 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.robot.variants import PARTS, differing, with_parts
 from bp2_rl.simulation.metrics import measure
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 LOSSES_HOLD = 6.0  # s
@@ -82,7 +82,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         added = with_parts(added, built, [part])
         robots += [with_parts(ideal, built, [part]), with_parts(built, ideal, [part]), added]
     different = list(dict.fromkeys(robots))
-    ran = run_team(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
+    ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
     found = greatest_speeds() if name_of(built) != OWN else {}
     rows = []

@@ -24,9 +24,9 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.metrics import RunMetrics, measure
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
@@ -116,7 +116,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robots = robots_of(robot)
     held = [RunRequest(ramp, other, setup.operator, name=name) for name, other in robots.items()]
     raced = [dataclasses.replace(one, schedule=sprint, finish=TRACK) for one in held]
-    ran: list[Any] = run_team(measure_try, policy, [*held, *raced])
+    ran: list[Any] = simulate_all(measure_try, policy, [*held, *raced])
     pairs = zip(robots, ran[: len(robots)], ran[len(robots) :], strict=True)
     metrics = compare(ramp.target[0], [measure_robot(name, *pair) for name, *pair in pairs])
     said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)

@@ -22,13 +22,13 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.evaluation.benchmarks.conditions import (
-    BACKENDS,
     conditions,
     describe_command,
     describe_rise,
     describe_simulator,
     on_card,
     robot_of,
+    run_once,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -46,6 +46,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -104,9 +105,7 @@ class SprintMetrics:
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    run = BACKENDS[setup.backend](
-        policy, ramp, policy.card.env, operator=setup.operator, name=name, finish=TRACK, hardware=robot
-    )
+    run = run_once(policy, RunRequest(ramp, robot, setup.operator, finish=TRACK, name=name), setup)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",

@@ -14,9 +14,9 @@ from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot.specs import LEGS
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.metrics import contacts, touchdowns
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 
 LEG = LEGS.index("RR")  # whose touchdowns begin the strides
@@ -39,8 +39,8 @@ def run_speeds(
     """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
     robot = robot_of(policy, setup)
     ramps = [dataclasses.replace(ramp, target=(speed, 0.0, 0.0)) for speed in commands]
-    tries = [RunRequest(each, robot, setup.operator) for each in ramps]
-    return run_team(functools.partial(_measure, measure), policy, tries)
+    requests = [RunRequest(each, robot, setup.operator) for each in ramps]
+    return simulate_all(functools.partial(_measure, measure), policy, requests)
 
 
 def _measure(measure: Callable[[Ramp, Trajectory], Result], one: RunRequest, run: Trajectory) -> Result:

@@ -16,7 +16,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import ROBOTS, HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.rollout import standing_start
+from bp2_rl.simulation.simulator import RobotSetup, settled
 
 TABLE_S3 = "paper, Table S3"
 HEIGHT_OFF = 0.02  # m, by which the hips' height may differ: the paper does not say what it is measured to
@@ -67,7 +67,7 @@ def standing(hardware: HardwareSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The model with its looks, in the pose in which it comes to rest on its feet."""
     model = load_model(hardware)
     data = mujoco.MjData(model)
-    data.qpos[:] = standing_start(EnvConfig(hardware=hardware)).data.qpos
+    data.qpos[:] = settled([RobotSetup(EnvConfig(hardware=hardware))]).qpos[0]
     mujoco.mj_kinematics(model, data)
     return model, data
 

@@ -13,9 +13,8 @@ from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.monitor import LOG
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
-from bp2_rl.simulation.bodies import SwiftMachine
 from bp2_rl.simulation.metrics import HELD, RunMetrics, measure
-from bp2_rl.simulation.rollout import rollout_mujoco
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 MEASURED = "measured.json"
@@ -97,7 +96,8 @@ def _cruise(policy: Policy, speed: float) -> RunMetrics:
     """Run a policy at a commanded speed, m/s, at most the fastest command of its training."""
     env = policy.card.env
     ramp = Ramp((min(speed, env.commands.max_forward), 0.0, 0.0), hold=HELD).under(env.control)
-    return measure(rollout_mujoco(policy, ramp, env, machine=SwiftMachine))
+    [run] = simulate(policy, env, [RunRequest(ramp)])
+    return measure(run)
 
 
 def _was_resumed(run_dir: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Losses in every engine: MJX, the kernel and the judge's C MuJoCo, against closed forms and each other."""
+"""Losses in every engine: MJX, the kernel and C MuJoCo, against closed forms and each other."""
 
 import dataclasses
 import math
@@ -16,10 +16,10 @@ from bp2_rl.env.controller import Targets
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, HardwareSpec, Losses
 from bp2_rl.settings.env import EnvConfig, Impl
-from bp2_rl.simulation.machine import Machine
+from bp2_rl.simulation.simulator import RobotSetup, Simulator
 
-Engine = Impl | Literal["judge"]
-ENGINES: list[Engine] = ["judge", "jax", "kernel"]
+Engine = Impl | Literal["mujoco"]
+ENGINES: list[Engine] = ["mujoco", "jax", "kernel"]
 HEAVY_ROTORS = 0.1  # kg m2 at the motor, 7.2 at the joint: beside it a leg weighs little
 LEG_INERTIA = 0.14  # kg m2, of a bent leg about its hip
 
@@ -44,7 +44,7 @@ def fly(
 
     With a `strength` of 0 its motors give nothing.
     """
-    if engine != "judge":
+    if engine != "mujoco":
         env, control_step, robot = compiled(hardware, engine)
         robot = robot.replace(strength=strength * jnp.ones(12))
         rest = env.starts.at_rest()
@@ -54,18 +54,17 @@ def fly(
             physics = control_step(physics, robot)
             found.append(np.asarray(physics.qvel, np.float64))
         return np.array(found)
-    machine = Machine(EnvConfig(hardware=dataclasses.replace(hardware, envelope="start")))
-    machine.motors = dataclasses.replace(machine.motors, strength=strength)
-    data = machine.data
-    data.qpos[:] = machine.model.key("stand").qpos
-    data.qpos[2] = 10.0
-    data.qvel[:] = qvel
+    simulator = Simulator([RobotSetup(EnvConfig(hardware=dataclasses.replace(hardware, envelope="start")))])
+    simulator.set_motors(0, dataclasses.replace(simulator.motors[0], strength=strength))
+    simulator.data[0].qpos[2] = 10.0
+    simulator.data[0].qvel[:] = qvel
+    simulator.read(0)
     found = []
     for _ in range(control_steps):
-        q = data.qpos[MOTOR_QPOS].copy()
+        q = simulator.qpos[:, MOTOR_QPOS].copy()
         for _ in range(5):
-            machine.millisecond(q, np.zeros(12))
-        found.append(data.qvel.copy())
+            simulator.millisecond(q, np.zeros((1, 12)))
+        found.append(simulator.qvel[0].copy())
     return np.array(found)
 
 
@@ -114,9 +113,9 @@ def test_a_built_robot_is_the_same_in_every_engine_as_in_the_judge(engine):
     qvel = rng.normal(0.0, 3.0, 22)
     qvel[MOTOR_QVEL] = rng.uniform(-15.0, 15.0, 12)
     hardware = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.0))
-    ours, judged = (fly(one, hardware, qvel, 10) for one in (engine, "judge"))
+    ours, judged = (fly(one, hardware, qvel, 10) for one in (engine, "mujoco"))
     np.testing.assert_allclose(ours, judged, rtol=0, atol=5e-3)
-    lossless = fly("judge", HardwareSpec(), qvel, 10)
+    lossless = fly("mujoco", HardwareSpec(), qvel, 10)
     assert np.max(np.abs(judged - lossless)) > 1.0  # they matter
 
 

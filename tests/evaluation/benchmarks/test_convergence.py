@@ -17,7 +17,7 @@ from bp2_rl.evaluation.benchmarks.convergence import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
-from bp2_rl.simulation.machine import JUDGE
+from bp2_rl.simulation.simulator import CONVERGED
 
 
 @pytest.fixture
@@ -53,13 +53,13 @@ def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, 
         asked.append((one.schedule, one.numerics))
         return runs[one.name]
 
-    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
+    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(), Setup(speed=6.0)
     ramp = ramp_to_topspeed(policy, setup)
     evaluation = convergence(policy, ramp, setup)
     assert [schedule for schedule, _ in asked] == [ramp] * 5
     numerics = [numerics for _, numerics in asked]
-    assert numerics[0] == JUDGE
+    assert numerics[0] == CONVERGED
     assert [(n.steps, n.motors_each_step) for n in numerics] == [
         (1, False),
         (1, False),
@@ -76,7 +76,9 @@ def test_the_policy_is_run_under_every_numerics(make_policy, runs, monkeypatch, 
 
 def test_too_great_a_change_is_no_good_verdict(make_policy, runs, make_run, monkeypatch):
     slower = runs | {"0.5 ms": make_run(speed=4.9, acceleration=10.0)}
-    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries])
+    monkeypatch.setattr(
+        module, "simulate_all", lambda measure, _, tries: [measure(one, slower[one.name]) for one in tries]
+    )
     setup = Setup(speed=6.0)
     assert not convergence(make_policy(), ramp_to_topspeed(make_policy(), setup), setup).good
 

@@ -51,7 +51,7 @@ def test_each_loss_is_tried_alone_left_out_and_added(make_policy, make_run, monk
         slower = len(differing(IDEAL, one.hardware)) / 10
         return make_run(duration=12.0, speed=10.0 - slower, acceleration=5.0)
 
-    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
+    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(), Setup(speed=10.0)
     evaluation = losses(policy, ramp_to_losses(policy, setup), setup)
     metrics, parts = evaluation.metrics, differing(IDEAL, BUILT)

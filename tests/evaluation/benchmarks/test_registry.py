@@ -6,8 +6,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.evaluation.benchmarks import conditions as setups
-from bp2_rl.evaluation.benchmarks import topspeed as module
+from bp2_rl.evaluation.benchmarks import conditions
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
@@ -20,14 +19,16 @@ def asked(monkeypatch, make_run):
     """What the simulators were asked for, instead of running them."""
     calls = []
 
-    def backend(name):
-        def rollout(policy, schedule, config, **rest):
-            calls.append((name, schedule, config, rest))
-            return make_run(duration=3.0)
+    def simulate(policy, config, requests):
+        calls.append(("mujoco", config, requests[0]))
+        return [make_run(duration=3.0)]
 
-        return rollout
+    def simulate_in_mjx(policy, config, request):
+        calls.append(("mjx", config, request))
+        return make_run(duration=3.0)
 
-    monkeypatch.setattr(module, "BACKENDS", {name: backend(name) for name in setups.BACKENDS})
+    monkeypatch.setattr(conditions, "simulate", simulate)
+    monkeypatch.setattr(conditions, "simulate_in_mjx", simulate_in_mjx)
     return calls
 
 
@@ -75,10 +76,11 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     operator = HeadingHold(heading_gain=1.0)
     policy = make_policy()
     evaluation = run(policy, Setup(backend=backend, speed=6.0, operator=operator))
-    ((name, schedule, config, rest),) = asked
+    ((name, config, request),) = asked
+    schedule = request.schedule
     assert name == backend
     assert config is policy.card.env
-    assert rest["operator"] is operator
+    assert request.operator is operator
     assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
     assert evaluation.benchmark == "topspeed"
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
@@ -88,7 +90,7 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
 
 def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
     run(make_policy(), Setup(speed=6.0, acceleration=3.0, hold=1.5))
-    ((_, schedule, *_),) = asked
+    schedule = asked[0][-1].schedule
     assert (schedule.acceleration, schedule.hold) == (3.0, 1.5)
 
 

@@ -86,7 +86,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
         fast = make_run(duration=25.0, speed=10.0, acceleration=5.0)
         return fast if one.finish == 100.0 else fast.between(0.0, 7.0)
 
-    monkeypatch.setattr(module, "run_team", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
+    monkeypatch.setattr(module, "simulate_all", lambda measure, _, tries: [measure(one, run(one)) for one in tries])
     policy, setup = make_policy(results={"sprint": {"sprint_acceleration": 3.5}}), Setup(speed=10.0, robot="ideal")
     evaluation = sensitivity(policy, ramp_to_sensitivity(policy, setup), setup)
     robots = robots_of(policy.card.env.hardware)

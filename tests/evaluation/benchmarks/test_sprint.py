@@ -8,7 +8,6 @@ from PIL import Image
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.evaluation.benchmarks import conditions as setups
 from bp2_rl.evaluation.benchmarks import sprint as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
@@ -182,16 +181,17 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
 def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_fits):
     asked = []
 
-    def rollout(policy, schedule, config, **rest):
-        asked.append((schedule, rest))
+    def run_once(policy, request, setup):
+        asked.append(request)
         return make_race()
 
-    monkeypatch.setattr(module, "BACKENDS", dict.fromkeys(setups.BACKENDS, rollout))
+    monkeypatch.setattr(module, "run_once", run_once)
     policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
     evaluation = sprint(policy, race(policy, setup), setup)
-    ((schedule, rest),) = asked
+    (request,) = asked
+    schedule = request.schedule
     assert (schedule.target, schedule.acceleration, schedule.duration) == ((10.0, 0.0, 0.0), 3.0, 30.0)
-    assert (rest["finish"], rest["operator"]) == (100.0, setup.operator)
+    assert (request.finish, request.operator) == (100.0, setup.operator)
     assert evaluation.verdict == "100 m in 11.00 s, inside one lane."
     assert evaluation.good
     assert evaluation.results["time_100m"] == 11.0

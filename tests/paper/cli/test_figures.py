@@ -6,13 +6,13 @@ from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import figures
 from bp2_rl.paper.cli.figures import FigureReport, main
 from bp2_rl.paper.figures.registry import FIGURES
-from bp2_rl.simulation import rollout
+from bp2_rl.simulation import simulator
 
 
 @pytest.fixture(autouse=True)
 def settled_soon(monkeypatch):
     """The robot that is drawn comes to rest sooner."""
-    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.1)
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.1)
 
 
 @pytest.mark.parametrize(

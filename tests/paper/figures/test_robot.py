@@ -11,13 +11,13 @@ from bp2_rl.paper.figures.settings import RobotSettings
 from bp2_rl.paper.figures.silhouette import extent, outlines
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import BUILT, LEGS
-from bp2_rl.simulation import rollout
+from bp2_rl.simulation import simulator
 
 
 @pytest.fixture(autouse=True)
 def settled_soon(monkeypatch):
     """It stands where it will; what is left of its sway is less than a cm."""
-    monkeypatch.setattr(rollout, "SETTLING_TIME", 0.3)
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.3)
 
 
 def test_the_dimensions_are_the_papers():

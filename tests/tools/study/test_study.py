@@ -408,12 +408,12 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
 def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
     """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
 
-    def rollout(policy, ramp, config, machine, hardware=None):
-        speed = ramp.target[0]
-        return make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)
+    def simulate(policy, config, requests):
+        speed = requests[0].schedule.target[0]
+        return [make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)]
 
     for module in (judge, measuring):
-        monkeypatch.setattr(module, "rollout_mujoco", rollout)
+        monkeypatch.setattr(module, "simulate", simulate)
     measured = measuring._measure(make_policy(), None)
     assert measured.top_speed == pytest.approx(9.0)
     assert measured.falls == 2
@@ -421,7 +421,7 @@ def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(mon
 
 def test_a_policy_that_always_falls_has_no_top_speed(monkeypatch, make_policy, make_run):
     for module in (judge, measuring):
-        monkeypatch.setattr(module, "rollout_mujoco", lambda *_, **__: make_run(fell_at=7.9))
+        monkeypatch.setattr(module, "simulate", lambda *_: [make_run(fell_at=7.9)])
     measured = measuring._measure(make_policy(), None)
     assert (measured.top_speed, measured.falls, measured.cruise_speed) == (0.0, 3, 0.0)
     assert measured.cruise_cost is None
@@ -432,12 +432,12 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
 ):
     told: list[float] = []
 
-    def rollout(policy, ramp, config, machine, hardware=None):
-        told.append(ramp.target[0])
-        return make_run(speed=0.8001 * ramp.target[0], acceleration=5.0)
+    def simulate(policy, config, requests):
+        told.append(requests[0].schedule.target[0])
+        return [make_run(speed=0.8001 * told[-1], acceleration=5.0)]
 
     for module in (judge, measuring):
-        monkeypatch.setattr(module, "rollout_mujoco", rollout)
+        monkeypatch.setattr(module, "simulate", simulate)
     measured = measuring._measure(make_policy(), None)
     # 12.4 m/s under 15.5: told 12.4 it could not be faster, so that is not tried.
     assert told == pytest.approx([15.5, 10.0, 12.5], rel=1e-3)

@@ -35,9 +35,9 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE, best_window
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import ACCELERATION, Ramp
-from bp2_rl.simulation.team import RunRequest, rollout_team
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import EVEN, GRID
 
@@ -64,7 +64,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robot = robot_of(policy, setup)
     level = level_speed(policy, ramp, robot, setup.operator)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
-    metrics = summarise(level, run_team(judge, policy, asked))
+    metrics = summarise(level, simulate_all(judge, policy, asked))
     said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
@@ -92,7 +92,7 @@ def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
     """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
-    run = next(rollout_team(policy, policy.card.env, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)]))
+    [run] = simulate(policy, policy.card.env, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)])
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 

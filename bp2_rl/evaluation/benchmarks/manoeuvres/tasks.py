@@ -12,8 +12,8 @@ from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, TIME_LIMIT, TRACK
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import ACCELERATION, Course, Ramp, Schedule
-from bp2_rl.simulation.team import RunRequest
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 

@@ -20,12 +20,12 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation import team
-from bp2_rl.simulation.machine import Machine
 from bp2_rl.simulation.metrics import envelope_use
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.parallel import run_team
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import Simulator
 from bp2_rl.simulation.trajectory import Trajectory
 
 Cause = Literal["winding", "torque margin", "fall", "none"]
@@ -39,7 +39,7 @@ SECOND, LAP_STEPS = round(1.0 / DT), round(LAP / DT)
 
 
 class Heating:
-    """What `rollout_mujoco` is watched by: warms the motors, and ends the run when they are too hot or too weak.
+    """A `Watch` of a run: warms the motors, and ends the run when they are too hot or too weak.
 
     Args:
         network: the motors' heat.
@@ -58,15 +58,15 @@ class Heating:
         self._heat = np.zeros(specs.NUM_MOTORS)  # W x ms since the last update, of cold motors
         self._places: list[np.ndarray] = []  # m, where the trunk was at the updates
 
-    def __call__(self, machine: Machine, torque: Float[np.ndarray, "12"]) -> bool:
-        """After a millisecond under this torque: whether the run ends."""
+    def __call__(self, simulator: Simulator, robot: int, torque: Float[np.ndarray, "12"]) -> bool:
+        """Return whether a robot's run ends, after a millisecond under this torque, Nm."""
         since, self._step = self._step - self.start, self._step + 1
         if since >= 0:
             self._heat += winding_heat(self.cold, torque)
         if (since + 1) % UPDATE == 0:
-            self._places.append(machine.data.qpos[:2].copy())
+            self._places.append(simulator.qpos[robot, :2].copy())
             if since >= 0:
-                self._update(machine)
+                simulator.set_motors(robot, self._warm_up())
         return self.over is not None
 
     @property
@@ -74,15 +74,16 @@ class Heating:
         """m/s, made good over the last lap before the clock starts; 0 where it never does."""
         return self._made_good(self._places[: self.start // UPDATE], LAP_STEPS)
 
-    def _update(self, machine: Machine) -> None:
+    def _warm_up(self) -> Actuator:
+        """Warm the motors up by the heat since the last update; return the motors that they are then."""
         now = advance(self.network, self.history[-1], self._heat / UPDATE, self.pace * UPDATE * DT)
         self.history.append(now)
         self._heat[:] = 0.0
-        machine.motors = heated(self.cold, self.network, now)
         if np.max(now.winding) >= self.limit:
             self.over = "winding"
         elif self._made_good(self._places, SECOND) < MARGIN * self.cold_speed:
             self.over = "torque margin"
+        return heated(self.cold, self.network, now)
 
     def _made_good(self, places: list[np.ndarray], steps: int) -> float:
         """m/s, over the last so many ms of these."""
@@ -174,11 +175,11 @@ class HotRun:
 
 def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HotRun]:
     """Run robots until a winding is too hot, they have no torque margin left, they fall, or it was long enough."""
-    return run_team(_measure, policy, [_watched(policy.card.env, one) for one in tries])
+    return simulate_all(_measure, policy, [_watched(policy.card.env, one) for one in tries])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Watched(team.RunRequest):
+class _Watched(RunRequest):
     cold_lap: float  # s
 
 

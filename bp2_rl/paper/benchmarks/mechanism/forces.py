@@ -26,7 +26,7 @@ from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QVEL, NV, load_model
 from bp2_rl.robot.specs import LEGS
 from bp2_rl.simulation.account import split_constraints
-from bp2_rl.simulation.machine import JUDGE
+from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
 
 TERMS = (*PLANAR_TERMS, "stops")
@@ -85,7 +85,7 @@ class Forces:
 def decompose_run(run: Trajectory) -> Forces:
     """The terms at every sample of a run on flat ground, under the recorded torques."""
     model = load_model(run.hardware, visual=False)
-    JUDGE.apply(model)
+    CONVERGED.apply(model)
     data, floor = mujoco.MjData(model), int(model.geom("floor").id)
     resistance = Resistance.from_hardware(run.hardware)
     applied = np.zeros_like(run.qvel)

@@ -12,9 +12,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.paper.benchmarks.stability.group import GroupState
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.flock import FlockState
 
 BODY = 41  # height, roll, pitch, 16 joints; 3 + 3 + 16 velocities
 STEERED = 3  # offset, heading, the operator's yaw rate
@@ -50,7 +50,7 @@ class Coordinates:
         """Length of the vector."""
         return BODY + 12 + 12 * self.torque + 12 * self.older + STEERED * self.steered
 
-    def read(self, moment: FlockState) -> Float[np.ndarray, "N D"]:
+    def read(self, moment: GroupState) -> Float[np.ndarray, "N D"]:
         """The vectors of a flock."""
         yaw, pitch, roll = angles_of(moment.qpos[:, 3:7])
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -70,7 +70,7 @@ class Coordinates:
             parts.append(np.stack([moment.qpos[:, 1], yaw, moment.command[:, 2]], axis=-1))
         return np.concatenate(parts, axis=-1)
 
-    def write(self, vectors: Float[np.ndarray, "N D"], base: FlockState) -> FlockState:
+    def write(self, vectors: Float[np.ndarray, "N D"], base: GroupState) -> GroupState:
         """A flock in these states; what vectors leave out is as in `base`, a flock of one, but at x = 0, heading 0."""
         count = len(vectors)
         ends = np.cumsum([3, 16, 2, 20, 12, 12 * self.torque, 12 * self.older])

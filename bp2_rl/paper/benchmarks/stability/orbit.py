@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
+from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup
 from bp2_rl.robot import specs
-from bp2_rl.simulation.flock import Flock, FlockState
+from bp2_rl.simulation.rollout import MOST
 
 TICK = specs.CONTROL_STEP
-CHUNK = 32  # robots that run side by side
 REACH = 2.0  # m/s, by which a command may be lower to have a stride of whole control steps
 GRID = 0.05  # m/s, the slowest command that is looked at
 POINTS = 81  # commands that are looked at, and then between two of them
@@ -57,15 +57,15 @@ class Orbit:
     """The map from stroke to stroke of the clock.
 
     Args:
-        flock: the robots, without noise.
+        group: the robots, without noise.
         coordinates: of their states.
         speed: m/s, commanded.
         ticks: control steps a stride.
         base: one robot at a stroke; says all that coordinates leave out.
     """
 
-    def __init__(self, flock: Flock, coordinates: Coordinates, speed: float, ticks: int, base: FlockState):
-        self.flock, self.coordinates, self.speed, self.ticks, self.base = flock, coordinates, speed, ticks, base
+    def __init__(self, group: RobotGroup, coordinates: Coordinates, speed: float, ticks: int, base: GroupState):
+        self.group, self.coordinates, self.speed, self.ticks, self.base = group, coordinates, speed, ticks, base
 
     @property
     def at(self) -> Float[np.ndarray, " D"]:
@@ -82,16 +82,14 @@ class Orbit:
 
     def follow(self, states: Float[np.ndarray, "N D"], strides: int) -> Float[np.ndarray, "S N D"]:
         """Stride after stride, from the states themselves on; NaN from a fall on."""
-        chunks = (states[first : first + CHUNK] for first in range(0, len(states), CHUNK))
+        chunks = (states[first : first + MOST] for first in range(0, len(states), MOST))
         return np.concatenate([self._follow(chunk, strides) for chunk in chunks], axis=1)
 
     def _follow(self, states: Float[np.ndarray, "N D"], strides: int) -> Float[np.ndarray, "S N D"]:
-        # Laws are compiled for a number of robots.
-        padded = np.concatenate([states, np.repeat(states[-1:], CHUNK - len(states), axis=0)])
-        moment, fallen = self.coordinates.write(padded, self.base), np.zeros(CHUNK, bool)
-        passed = [padded]
+        moment, fallen = self.coordinates.write(states, self.base), np.zeros(len(states), bool)
+        passed = [states]
         for _ in range(strides):
-            moment, fell, _ = self.flock.run(moment, self.commands(CHUNK))
+            moment, fell, _ = self.group.run(moment, self.commands(len(states)))
             fallen |= fell
             passed.append(np.where(fallen[:, None], np.nan, self.coordinates.read(moment)))
-        return np.stack(passed)[:, : len(states)]
+        return np.stack(passed)

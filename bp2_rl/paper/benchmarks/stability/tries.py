@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.stability.coordinates import SMALLEST, Coordinates
+from bp2_rl.paper.benchmarks.stability.group import GroupRecording, GroupState, RobotGroup, join
 from bp2_rl.paper.benchmarks.stability.measured import (
     Found,
     MapMetrics,
@@ -29,7 +30,6 @@ from bp2_rl.paper.orbits.pushes import largest
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
-from bp2_rl.simulation.flock import Flock, FlockState, Recorded, together
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
@@ -93,27 +93,27 @@ class StabilityTry:
 def try_speed(policy: Policy, one: StabilityTry) -> Found:
     """All of it at one speed."""
     extent, noise = one.extent, RandomizationConfig()
-    flock = Flock(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
+    group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
     share = np.append(np.ones(extent.robots), 0.0)  # of the noise: the last robot has none
     commands = sampled_commands(dataclasses.replace(one.rise, hold=one.period * extent.easing))
-    start = flock.standing(len(share), commands[0])
+    start = group.standing(len(share), commands[0])
     scheduled = np.repeat(commands[1:, None], len(share), axis=1)
-    eased, down, _ = flock.run(start, scheduled, seed=one.seed, noisy=share)
-    strokes: list[FlockState] = []
+    eased, down, _ = group.run(start, scheduled, seed=one.seed, noisy=share)
+    strokes: list[GroupState] = []
 
-    passed: list[FlockState] = []  # of the robot without noise, in the last stride
+    passed: list[GroupState] = []  # of the robot without noise, in the last stride
 
-    def keep(step: int, moment: FlockState) -> None:
+    def keep(step: int, moment: GroupState) -> None:
         if (step + 1) % one.ticks == 0:
             strokes.append(moment)
         if step >= (extent.strides - 1) * one.ticks - 1:
             passed.append(moment.of([-1]))
 
-    last, fell, log = flock.run(
+    last, fell, log = group.run(
         eased, one.held(len(share), extent.strides), seed=one.seed + 1, noisy=share, record=True, until=keep
     )
     fell = fell | down
-    ran = [None if fell[robot] else _steady(flock, log, robot) for robot in range(len(share))]
+    ran = [None if fell[robot] else _steady(log, robot) for robot in range(len(share))]
     noisy, quiet = [robot for robot in ran[:-1] if robot is not None], ran[-1]
     metrics = SpeedMetrics(
         asked=one.asked,
@@ -139,24 +139,24 @@ def try_speed(policy: Policy, one: StabilityTry) -> Found:
     return Found(metrics, to_show(noisy, quiet, one.period))
 
 
-def _steady(flock: Flock, log: Recorded | None, robot: int) -> Steady:
-    assert log is not None
-    return Steady(log.trajectory(robot, flock.hardware, flock.mass, steady_from=0.0), log.clock[:, robot])
+def _steady(recording: GroupRecording | None, robot: int) -> Steady:
+    assert recording is not None
+    return Steady(recording.trajectory(robot), recording.clock[robot])
 
 
 # --- The return map ------------------------------------------------------------------------------------------
 
 
-def orbit_of(policy: Policy, one: StabilityTry, at: FlockState, operator: HeadingHold) -> Orbit:
+def orbit_of(policy: Policy, one: StabilityTry, at: GroupState, operator: HeadingHold) -> Orbit:
     """The map from stroke to stroke of a robot that is at one."""
-    flock = Flock(policy, policy.card.env, hardware=one.robot, operator=operator)
-    coordinates = Coordinates.of(policy.card.env, one.robot, flock.memory, steered=operator.limit > 0.0)
+    group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=operator)
+    coordinates = Coordinates.of(policy.card.env, one.robot, group.memory, steered=operator.limit > 0.0)
     base = coordinates.write(coordinates.read(at), at)
-    return Orbit(flock, coordinates, one.speed, one.ticks, base)
+    return Orbit(group, coordinates, one.speed, one.ticks, base)
 
 
 def measure_returns(
-    policy: Policy, one: StabilityTry, quiet: FlockState, strokes: list[FlockState]
+    policy: Policy, one: StabilityTry, quiet: GroupState, strokes: list[GroupState]
 ) -> MapMetrics | None:
     """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one.
 
@@ -256,21 +256,21 @@ def _by_differences(
 # --- Pushes --------------------------------------------------------------------------------------------------
 
 
-def push_all(policy: Policy, one: StabilityTry, passed: Sequence[FlockState]) -> tuple[PushMetrics, ...]:
+def push_all(policy: Policy, one: StabilityTry, passed: Sequence[GroupState]) -> tuple[PushMetrics, ...]:
     """The largest push that a robot survives, by the phase of the clock and the direction.
 
     `passed` are its moments in a stride, from stroke to stroke by the control step.
     """
     extent = one.extent
-    flock = Flock(policy, policy.card.env, hardware=one.robot, operator=one.operator)
+    group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=one.operator)
     shares = np.arange(extent.phases) / extent.phases
-    pushed = together(*(passed[round(share * one.ticks)] for share in shares))
+    pushed = join(*(passed[round(share * one.ticks)] for share in shares))
     kinds = [(phase, 2.0 * np.pi * way / extent.ways) for phase in range(extent.phases) for way in range(extent.ways)]
     starts, directions = pushed.of([phase for phase, _ in kinds]), np.array([way for _, way in kinds])
     commands = one.held(len(kinds), math.ceil(extent.after / one.period))
 
     def survives(sizes: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
-        return ~flock.run(pushed_by(starts, sizes, directions), commands)[1]
+        return ~group.run(pushed_by(starts, sizes, directions), commands)[1]
 
     survived, fatal = largest(survives, len(kinds), extent.hardest, extent.rounds)
     return tuple(
@@ -279,7 +279,7 @@ def push_all(policy: Policy, one: StabilityTry, passed: Sequence[FlockState]) ->
     )
 
 
-def pushed_by(moment: FlockState, sizes: Float[np.ndarray, " N"], directions: Float[np.ndarray, " N"]) -> FlockState:
+def pushed_by(moment: GroupState, sizes: Float[np.ndarray, " N"], directions: Float[np.ndarray, " N"]) -> GroupState:
     """Return these robots after a jump of their velocity, m/s, in directions from forward to the left, rad."""
     qvel, toward = moment.qvel.copy(), yaw_of(moment.qpos[:, 3:7]) + directions
     qvel[:, :2] += sizes[:, None] * np.stack([np.cos(toward), np.sin(toward)], axis=-1)

@@ -20,7 +20,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     level_speed,
     manoeuvres,
     ramp_to_manoeuvres,
-    run_team,
+    simulate_all,
     summarise,
     verdict,
 )
@@ -92,7 +92,7 @@ def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(asked,
     assert {m.judge.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
     for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
         run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
-        monkeypatch.setattr(module, "rollout_team", lambda *_, run=run: iter([run]))
+        monkeypatch.setattr(module, "simulate", lambda *_, run=run: iter([run]))
         assert level_speed(make_policy(), TOP, IDEAL, HEADING_HOLD) == pytest.approx(speed)
 
 
@@ -101,10 +101,11 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
     asked = all_manoeuvres(TOP, LEVEL_SPEED, BUILT, operator, seed=3)
     changed = {m.group: m for m in asked if m.hardware != BUILT}
     assert {name.split(",")[0] for name in changed} == {"Launch", "Latency"}
-    assert [m.hardware.friction for m in group(asked, "Launch, friction 0.6")] == [0.6] * 5
-    latency = group(asked, "Latency")
-    assert [m.hardware.losses.latency for m in latency] == [0.005, 0.010, 0.015]
-    assert all(dataclasses.replace(m.hardware.losses, latency=0.005) == BUILT.losses for m in latency)
+    slippery = [m.hardware or BUILT for m in group(asked, "Launch, friction 0.6")]
+    assert [robot.friction for robot in slippery] == [0.6] * 5
+    late = [(m.hardware or BUILT).losses for m in group(asked, "Latency")]
+    assert [losses.latency for losses in late] == [0.005, 0.010, 0.015]
+    assert all(dataclasses.replace(losses, latency=0.005) == BUILT.losses for losses in late)
     assert {m.group for m in asked if m.operator != operator} == {"Straight for 100 m"}
     straight = group(asked, "Straight for 100 m")
     assert [m.operator.lane_gain for m in straight] == [0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.4]
@@ -137,11 +138,11 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
-    done = run_team(judge, policy, short)
+    done = simulate_all(judge, policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
     unlike = [dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}") for n in (3, 5, 2, 4)]
-    assert run_team(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
-    assert run_team(told_and_lasted, policy, []) == []
+    assert simulate_all(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
+    assert simulate_all(told_and_lasted, policy, []) == []
 
 
 # --- What is shown ---------------------------------------------------------------------------------------------
@@ -149,8 +150,8 @@ def test_workers_give_the_outcomes_in_order(make_policy):
 
 def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, monkeypatch, assert_fits, tmp_path):
     fast = make_run(duration=12.0, speed=10.0, acceleration=5.0)
-    monkeypatch.setattr(module, "run_team", lambda measure, _, asked: [measure(one, fast) for one in asked])
-    monkeypatch.setattr(module, "rollout_team", lambda *_: iter([fast]))
+    monkeypatch.setattr(module, "simulate_all", lambda measure, _, asked: [measure(one, fast) for one in asked])
+    monkeypatch.setattr(module, "simulate", lambda *_: iter([fast]))
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
     evaluation = manoeuvres(policy, ramp_to_manoeuvres(policy, setup), setup)
     assert not evaluation.good

@@ -37,8 +37,8 @@ from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import BUILT, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.account import CAUSES, Ledger
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.team import RunRequest, rollout_team
 
 N = 4001  # ms of four cycles a second, and the one that is left out
 HIND_KNEES = (8, 11)
@@ -121,7 +121,7 @@ def test_work_is_what_is_lost_and_stored():
     """A shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account(ramp, next(rollout_team(policy, policy.card.env, [RunRequest(ramp, BUILT)])))
+    at = account(ramp, next(simulate(policy, policy.card.env, [RunRequest(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None
@@ -197,7 +197,7 @@ def ran(monkeypatch, make_run):
         return EfficiencyAtSpeed(speed, speed, None, energy)
 
     one = OptimisedEfficiency(10.0, 0.4, 0.3, 0.3, Electrical(0.7, 0.55, 0.4, 0.5))
-    monkeypatch.setattr(speeds, "run_team", lambda _, policy, tries: [account(policy, one) for one in tries])
+    monkeypatch.setattr(speeds, "simulate_all", lambda _, policy, tries: [account(policy, one) for one in tries])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 

@@ -3,11 +3,11 @@
 import dataclasses
 import math
 from types import SimpleNamespace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from runs import run_one
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.paper.benchmarks.endurance.heating import LAP, UPDATE, Heating, HeatingTry, hot_run
@@ -15,10 +15,9 @@ from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import BUILT, IDEAL, MotorHeat
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.machine import Machine
 from bp2_rl.simulation.operator import HEADING_HOLD
-from bp2_rl.simulation.rollout import rollout_mujoco
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import RobotSetup, Simulator
 
 MOTOR = MotorHeat()
 SHUT = Network.from_spec(MotorHeat(winding_capacity=10.0), winding_to_case=1e12)  # heat stays in the winding
@@ -43,10 +42,10 @@ def watched(make_run):
         slow = run.time >= slower_from
         run.qpos[slow, 0] -= 0.06 * 5.0 * (run.time[slow] - slower_from)
         heating = Heating(SHUT, COLD, start=START, pace=pace, limit=limit)
-        machine: Any = object.__new__(Machine)
+        simulator = Simulator([RobotSetup(EnvConfig())])
         for k in range(len(run)):
-            machine.data = SimpleNamespace(qpos=run.qpos[k])
-            if heating(machine, TORQUE):
+            simulator.qpos[0] = run.qpos[k]
+            if heating(simulator, 0, TORQUE):
                 return hot_run(run.between(0.0, run.time[k + 1]), heating)
         return hot_run(run, heating)
 
@@ -111,7 +110,7 @@ def test_heat_of_which_nothing_comes_leaves_the_run_as_it_was_to_the_last_bit(ha
     config, ramp = EnvConfig(hardware=hardware), Ramp((1.0, 0.0, 0.0), hold=0.3)
     indifferent = SHUT.replace(copper_growth=0.0, magnet_loss=0.0)
     heating = Heating(indifferent, motors_of(config), start=0.1, pace=1.0)
-    plain, watched = (rollout_mujoco(no_action, ramp, config, watch=watch) for watch in (None, heating))
+    plain, watched = (run_one(no_action, ramp, config, watch=watch) for watch in (None, heating))
     assert np.max(heating.history[-1].winding) > 25.1
     for name in ("qpos", "qvel", "torque", "foot_force"):
         np.testing.assert_array_equal(getattr(watched, name), getattr(plain, name))
@@ -132,7 +131,7 @@ def _run(policy, hardware, action, **motor):
     config = policy.card.env
     cold = motors_of(dataclasses.replace(config, hardware=hardware))
     heating = Heating(SHUT.replace(case_capacity=50.0, winding_to_case=0.2, **motor), cold, start=0.05, pace=60.0)
-    return hot_run(rollout_mujoco(action, Ramp((0.5, 0.0, 0.0), hold=0.6), config, watch=heating), heating)
+    return hot_run(run_one(action, Ramp((0.5, 0.0, 0.0), hold=0.6), config, watch=heating), heating)
 
 
 def test_a_try_starts_its_clock_after_a_cold_lap_in_steady_gait():

@@ -10,7 +10,7 @@ from bp2_rl.robot import losses
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NV, load_model
 from bp2_rl.robot.specs import BUILT
-from bp2_rl.simulation.machine import JUDGE
+from bp2_rl.simulation.simulator import CONVERGED
 
 SAMPLES = 40
 
@@ -18,7 +18,7 @@ SAMPLES = 40
 @pytest.fixture(scope="module")
 def model():
     model = load_model(BUILT, visual=False)
-    JUDGE.apply(model)
+    CONVERGED.apply(model)
     return model
 
 

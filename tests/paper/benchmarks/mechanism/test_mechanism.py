@@ -121,7 +121,7 @@ def ran(monkeypatch):
         )
 
     one = module.OptimisedMechanism(10.0, 0.77, 0.4, 0.39, 0.001, -0.01, 83.0, 92.0)
-    monkeypatch.setattr(speeds, "run_team", lambda _, policy, tries: [run(policy, one) for one in tries])
+    monkeypatch.setattr(speeds, "simulate_all", lambda _, policy, tries: [run(policy, one) for one in tries])
     monkeypatch.setattr(module, "optimised", lambda speeds: (one,) * len(speeds))
     return asked
 

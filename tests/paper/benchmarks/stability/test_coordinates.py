@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from bp2_rl.paper.benchmarks.stability.coordinates import BODY, Coordinates, angles_of, quaternion_of
+from bp2_rl.paper.benchmarks.stability.group import GroupState
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.flock import FlockState
 
 
-def moment(robots=3, depth=2) -> FlockState:
+def moment(robots=3, depth=2) -> GroupState:
     rng = np.random.default_rng(0)
 
     def drawn(*shape):
@@ -18,7 +18,7 @@ def moment(robots=3, depth=2) -> FlockState:
     qpos = drawn(23)
     qpos[:, 3:7] = quaternion_of(*(drawn() for _ in range(3)))
     position = drawn(depth, 12)
-    return FlockState(
+    return GroupState(
         qpos=qpos, qvel=drawn(22), torque=drawn(12), warmstart=drawn(22), phase=np.full(robots, 0.3),
         action=drawn(12), seen=drawn(0, 47), steps=np.full(robots, 60.0), command=drawn(3), position=position,
         velocity=drawn(depth, 12),

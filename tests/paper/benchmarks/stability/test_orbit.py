@@ -8,11 +8,11 @@ import pytest
 
 from bp2_rl.env.controller import motion_of
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
+from bp2_rl.paper.benchmarks.stability.group import RobotGroup
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit, whole_strides
 from bp2_rl.paper.benchmarks.stability.tries import FULL, StabilityTry, _of_deviations, pushed_by
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
-from bp2_rl.simulation.flock import Flock
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
@@ -44,9 +44,9 @@ def stand() -> Orbit:
     """A robot that stands still: 3 control steps count as a stride."""
     nobody = HeadingHold(limit=0.0)
     config = dataclasses.replace(EnvConfig(), reference="none")
-    flock = Flock(lambda observation: 0.0 * observation[..., :12], config, hardware=IDEAL, operator=nobody)
-    start = flock.standing(1, np.zeros(3))
-    return Orbit(flock, Coordinates.of(config, IDEAL, flock.memory, steered=False), 0.0, 3, start)
+    group = RobotGroup(lambda observation: 0.0 * observation[..., :12], config, hardware=IDEAL, operator=nobody)
+    start = group.standing(1, np.zeros(3))
+    return Orbit(group, Coordinates.of(config, IDEAL, group.memory, steered=False), 0.0, 3, start)
 
 
 def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
@@ -54,7 +54,7 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
     states[1, 0] += 1e-4  # m, higher
     states[2, 21 + 3] = 250.0  # rad/s of pitch: no robot any more
     after = stand.step(states)
-    alone, *_ = stand.flock.run(stand.base, stand.commands(1))
+    alone, *_ = stand.group.run(stand.base, stand.commands(1))
     # A batch rounds otherwise than one robot, in float32: by 1e-7 rad in targets, which 250 Nm/rad turn into motion.
     np.testing.assert_allclose(after[0], stand.coordinates.read(alone)[0], atol=1e-3)
     assert np.abs(after[1] - after[0]).max() > 1e-5
@@ -62,7 +62,7 @@ def test_a_stride_is_the_robots_own_and_a_fallen_one_does_not_return(stand):
     followed = stand.follow(states, 2)
     assert followed.shape == (3, 3, len(stand.at))
     np.testing.assert_allclose(followed[1], after, atol=1e-12)
-    two, *_ = stand.flock.run(stand.base, np.concatenate([stand.commands(1)] * 2))
+    two, *_ = stand.group.run(stand.base, np.concatenate([stand.commands(1)] * 2))
     np.testing.assert_allclose(followed[2, 0], stand.coordinates.read(two)[0], atol=1e-3)
     assert np.all(np.isnan(followed[2, 2]))
 
@@ -76,13 +76,13 @@ def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
     """Written anew at each stroke, its history would be that of the first."""
     nobody = HeadingHold(limit=0.0)
     config = dataclasses.replace(EnvConfig(), reference="none", control=ControlConfig(history=(5,)))
-    flock = Flock(remembering, config, hardware=IDEAL, operator=nobody)
-    coordinates = Coordinates.of(config, IDEAL, flock.memory, steered=False)
-    orbit = Orbit(flock, coordinates, 0.0, 3, flock.standing(1, np.zeros(3)))
+    group = RobotGroup(remembering, config, hardware=IDEAL, operator=nobody)
+    coordinates = Coordinates.of(config, IDEAL, group.memory, steered=False)
+    orbit = Orbit(group, coordinates, 0.0, 3, group.standing(1, np.zeros(3)))
     off = orbit.at[None] + 0.0
     off[0, 3:19] += 0.05  # rad and m: off the pose that it remembers
     followed = orbit.follow(off, 3)
-    whole, *_ = flock.run(coordinates.write(off, orbit.base), np.concatenate([orbit.commands(1)] * 3))
+    whole, *_ = group.run(coordinates.write(off, orbit.base), np.concatenate([orbit.commands(1)] * 3))
     np.testing.assert_allclose(followed[3, 0], coordinates.read(whole)[0], atol=1e-3)
     forgets = off
     for _ in range(3):

@@ -1,14 +1,15 @@
-"""A flock does what the judge's robots do one by one."""
+"""A group against runs of single robots."""
 
 import numpy as np
 import pytest
+from runs import run_one
 
+from bp2_rl.paper.benchmarks.stability.group import RobotGroup, join
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
-from bp2_rl.simulation.flock import Flock, together
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import rollout_mujoco, sampled_commands
+from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
 
 CONFIG = EnvConfig(reference="kinematic")
@@ -21,8 +22,8 @@ def still(observation):
     return 0.0 * observation[..., :12]
 
 
-def flock(hardware=IDEAL, **options) -> Flock:
-    return Flock(still, CONFIG, hardware=hardware, **options)
+def group(hardware=IDEAL, **options) -> RobotGroup:
+    return RobotGroup(still, CONFIG, hardware=hardware, **options)
 
 
 def told(robots, ramp=RAMP):
@@ -32,13 +33,13 @@ def told(robots, ramp=RAMP):
 
 @pytest.mark.parametrize("hardware", [IDEAL, BUILT], ids=["ideal", "built"])
 def test_each_robot_runs_as_it_would_alone(hardware):
-    alone = rollout_mujoco(still, RAMP, CONFIG, hardware=hardware)
-    robots = flock(hardware)
+    alone = run_one(still, RAMP, CONFIG, hardware=hardware)
+    robots = group(hardware)
     first, commands = told(2)
     moment, fell, log = robots.run(robots.standing(2, first), commands, record=True)
     assert log is not None
     assert not fell.any()
-    run = log.trajectory(1, hardware, robots.mass, RAMP.steady_from)
+    run = log.trajectory(1)
     assert len(run) == len(alone)
     # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
     np.testing.assert_allclose(run.qpos, alone.qpos, atol=2e-5)
@@ -47,13 +48,13 @@ def test_each_robot_runs_as_it_would_alone(hardware):
     pressed = np.abs(run.foot_force - alone.foot_force)
     assert np.quantile(pressed, 0.99) < 1.0  # N; at a touchdown a hair's breadth is more
     assert run.mass == pytest.approx(alone.mass)
-    assert np.all(np.diff(log.clock[:, 0]) >= -1e-6)
-    assert log.clock[-1, 0] % 1.0 == pytest.approx(moment.phase[0], abs=0.01)
+    assert np.all(np.diff(log.clock[0]) >= -1e-6)
+    assert log.clock[0, -1] % 1.0 == pytest.approx(moment.phase[0], abs=0.01)
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, BUILT], ids=["ideal", "built"])
 def test_a_run_in_two_parts_is_the_run(hardware):
-    robots = flock(hardware)
+    robots = group(hardware)
     first, commands = told(1)
     whole, *_ = robots.run(robots.standing(1, first), commands)
     half, *_ = robots.run(robots.standing(1, first), commands[:40])
@@ -64,7 +65,7 @@ def test_a_run_in_two_parts_is_the_run(hardware):
 
 
 def test_noise_is_the_seeds_own_and_spares_those_without():
-    robots = flock(noise=RandomizationConfig())
+    robots = group(noise=RandomizationConfig())
     first, commands = told(3)
     share = np.array([1.0, 1.0, 0.0])
 
@@ -72,7 +73,7 @@ def test_noise_is_the_seeds_own_and_spares_those_without():
         return robots.run(robots.standing(3, first), commands[:30], seed=seed, noisy=share)[0].qpos
 
     # The reference alone takes no notice of sensors: an answering policy does.
-    answering = Flock(
+    answering = RobotGroup(
         lambda observation: 0.1 * observation[..., 5:17], CONFIG, hardware=IDEAL, noise=RandomizationConfig()
     )
     np.testing.assert_array_equal(at_end(1), at_end(2))
@@ -87,7 +88,7 @@ def test_noise_is_the_seeds_own_and_spares_those_without():
 
 
 def test_the_fallen_are_told_and_stay_down():
-    robots = flock()
+    robots = group()
     first, commands = told(2)
     start = robots.standing(2, first)
     qvel = start.qvel.copy()
@@ -95,15 +96,15 @@ def test_the_fallen_are_told_and_stay_down():
     moment, fell, log = robots.run(start.replace(qvel=qvel), commands, record=True)
     assert log is not None
     assert fell.tolist() == [False, True]
-    run = log.trajectory(1, IDEAL, robots.mass, 0.0)
+    run = log.trajectory(1)
     assert run.fell_at is not None
     assert run.fell_at == pytest.approx(log.lasted[1] * specs.PHYSICS_STEP)
-    assert len(run) == log.lasted[1] < len(log.qpos)
+    assert len(run) == log.lasted[1] < log.clock.shape[1]
     assert moment.qpos[1, 2] < 0.6
 
 
-def test_flocks_join_and_part():
-    robots = flock()
+def test_groups_join_and_part():
+    robots = group()
     start = robots.standing(2, np.zeros(3))
-    assert len(together(start, start.of([1]))) == 3
+    assert len(join(start, start.of([1]))) == 3
     assert start.of(np.zeros(5, int)).qpos.shape == (5, 23)

@@ -1,0 +1,210 @@
+"""A group: robots of one kind whose complete state can be read, changed and continued from, run in C MuJoCo."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bp2_rl.env.controller import ControllerState
+from bp2_rl.env.termination import fall
+from bp2_rl.robot import specs
+from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner, control_steps_behind
+from bp2_rl.simulation.rollout import Recording, RunRequest
+from bp2_rl.simulation.schedule import Course
+from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
+from bp2_rl.simulation.trajectory import Trajectory
+
+
+@dataclasses.dataclass(frozen=True)
+class GroupState:
+    """Complete state of N robots between two control steps: a run can be continued from it."""
+
+    qpos: Float[np.ndarray, "N 23"]
+    qvel: Float[np.ndarray, "N 22"]
+    torque: Float[np.ndarray, "N 12"]  # Nm, last applied
+    warmstart: Float[np.ndarray, "N 22"]  # the solver's first guess: with a converged solver it decides nothing
+    phase: Float[np.ndarray, " N"]  # cycles, of the controller's clock
+    action: Float[np.ndarray, "N 12"]  # the last one
+    seen: Float[np.ndarray, "N H 47"]  # what the controller remembers of its observations
+    steps: Float[np.ndarray, " N"]  # control steps since the start
+    command: Float[np.ndarray, "N 3"]  # m/s, m/s, rad/s: what the policy is told next
+    position: Float[np.ndarray, "N D 12"]  # rad, targets of the last D control steps, newest last; D by the latency
+    velocity: Float[np.ndarray, "N D 12"]  # rad/s, rates of these targets
+
+    def __len__(self) -> int:
+        """Number of robots."""
+        return len(self.qpos)
+
+    def of(self, robots: Any) -> "GroupState":
+        """Return the state of these robots, by any index of NumPy's; a robot may come more than once."""
+        return GroupState(**{name: np.array(value[robots]) for name, value in vars(self).items()})
+
+    def replace(self, **changes: Any) -> "GroupState":
+        """Return this state with some fields replaced."""
+        return dataclasses.replace(self, **changes)
+
+
+def join(*states: GroupState) -> GroupState:
+    """Return the state of all robots of several groups as one."""
+    return GroupState(**{name: np.concatenate([vars(state)[name] for state in states]) for name in vars(states[0])})
+
+
+@dataclasses.dataclass(frozen=True)
+class GroupRecording:
+    """What a group did, sampled each millisecond; samples after a robot's fall mean nothing."""
+
+    samples: Recording  # (N, T, ...)
+    clock: Float[np.ndarray, "N T"]  # cycles of the controller's clock, counted on and on
+    lasted: Float[np.ndarray, " N"]  # ms until the fall; all of them where there was none
+    config: EnvConfig
+    mass: float  # kg, of each robot
+
+    def trajectory(self, robot: int) -> Trajectory:
+        """Return one robot's run, to its fall."""
+        length = int(self.lasted[robot])
+        return self.samples.of(robot).trajectory(
+            RunRequest(Course(), name="group"),
+            self.config,
+            length=length,
+            fell=length < self.clock.shape[1],
+            mass=self.mass,
+        )
+
+
+class RobotGroup:
+    """Robots of one kind under one policy.
+
+    Args:
+        policy: observation -> action, for one robot.
+        config: the policy's environment.
+        hardware: the robots; those that the policy and its controller take them for by default.
+        operator: steers each of them.
+        noise: the deviations of the sensors' noise; None for sensors without noise.
+    """
+
+    def __init__(
+        self,
+        policy: ActionFunction,
+        config: EnvConfig,
+        *,
+        hardware: HardwareSpec | None = None,
+        operator: HeadingHold = HEADING_HOLD,
+        noise: RandomizationConfig | None = None,
+    ):
+        self.robot = RobotSetup(dataclasses.replace(config, hardware=hardware or config.hardware))
+        self.memory = max(control_steps_behind(self.robot.config.hardware.losses.latency))
+        """number of control steps whose targets are still on their way to the joints"""
+        self._policy, self._config, self._operator, self._noise = policy, config, operator, noise
+        self._model = self.robot.model()
+
+    def standing(self, robots: int, command: Float[np.ndarray, "3"]) -> GroupState:
+        """Return the state of settled robots at rest whose next command is `command`."""
+        runner = self._runner(np.asarray(command, np.float64)[None])
+        return self._state(settled([self.robot]), runner).of(np.zeros(robots, int))
+
+    def run(
+        self,
+        state: GroupState,
+        commands: Float[np.ndarray, "K N 3"],
+        *,
+        seed: int = 0,
+        noisy: Float[np.ndarray, " N"] | None = None,
+        record: bool = False,
+        until: Callable[[int, GroupState], None] | None = None,
+    ) -> tuple[GroupState, Bool[np.ndarray, " N"], GroupRecording | None]:
+        """Continue for K control steps; return the state then, which robots fell, and a recording if asked for.
+
+        Robots that fell stay as they are.
+
+        Args:
+            state: where the robots begin.
+            commands: scheduled at the ends of the control steps, m/s and rad/s.
+            seed: of the noise.
+            noisy: each robot's share of the noise, 1 by default.
+            record: whether to record.
+            until: is shown the number of each control step and the state after it.
+        """
+        count, steps = len(state), len(commands)
+        simulator, runner = self._continued(state)
+        fell, recording = np.zeros(count, bool), self._recording(count, specs.SUBSTEPS * steps if record else 0)
+        drawn = () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
+        keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
+        cycles = state.phase
+        for k, scheduled in enumerate(commands):
+            before = np.asarray(runner.state.phase, np.float64)
+            targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *((keys[k], *drawn) if drawn else ()))
+            rate = (np.asarray(runner.state.phase, np.float64) - before) % 1.0 / specs.SUBSTEPS
+            for i, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
+                if record:
+                    samples = recording.samples
+                    samples.qpos[:, i], samples.qvel[:, i] = simulator.qpos, simulator.qvel
+                    samples.target[:, i], samples.command[:, i] = position, runner.command
+                    recording.clock[:, i] = cycles
+                simulator.millisecond(position, velocity, np.flatnonzero(~fell))
+                if record:
+                    samples.torque[:, i], samples.foot_force[:, i] = simulator.torque, simulator.foot_force
+                down = fall(simulator.qpos, simulator.qvel, self._config.termination).happened & ~fell
+                recording.lasted[down] = i + 1
+                fell, cycles = fell | down, cycles + rate
+            if until is not None:
+                until(k, self._state(simulator, runner))
+            if fell.all():
+                break
+        return self._state(simulator, runner), fell, recording if record else None
+
+    def _continued(self, state: GroupState) -> tuple[Simulator, PolicyRunner]:
+        """Return simulator and controllers in this state."""
+        simulator = Simulator([self.robot] * len(state), [self._model] * len(state))
+        for i, data in enumerate(simulator.data):
+            data.qpos[:], data.qvel[:], data.ctrl[:] = state.qpos[i], state.qvel[i], state.torque[i]
+            data.qacc_warmstart[:] = state.warmstart[i]
+            simulator.read(i)
+        runner = self._runner(state.command)
+        remembered = state.phase, state.action, state.seen, state.steps
+        runner.state = ControllerState(*(jnp.asarray(x, jnp.float32) for x in remembered))
+        runner.position[:, 1:], runner.velocity[:, 1:] = state.position, state.velocity
+        return simulator, runner
+
+    def _runner(self, commands: Float[np.ndarray, "N 3"]) -> PolicyRunner:
+        count = len(commands)
+        return PolicyRunner(
+            self._policy,
+            self._config,
+            operators=[self._operator] * count,
+            latencies=[self.robot.config.hardware.losses.latency] * count,
+            commands=commands,
+            noise=self._noise,
+        )
+
+    def _recording(self, robots: int, samples: int) -> GroupRecording:
+        return GroupRecording(
+            Recording.empty(robots, samples),
+            clock=np.zeros((robots, samples)),
+            lasted=np.full(robots, float(samples)),
+            config=self.robot.config,
+            mass=float(np.sum(self._model.body_mass)),
+        )
+
+    @staticmethod
+    def _state(simulator: Simulator, runner: PolicyRunner) -> GroupState:
+        remembered = jax.tree.map(lambda x: np.asarray(x, np.float64), runner.state)
+        return GroupState(
+            qpos=simulator.qpos.copy(),
+            qvel=simulator.qvel.copy(),
+            torque=simulator.torque.copy(),
+            warmstart=np.stack([data.qacc_warmstart for data in simulator.data]),
+            phase=remembered.phase,
+            action=remembered.last_action,
+            seen=remembered.seen,
+            steps=remembered.steps,
+            command=np.asarray(runner.next_command, np.float64),
+            position=runner.position[:, 1:].copy(),
+            velocity=runner.velocity[:, 1:].copy(),
+        )

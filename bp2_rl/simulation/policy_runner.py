@@ -1,0 +1,156 @@
+"""The policy runner: from the states of robots in C MuJoCo to their joint targets, 200 times a second."""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bp2_rl.env.commands import eased
+from bp2_rl.env.controller import Controller, ControllerState
+from bp2_rl.env.observations import add_noise, measure
+from bp2_rl.env.physics.interface import ages, in_force
+from bp2_rl.reference.interface import Reference
+from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import yaw_of
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.simulation.laws import filled
+from bp2_rl.simulation.operator import HeadingHold
+
+ActionFunction = Callable[[Any], Any]  # observation -> action, deterministic; arrays of NumPy or JAX
+JointTargets = tuple[Float[np.ndarray, "N 12"], Float[np.ndarray, "N 12"]]  # rad, rad/s
+
+
+class PolicyRunner:
+    """The controllers of N robots under one policy, in float32 on the CPU as on the robot.
+
+    Joint targets act after each robot's latency; until the first does, the robot stands.
+
+    Args:
+        policy: observation -> action, for one robot.
+        config: the environment that the policy and its controller take the robots for.
+        operators: steer the robots on straight commands, one for each.
+        latencies: of the robots, s.
+        commands: (N, 3), in force at first, m/s and rad/s.
+        noise: the deviations of the sensors' noise; None for sensors without noise.
+
+    Attributes:
+        command: (N, 3), what the policy was told last, m/s and rad/s.
+        next_command: (N, 3), what the policy is told in the next control step.
+        position: (N, D, 12), rad, the joint targets issued last that may still come into force, newest last.
+        velocity: (N, D, 12), rad/s, the rates of these targets.
+        reference: the reference motion at the end of the last control step, a row for each robot.
+    """
+
+    def __init__(
+        self,
+        policy: ActionFunction,
+        config: EnvConfig,
+        *,
+        operators: Sequence[HeadingHold],
+        latencies: Sequence[float],
+        commands: Float[np.ndarray, "N 3"],
+        noise: RandomizationConfig | None = None,
+    ):
+        robots = len(operators)
+        self._filled, self._each = filled(robots), np.arange(robots)
+        self._by_operator = {
+            operator: [robot for robot, its in enumerate(operators) if its == operator] for operator in {*operators}
+        }
+        self._behind = np.array([control_steps_behind(latency) for latency in latencies])
+        self._device = jax.devices("cpu")[0]
+        with jax.default_device(self._device):
+            self._control = _compiled_control_step(policy, config, noise)
+            start = Controller(config).init()
+            self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0), start)
+        depth = int(np.max(self._behind)) + 1
+        self.position = np.tile(np.array(specs.STAND_JOINTS), (robots, depth, 1))
+        self.velocity = np.zeros_like(self.position)
+        self.next_command = self.command = commands.astype(np.float32)
+        self.reference: Reference | None = None
+
+    @property
+    def state(self) -> ControllerState:
+        """What the controllers remember, a row for each robot."""
+        return jax.tree.map(lambda x: x[: len(self._each)], self._state)
+
+    @state.setter
+    def state(self, state: ControllerState) -> None:
+        self._state = jax.tree.map(lambda x: x[self._filled], state)
+
+    def tick(
+        self,
+        qpos: Float[np.ndarray, "N 23"],
+        qvel: Float[np.ndarray, "N 22"],
+        scheduled: Float[np.ndarray, "N 3"],
+        *drawn: np.ndarray,
+    ) -> list[JointTargets]:
+        """Return what the joints follow in each millisecond of a control step that begins in this state.
+
+        Args:
+            qpos: the positions as the robots and their operators know them.
+            qvel: the velocities that belong to `qpos`.
+            scheduled: the commands at the end of the control step, before an operator steers.
+            drawn: with noise, a random key for each robot (N, 2), and each robot's share of the noise, 0 to 1 (N).
+        """
+        asked = scheduled.copy()
+        for operator, its in self._by_operator.items():
+            asked[its] = operator.steer(asked[its], qpos[its, 1], yaw_of(qpos[its, 3:7]))
+        self.command = self.next_command
+        inputs = (np.asarray(x, np.float32) for x in (self.command, qpos, qvel, asked))
+        with jax.default_device(self._device):
+            self._state, targets, self.reference, told = self._control(
+                self._state, *(x[self._filled] for x in (*inputs, *drawn))
+            )
+        self.next_command = np.asarray(told)[self._each]
+        for issued, new in ((self.position, targets.position), (self.velocity, targets.velocity)):
+            issued[:, :-1] = issued[:, 1:]
+            issued[:, -1] = np.asarray(new)[self._each]
+        return [
+            (self.position[self._each, -1 - behind], self.velocity[self._each, -1 - behind])
+            for behind in self._behind.T
+        ]
+
+
+def control_steps_behind(latency: float) -> list[int]:
+    """Return how many control steps ago the target was issued that acts in each ms of a control step."""
+    longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
+    return [int(in_force(age, np.array(latency))) for age in ages(longest)]
+
+
+def control_step(
+    policy: ActionFunction, config: EnvConfig, noise: RandomizationConfig | None = None
+) -> Callable[..., Any]:
+    """Return a control step of one robot as a function of arrays, to be compiled.
+
+    (controller state, command, qpos, qvel, command asked for) -> (controller state, targets, reference, next command).
+    With sensor noise of these deviations two more arguments come last: a random key, and how much of the noise, 0 to 1.
+    """
+    controller = Controller(config)
+
+    def control(
+        state: ControllerState, command: Array, qpos: Array, qvel: Array, asked: Array, *drawn: Array
+    ) -> tuple[Any, ...]:
+        measured = measure(qpos, qvel)
+        if noise is not None:
+            key, share = drawn
+            noisy = add_noise(measured, noise, key)
+            measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
+        observation, state = controller.observe(state, command, measured)
+        action = policy(observation)
+        # With the reference, though not everybody asks for it: without it XLA rounds the targets otherwise.
+        return *controller.act(state, command, action), eased(command, asked, config.control)
+
+    return control
+
+
+# One compilation serves all runs of a policy: a benchmark may need many.
+@functools.lru_cache(maxsize=8)
+def _compiled_control_step(
+    policy: ActionFunction, config: EnvConfig, noise: RandomizationConfig | None
+) -> Callable[..., Any]:
+    return jax.jit(jax.vmap(control_step(policy, config, noise)))

@@ -1,0 +1,256 @@
+"""The simulator: robots in C MuJoCo side by side, millisecond by millisecond, with the laws of motors and losses.
+
+The physics is float64 with a converged solver. The laws are compiled once for all robots, and MuJoCo steps each robot
+by itself, so that robots may differ in hardware, ground and numerics. Compiled laws round otherwise than NumPy's.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+
+from bp2_rl.env.controller import motors_of
+from bp2_rl.robot import specs
+from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NV, foot_forces, let_converge, load_model
+from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation import laws
+from bp2_rl.simulation.world import LEVEL, World
+
+DT = specs.PHYSICS_STEP
+SETTLING_TIME = 4.0  # s of standing before the clock starts
+SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
+OUTSIDE = 0.1  # Nm, beyond the envelope at a step's end, that is not worth another trial
+TRIALS = 12  # of a step, at most; two or three mostly do
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How C MuJoCo computes a millisecond; the defaults are those of every benchmark."""
+
+    steps: int = 1  # physics steps
+    motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
+    iterations: int = 100  # of the constraint solver, at most
+    line_search_iterations: int = 50  # of the line search in each iteration, at most
+    tolerance: float = 1e-10  # scaled residual at which the solver is done
+
+    @property
+    def updates(self) -> int:
+        """How often torques are computed."""
+        return self.steps if self.motors_each_step else 1
+
+    @property
+    def period(self) -> float:
+        """Time from one computation of the torques to the next, s."""
+        return DT / self.updates
+
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Set the model's options; the physics alone changes, not the robot."""
+        model.opt.timestep = DT / self.steps
+        let_converge(
+            model, iterations=self.iterations, line_search=self.line_search_iterations, tolerance=self.tolerance
+        )
+
+
+CONVERGED = Numerics()
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotSetup:
+    """A robot to simulate: its hardware and gains, its ground, and how its physics is computed."""
+
+    config: EnvConfig
+    world: World = LEVEL
+    numerics: Numerics = CONVERGED
+
+    def model(self) -> mujoco.MjModel:
+        """Return the robot's MuJoCo model, which reports the forces on its feet."""
+        model = load_model(self.config.hardware, visual=False, weighed=True, scene=self.world.scene())
+        self.world.tilt(model)
+        self.numerics.apply(model)
+        return model
+
+
+class Simulator:
+    """N robots and their states, each of which stands at its keyframe `stand` at first.
+
+    A robot's torque keeps to the motors' envelope at the start of each step. Where the hardware says so (`envelope`),
+    it keeps to the envelope at the step's end as well, and so all the time: MuJoCo takes a step whose torque leaves the
+    envelope again with less.
+
+    Args:
+        robots: what is simulated.
+        models: the robots' models, where they are at hand; robots may share one.
+
+    Attributes:
+        models: each robot's model.
+        data: each robot's state in MuJoCo; call `read` after a change.
+        qpos: (N, 23), the robots' positions.
+        qvel: (N, 22), the robots' velocities.
+        torque: (N, 12), Nm, last applied.
+        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame.
+        motors: each robot's motors; `set_motors` changes them.
+    """
+
+    def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
+        self.models = [robot.model() for robot in robots] if models is None else list(models)
+        self.data = [mujoco.MjData(model) for model in self.models]
+        self.motors = [motors_of(robot.config) for robot in robots]
+        self._resistance = [Resistance.from_hardware(robot.config.hardware) for robot in robots]
+        self._periods = [robot.numerics.period for robot in robots]
+        self._updates = np.array([robot.numerics.updates for robot in robots])
+        self._steps = [robot.numerics.steps // robot.numerics.updates for robot in robots]
+        self._throughout = np.array([robot.config.hardware.envelope == "throughout" for robot in robots])
+        self._most_updates, self._all_throughout = int(np.max(self._updates)), bool(np.all(self._throughout))
+        self._rows = None
+        for model, data in zip(self.models, self.data, strict=True):
+            mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+        # Looking an array up in MuJoCo's data takes longer than writing it.
+        self._inputs = [(data.ctrl, data.qfrc_applied) for data in self.data]
+        self._outputs = [(data.qpos, data.qvel, foot_forces(data)) for data in self.data]
+        self._start = np.empty((len(robots), mujoco.mj_stateSize(self.models[0], STATE)))
+        self._mobility = np.zeros((len(robots), specs.NUM_MOTORS))
+        self._everyone = np.arange(len(robots))
+        self.qpos, self.qvel, self.foot_force = (np.stack(values) for values in zip(*self._outputs, strict=True))
+        self.torque = np.zeros((len(robots), specs.NUM_MOTORS))
+
+    def __len__(self) -> int:
+        """Number of robots."""
+        return len(self.data)
+
+    def mass(self, robot: int) -> float:
+        """Return a robot's mass, kg."""
+        return float(np.sum(self.models[robot].body_mass))
+
+    def read(self, robot: int) -> None:
+        """Read a robot's state from `data` after a change from outside."""
+        self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[robot]
+        self.torque[robot] = self.data[robot].ctrl
+
+    def state(self, robot: int) -> Float[np.ndarray, " S"]:
+        """Return all that decides a robot's future, as MuJoCo orders it."""
+        state = np.empty(self._start.shape[1])
+        mujoco.mj_getState(self.models[robot], self.data[robot], state, STATE)
+        return state
+
+    def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
+        """Put a robot into a state that `state` has returned."""
+        mujoco.mj_setState(self.models[robot], self.data[robot], state, STATE)
+        self.read(robot)
+
+    def set_motors(self, robot: int, motors: Actuator) -> None:
+        """Give a robot other motors from the next millisecond on."""
+        self.motors[robot], self._rows = motors, None
+
+    def settle(self) -> None:
+        """Let all robots stand at the keyframe `stand` under the joint PD loop until still, then call that the origin.
+
+        The robots' sway is damped meanwhile.
+        """
+        stand, still = self.qpos[:, MOTOR_QPOS].copy(), np.zeros((len(self), specs.NUM_MOTORS))
+        for _ in range(round(SETTLING_TIME / DT)):
+            self.millisecond(stand, still)
+            for robot, data in enumerate(self.data):
+                data.qvel *= 1.0 - SETTLING_DAMPING * DT
+                self.qvel[robot] = data.qvel
+        for robot, data in enumerate(self.data):
+            data.qpos[:2], data.qvel[:], data.time = 0.0, 0.0, 0.0
+            self.read(robot)
+
+    def millisecond(
+        self,
+        position: Float[np.ndarray, "N 12"],
+        velocity: Float[np.ndarray, "N 12"],
+        robots: Int[np.ndarray, " M"] | None = None,
+    ) -> Float[np.ndarray, "N 12"]:
+        """Advance motors and physics by a millisecond; return the torques applied at its beginning, Nm.
+
+        Args:
+            position: the joints' targets, rad.
+            velocity: the targets' rates, rad/s.
+            robots: indices of those that move, all by default; the others stay as they are.
+        """
+        robots = self._everyone if robots is None else robots
+        self._update(position, velocity, robots)
+        torque = self.torque.copy()
+        for update in range(1, self._most_updates):
+            self._update(position, velocity, robots[self._updates[robots] > update])
+        return torque
+
+    def _update(
+        self, position: Float[np.ndarray, "N 12"], velocity: Float[np.ndarray, "N 12"], robots: Int[np.ndarray, " M"]
+    ) -> None:
+        """Compute the motors' torques once, and take the physics steps for which they are held."""
+        if not len(robots):
+            return
+        if self._rows is None:
+            parts = zip(self.motors, self._resistance, self._periods, strict=True)
+            self._rows = laws.rows_of([laws.row_of(*part) for part in parts])
+        before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
+        forces = laws.ask(self._rows, before, qpos, qvel, position, velocity)
+        tried = robots if self._all_throughout else robots[self._throughout[robots]]
+        for robot in tried.tolist():
+            mujoco.mj_getState(self.models[robot], self.data[robot], self._start[robot], STATE)
+        for trial in range(TRIALS if len(tried) else 0):
+            self._step(tried, forces)
+            for robot in tried.tolist() if trial == 0 else ():  # of the step's start, which all trials share
+                self._mobility[robot] = _mobility(self.models[robot], self.data[robot])
+            again = laws.correct(self._rows, forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
+            tried = tried[again[tried, -1] > OUTSIDE]
+            if not len(tried):
+                break
+            forces = forces.copy()
+            forces[tried] = again[tried, :-1]
+            for robot in tried.tolist():
+                mujoco.mj_setState(self.models[robot], self.data[robot], self._start[robot], STATE)
+        self._step(tried, forces)
+        if not self._all_throughout:
+            self._step(robots[~self._throughout[robots]], forces)
+        self.torque = before.copy()
+        self.torque[robots] = forces[robots, :12]
+
+    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N 34"]) -> None:
+        for robot in robots.tolist():
+            (torque, force), (qpos, qvel, foot_force) = self._inputs[robot], self._outputs[robot]
+            torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
+            mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
+            self.qpos[robot], self.qvel[robot], self.foot_force[robot] = qpos, qvel, foot_force
+
+
+def settled(robots: Sequence[RobotSetup]) -> Simulator:
+    """Return a simulator whose robots stand at rest on their feet at the origin.
+
+    Each kind of robot is settled once in a process, with the usual numerics.
+    """
+    kinds = [
+        (dataclasses.replace(one, world=dataclasses.replace(one.world, pushes=()), numerics=CONVERGED), SETTLING_TIME)
+        for one in robots
+    ]
+    new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
+    if new:
+        settling = Simulator([robot for robot, _ in new])
+        settling.settle()
+        _stands.update({kind: settling.state(i) for i, kind in enumerate(new)})
+    simulator = Simulator(robots)
+    for robot, kind in enumerate(kinds):
+        simulator.set_state(robot, _stands[kind])
+    return simulator
+
+
+_stands: dict[tuple[RobotSetup, float], np.ndarray] = {}
+
+
+def _mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "12"]:
+    """Return the acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
+    answer = np.empty_like(_UNIT)
+    mujoco.mj_solveM(model, data, answer, _UNIT)
+    return answer[_EACH, MOTOR_QVEL]
+
+
+_EACH = np.arange(specs.NUM_MOTORS)
+_UNIT = np.zeros((specs.NUM_MOTORS, NV))
+_UNIT[_EACH, MOTOR_QVEL] = 1.0

@@ -1,0 +1,9 @@
+"""A single run of the simulator."""
+
+from bp2_rl.simulation.rollout import RunRequest, simulate
+
+
+def run_one(policy, schedule, config, **request):
+    """A trajectory; `request` are fields of `RunRequest`."""
+    [run] = simulate(policy, config, [RunRequest(schedule, **request)])
+    return run

@@ -1,0 +1,134 @@
+"""The simulator of many robots against a plain loop of one, whatever each robot is."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from plain_simulation import PlainRobot, plain_run
+
+from bp2_rl.robot.model import MOTOR_QVEL
+from bp2_rl.robot.specs import BUILT, IDEAL, STAND_JOINTS
+from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
+from bp2_rl.simulation.schedule import Course, Ramp
+from bp2_rl.simulation.simulator import Numerics, RobotSetup, Simulator
+from bp2_rl.simulation.world import Push, World
+
+CONFIG = EnvConfig(reference="kinematic")
+RAMP = Ramp((1.5, 0.0, 0.0), acceleration=10.0, hold=0.1)
+SLIPPERY = dataclasses.replace(BUILT, friction=0.3)
+LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012))
+
+
+def tire(simulator, robot, _):
+    """Half of the peak torque after 50 ms, each joint's own, and enough after 200."""
+    time = simulator.data[robot].time
+    if time > 0.0495:
+        weak = dataclasses.replace(simulator.motors[robot], peak_torque=np.linspace(40.0, 50.0, 12))
+        simulator.set_motors(robot, weak)
+    return time > 0.1995
+
+
+REQUESTS = (
+    RunRequest(RAMP, BUILT, name="built"),
+    RunRequest(Ramp((2.0, 0.0, 0.0), acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
+    RunRequest(
+        RAMP, SLIPPERY, HeadingHold(heading_gain=9.0, limit=2.0), gyro_bias=0.5, name="slippery, steered astray"
+    ),
+    RunRequest(RAMP, LATE, name="late"),
+    RunRequest(RAMP, BUILT, world=World(slope=0.05), name="uphill"),
+    RunRequest(RAMP, BUILT, world=World(roughness=0.02, seed=1, pushes=(Push(0.05, 0.5, 0.3),)), name="rough, pushed"),
+    RunRequest(RAMP, BUILT, world=World(pushes=(Push(0.01, 2.0, 0.0),)), finish=0.05, name="there"),
+    RunRequest(RAMP, BUILT, numerics=Numerics(steps=4, motors_each_step=True), name="fine"),
+    RunRequest(RAMP, IDEAL, numerics=Numerics(steps=2), name="ideal, finer"),
+    RunRequest(RAMP, BUILT, watch=tire, name="tired"),
+    RunRequest(Course().hold(0.3), BUILT, world=World(pushes=(Push(0.01, 6.0, 0.0),)), name="down"),
+)
+
+
+def answering(observation):
+    """Actions that depend on what is seen, so that a wrong pose, operator or gyro shows."""
+    return 0.3 * observation[..., 5:17] - 0.2 * observation[..., :12]
+
+
+@pytest.fixture(scope="module")
+def together():
+    return list(simulate(answering, CONFIG, REQUESTS))
+
+
+@pytest.mark.parametrize("i", range(len(REQUESTS)), ids=[one.name for one in REQUESTS])
+def test_each_runs_as_it_would_alone(together, i):
+    one, run = REQUESTS[i], together[i]
+    alone, fell = plain_run(answering, CONFIG, one)
+    assert (len(run), run.fell_at is not None, run.name) == (len(alone["qpos"]), fell, one.name)
+    assert run.hardware == one.hardware
+    # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
+    np.testing.assert_allclose(run.qpos, alone["qpos"], atol=5e-5)
+    np.testing.assert_allclose(run.command, alone["command"], atol=1e-5)
+    np.testing.assert_allclose(run.target, alone["target"], atol=5e-5)
+    assert np.quantile(np.abs(run.torque - alone["torque"]), 0.99) < 0.05  # Nm
+    assert np.quantile(np.abs(run.foot_force - alone["foot_force"]), 0.99) < 2.0  # N
+
+
+@pytest.mark.parametrize("robots", [1, 3])
+def test_laws_and_steps_are_those_of_the_plain_robot(robots):
+    """The robot with all its losses, whose torque is tried several times a millisecond, through 0.1 s of kicks."""
+    rng, fastest = np.random.default_rng(0), 0.0
+    robot = RobotSetup(EnvConfig(hardware=BUILT))
+    plain, simulator = PlainRobot(robot), Simulator([robot] * robots)
+    for _ in range(20):
+        target = np.array(STAND_JOINTS) + rng.uniform(-0.6, 0.6, 12)
+        for _ in range(5):
+            expected = plain.millisecond(target, np.zeros(12))
+            found = simulator.millisecond(np.tile(target, (robots, 1)), np.zeros((robots, 12)))
+            # A processor may multiply and add in one: that rounds by 1e-16, and a push into the ground is 1e4 as stiff.
+            np.testing.assert_allclose(found, np.tile(expected, (robots, 1)), atol=1e-7)
+            fastest = max(fastest, np.max(np.abs(simulator.qvel[0, MOTOR_QVEL])))
+    assert fastest > simulator.motors[0].corner_speed  # on the envelope's falling line
+    np.testing.assert_allclose(simulator.qpos, np.tile(plain.data[0].qpos, (robots, 1)), atol=1e-9)
+
+
+def test_robots_that_do_not_move_stay_as_they_are():
+    simulator = Simulator([RobotSetup(EnvConfig(hardware=BUILT))] * 2)
+    before, target = simulator.qpos.copy(), np.tile(np.array(STAND_JOINTS) + 0.5, (2, 1))
+    torque = simulator.millisecond(target, np.zeros((2, 12)), np.array([1]))
+    np.testing.assert_array_equal(simulator.qpos[0], before[0])
+    assert simulator.data[0].time == 0.0
+    assert np.max(np.abs(simulator.qpos[1] - before[1])) > 0.0
+    assert np.max(np.abs(torque[1])) > 40.0
+    simulator.set_motors(1, dataclasses.replace(simulator.motors[1], peak_torque=5.0))
+    torque = simulator.millisecond(target, np.zeros((2, 12)))
+    assert np.max(np.abs(torque[1])) <= 5.0 + 1e-9
+    assert np.max(np.abs(torque[0])) > 40.0
+
+
+def test_a_state_can_be_kept_and_gone_back_to():
+    simulator = Simulator([RobotSetup(EnvConfig(hardware=BUILT))])
+    target, still = np.array(STAND_JOINTS)[None] + 0.1, np.zeros((1, 12))
+    for _ in range(10):
+        simulator.millisecond(target, still)
+    kept = simulator.state(0)
+    first = [simulator.millisecond(target, still) for _ in range(10)]
+    simulator.set_state(0, kept)
+    np.testing.assert_array_equal([simulator.millisecond(target, still) for _ in range(10)], first)
+
+
+def test_they_do_end_in_different_ways(together):
+    ran = dict(zip([one.name for one in REQUESTS], together, strict=True))
+    assert ran["down"].fell_at is not None
+    assert ran["there"].fell_at is None
+    assert len(ran["there"]) < len(ran["built"]) < len(ran["ideal"])
+    assert len(ran["tired"]) == 200
+    for name in ("slippery, steered astray", "late", "uphill", "rough, pushed", "fine", "tired"):
+        k = min(len(ran[name]), len(ran["built"]))
+        assert np.abs(ran[name].qpos[:k] - ran["built"].qpos[:k]).max() > 1e-3, name
+
+
+def test_more_than_fit_beside_each_other_run_in_turn():
+    requests = [RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
+    runs = list(simulate(answering, CONFIG, requests))
+    assert [run.name for run in runs] == [one.name for one in requests]
+    assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]
+    np.testing.assert_allclose(runs[-1].qpos, runs[1].qpos, atol=1e-9)
+    assert list(simulate(answering, CONFIG, [])) == []
