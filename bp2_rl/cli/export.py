@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import app
-from bp2_rl.settings.env import COMMAND_LIMITS
+from bp2_rl.robot.easing import COMMAND_LIMITS
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,7 +3,7 @@
 policy.onnx        the network: observation (1, n) -> action (1, 12)
 reference.npz      the reference motion as plain arrays
 deploy.json        observation layout, units, joint order, gains, limits, rates
-onboard/           the controller: NumPy and onnxruntime alone
+onboard/           the controller, with the laws that it shares with bp2_rl: NumPy and onnxruntime alone
 robots/NAME.xml    robots to rehearse on, in C MuJoCo
 requirements.txt   what to install, with versions that were tried together
 """
@@ -12,12 +12,14 @@ import dataclasses
 import importlib.metadata
 import json
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bp2_rl.base import arrays, bounds, errors, polynomials
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
@@ -36,16 +38,23 @@ from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
+from bp2_rl.robot import actuator, easing, losses, specs
+from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
 from bp2_rl.robot.specs import ROBOTS, HardwareSpec
-from bp2_rl.settings.env import COMMAND_LIMITS, EnvConfig
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
+from bp2_rl.simulation.simulator import RobotSetup, settled
 
+MOTORS = ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "current_lag", "torque_rate")
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
+LAWS = [str(module.__file__) for module in (arrays, bounds, errors, polynomials, actuator, easing, losses, specs)]
+"""The modules of bp2_rl that the code on board shares; a bundle holds copies of them, so that it is whole."""
+FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|robot)(?: (?=import)|\.)", re.MULTILINE)
+"""What the imports of these modules begin with."""
 WATCH = WatchdogLimits(
     silence=0.05,
     stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
@@ -77,8 +86,8 @@ def write_bundle(directory: Path, policy: Policy) -> None:
             write_text(fresh / NEEDS, "".join(f"{name}=={importlib.metadata.version(name)}\n" for name in PACKAGES))
             for folder in (CODE, ROBOT_FOLDER):
                 (fresh / folder).mkdir()
-            for module in sorted(Path(onboard.__file__).parent.glob("*.py")):
-                write_bytes(fresh / CODE / module.name, module.read_bytes())
+            for module in (*sorted(Path(onboard.__file__).parent.glob("*.py")), *map(Path, LAWS)):
+                write_text(fresh / CODE / module.name, FROM_PACKAGE.sub("from .", module.read_text()))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
     except OSError as error:
@@ -133,7 +142,8 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         "watchdog": dataclasses.asdict(WATCH),
         "reference": reference,
         "operator": dataclasses.asdict(HEADING_HOLD),
-        "robots": {name: _machine(env, hardware) for name, hardware in _robots(env).items()},
+        "fall": {"height": env.termination.min_height, "up": env.termination.min_up},
+        "robots": _describe_robots(env),
     }
     return settings, arrays
 
@@ -144,19 +154,20 @@ def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 
-def _machine(env: EnvConfig, hardware: HardwareSpec) -> dict[str, Any]:
-    """Return motors, bus and losses of a robot for `onboard.robot`; None means that there is no limit."""
-    motors = motors_of(dataclasses.replace(env, hardware=hardware))
-    drive = {
-        name: getattr(motors, name)
-        for name in ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "current_lag", "torque_rate")
-    }
-    bus, resistance = motors.bus, Resistance.from_hardware(hardware)
-    return {
-        "drive": _limits(drive),
-        "bus": None if bus is None else {name: getattr(bus, name) for name in ("power_out", "power_in", "sag")},
-        "losses": None if resistance is None else {k: float(v) for k, v in vars(resistance).items()},
-    }
+def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
+    """Return motors, bus, losses and settled stand of each robot for `onboard.robot`; None means no limit."""
+    robots = {name: dataclasses.replace(env, hardware=hardware) for name, hardware in _robots(env).items()}
+    stands = settled([RobotSetup(robot) for robot in robots.values()])
+    described: dict[str, dict[str, Any]] = {}
+    for i, (name, robot) in enumerate(robots.items()):
+        motors, resistance = motors_of(robot), Resistance.from_hardware(robot.hardware)
+        described[name] = {
+            "motors": _limits({field: getattr(motors, field) for field in MOTORS}),
+            "bus": None if motors.bus is None else vars(motors.bus),
+            "losses": None if resistance is None else {k: float(v) for k, v in vars(resistance).items()},
+            "stand": {"qpos": stands.qpos[i].tolist(), "torque": stands.torque[i].tolist()},
+        }
+    return described
 
 
 def _limits(values: Mapping[str, float]) -> dict[str, float | None]:

@@ -1,17 +1,13 @@
 """Velocity commands during training: drawn, ramped, drawn anew; and each robot's speed curriculum."""
 
-import math
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.robot import specs
+from bp2_rl.robot.easing import eased
 from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig
-
-EASE = 0.5  # m/s: an exponential towards minus so much comes to rest
 
 
 class CommandState(struct.PyTreeNode):
@@ -80,26 +76,6 @@ def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, "
     error = config.reset.command_error * jax.random.uniform(key, minval=-1.0, maxval=1.0) ** 3
     forward = jnp.clip(state.current[0] + error, -config.commands.max_backward, top)
     return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
-
-
-def launch_rate(speed: Any, config: ControlConfig, xp: Any = jnp) -> Any:
-    """m/s2, at which the forward command rises at most where it is `speed`, m/s."""
-    return config.launching * xp.clip(1.0 - speed / config.launching_speed, 0.0, 1.0)
-
-
-def eased(told: Float[Array, "3"], asked: Float[Array, "3"], config: ControlConfig) -> Float[Array, "3"]:
-    """What a policy is told a control step after it was told `told`: the command asked for, but that a robot on its
-    way forward gathers and loses speed no faster than its controller allows."""
-    if config.launching < math.inf:
-        most = jnp.maximum(told[0], 0.0) + specs.CONTROL_STEP * launch_rate(told[0], config)
-        asked = asked.at[0].min(most)
-    if config.braking == math.inf and not config.stopping_time:
-        return asked
-    rate = jnp.asarray(config.braking)
-    if config.stopping_time:
-        rate = jnp.minimum(rate, (told[0] + EASE) / config.stopping_time)
-    least = jnp.maximum(told[0] - specs.CONTROL_STEP * rate, 0.0)
-    return asked.at[0].set(jnp.where(told[0] > 0.0, jnp.maximum(asked[0], least), asked[0]))
 
 
 def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:

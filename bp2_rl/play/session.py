@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within
-from bp2_rl.env.commands import launch_rate
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import specs
+from bp2_rl.robot.easing import launch_rate
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec

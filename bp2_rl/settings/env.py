@@ -51,10 +51,6 @@ class ControlConfig:
     """control steps: the policy also sees how much its observation has changed since so many steps ago (0 at first)"""
 
 
-COMMAND_LIMITS = ("braking", "stopping_time", "launching", "launching_speed")
-"""Fields of `ControlConfig`: how fast the command rises and falls, not what the policy sees and does."""
-
-
 @dataclasses.dataclass(frozen=True)
 class CommandConfig:
     """How velocity commands are drawn: a target, approached at a limited rate, drawn anew every few seconds."""

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.env.commands import eased
 from bp2_rl.env.controller import Controller, ControllerState
 from bp2_rl.env.observations import add_noise, measure
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
+from bp2_rl.robot.easing import eased
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.laws import filled

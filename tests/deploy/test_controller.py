@@ -10,9 +10,9 @@ import pytest
 
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.controller import SensorReading
-from bp2_rl.env.commands import eased
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
+from bp2_rl.robot.easing import eased
 
 TICKS = 2000
 DT = 0.005

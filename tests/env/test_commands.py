@@ -12,6 +12,7 @@ from bp2_rl.env import commands
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of
 from bp2_rl.robot import specs
+from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import HardwareSpec, Losses
 from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, Kernel
 
@@ -149,7 +150,7 @@ def told(asked, start, control=GENTLY, seconds=6.0):
     """The forward command, control step by control step, where always the same is asked for."""
 
     def step(command, _):
-        after = commands.eased(command, jnp.array([asked, 0.1, 0.2]), control)
+        after = eased(command, jnp.array([asked, 0.1, 0.2]), control)
         return after, after
 
     steps = round(seconds / specs.CONTROL_STEP)

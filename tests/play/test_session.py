@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from runs import run_one
 
-from bp2_rl.env.commands import eased
 from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, Wish
+from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import CONTROL_STEP
 from bp2_rl.simulation.schedule import ACCELERATION, Ramp
 

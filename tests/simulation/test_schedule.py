@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.commands import eased
+from bp2_rl.robot.easing import eased
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.schedule import Course, Leg, Ramp
 

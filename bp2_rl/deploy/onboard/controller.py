@@ -16,17 +16,19 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
+
+from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 
 from .motion import Pose, load_motion
 
 FORMAT = 1
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
-EASE = 0.5  # m/s: a forward command that falls towards minus so much, in `stopping_time`, comes to rest
 
 
 class SensorReading(NamedTuple):
@@ -57,23 +59,6 @@ class WatchdogLimits:
     joint_speed: float  # rad/s
     turning: float  # rad/s, of the trunk
     up_length: float  # by which the length of `up` may differ from 1
-
-
-class LaunchLimit(NamedTuple):
-    """How fast a forward command rises at most."""
-
-    rate: float  # m/s2, from a stand
-    speed: float  # m/s, at which it would rise no more
-
-    @classmethod
-    def of(cls, control: Mapping[str, Any]) -> "LaunchLimit":
-        """Read the limit from `control` in `deploy.json`; a missing entry means that there is no limit."""
-        return cls(control.get("launching") or math.inf, control.get("launching_speed") or math.inf)
-
-    def most(self, told: float, dt: float) -> float:
-        """The largest command (m/s) `dt` seconds after it was `told`."""
-        share = min(max(1.0 - told / self.speed, 0.0), 1.0)
-        return max(told, 0.0) + dt * self.rate * share
 
 
 class _Seen(NamedTuple):
@@ -132,9 +117,7 @@ class OnboardController:
         self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
-        self._braking = control.get("braking") or math.inf
-        self._stopping_time = control.get("stopping_time") or 0.0
-        self._launch = LaunchLimit.of(control)
+        self._limits = command_limits(self.settings)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
         with np.load(folder / REFERENCE) as arrays:
@@ -244,12 +227,7 @@ class OnboardController:
             speed = float(np.linalg.norm(self.command[:2]))
             slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
             told = self.command * np.float32(slower)
-        forward = float(self.command[0])
-        told[0] = min(told[0], self._launch.most(forward, self._dt))
-        if forward > 0.0:
-            rate = min(self._braking, (forward + EASE) / self._stopping_time if self._stopping_time else math.inf)
-            told[0] = max(told[0], max(forward - self._dt * rate, 0.0))
-        self.command = told
+        self.command = eased(self.command, told, self._limits)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
         """Compute the joint targets of one tick: observation, network, reference motion, targets."""
@@ -287,6 +265,16 @@ def read_settings(folder: Path | str) -> dict[str, Any]:
     if settings.get("format") != FORMAT:
         raise ValueError(f"{path} has format {settings.get('format')}, this controller reads {FORMAT}")
     return settings
+
+
+def numbers(values: Mapping[str, float | None]) -> dict[str, float]:
+    """Return limits by name as `deploy.json` has them, where None stands for infinity, which JSON does not have."""
+    return {name: math.inf if value is None else value for name, value in values.items()}
+
+
+def command_limits(settings: Mapping[str, Any]) -> Any:
+    """Return how fast the forward command rises and falls at most, from `deploy.json`."""
+    return SimpleNamespace(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
 
 
 def _load_network(path: Path) -> onnxruntime.InferenceSession:

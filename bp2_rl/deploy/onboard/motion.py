@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.polynomials import hermite_and_rate
+
 SIDE = (-1.0, 1.0, -1.0, 1.0)  # FR, FL, RR, RL
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image
@@ -183,8 +185,8 @@ class Trot:
         time = 2.0 * stride.half - stride.stance
         s = (since - stride.stance) / time
         left, right = drift(stride.stance / 2.0), drift(-stride.stance / 2.0)
-        x, x_rate = _hermite(s, time, left[0], right[0], left[2], right[2])
-        y, y_rate = _hermite(s, time, left[1], right[1], left[3], right[3])
+        x, x_rate = hermite_and_rate(s, time, left[0], right[0], left[2], right[2])
+        y, y_rate = hermite_and_rate(s, time, left[1], right[1], left[3], right[3])
         return (x, y), (x_rate, y_rate)
 
     def _joints(
@@ -263,14 +265,6 @@ def _angles(
 def _angle(y: float, x: float, y_rate: float, x_rate: float) -> tuple[float, float]:
     """The direction of (x, y), rad, and how it turns."""
     return atan2(y, x), (y_rate * x - y * x_rate) / (x * x + y * y)
-
-
-def _hermite(s: float, h: float, left: float, right: float, out: float, into: float) -> tuple[float, float]:
-    """The cubic through two values with these rates at its ends, at the share `s` of `h` seconds, and its rate."""
-    out, into, r = h * out, h * into, 1.0 - s
-    value = left * r**2 * (1.0 + 2.0 * s) + right * s**2 * (3.0 - 2.0 * s) + out * s * r**2 - into * s**2 * r
-    slope = 6.0 * s * r * (right - left) + out * r * (1.0 - 3.0 * s) - into * s * (2.0 - 3.0 * s)
-    return value, slope / h
 
 
 def _ground(x: float, y: float, vx: float, vy: float, omega: float, tau: float) -> tuple[float, float]:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .controller import DriveTargets, LaunchLimit, read_settings
+from bp2_rl.robot.easing import eased
+
+from .controller import DriveTargets, command_limits, read_settings
 from .link import COMMAND, SENSORS, BadLink
 from .robot import DT, SimulatedRobot
 
@@ -64,8 +66,8 @@ class RehearsalWorld:
         self.targets = np.zeros((self.milliseconds, 12))  # rad, in force
         self.fell_at: float | None = None
         self._trim = 0.0
-        self._launch = LaunchLimit.of(control)
-        self._told = 0.0
+        self._limits = command_limits(settings)
+        self._told = np.zeros(3)
 
     @property
     def lost(self) -> tuple[int, int]:
@@ -119,8 +121,8 @@ class RehearsalWorld:
         """The operator's command: the plan's speed, trimmed until the robot runs it, and a yaw rate along the line."""
         _, y, yaw, speed = self.robot.place
         hold, forward = self._operator, self.plan.forward(time)
-        self._told = min(forward, self._launch.most(self._told, TICK * DT))  # as the controller takes it
-        if self._told >= self.plan.speed:
+        self._told = eased(self._told, np.array([forward, 0.0, 0.0]), self._limits)  # as the controller takes it
+        if self._told[0] >= self.plan.speed:
             self._trim += 0.5 * TICK * DT * (self.plan.speed - speed)
             self._trim = min(max(self._trim, -1.0), 1.0)
         rate = -hold["heading_gain"] * yaw - hold["lane_gain"] * y

@@ -6,9 +6,9 @@ import jax
 import mujoco
 
 from bp2_rl.base.serialization import config_hash
-from bp2_rl.env.commands import EASE
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.mjx import simulate_in_mjx
