@@ -22,18 +22,16 @@ SOURCES = (
 GROUPS = {
     "Figures": (
         Item(
-            "fig-1",
             "Fig. 1",
             "a < b",
-            "torque",
-            "torque.png",
+            "torque/torque.png",
             ours="{" + PEAK + "|.3f}",
             checks=(Check(PEAK, 0.0, 1.0),),
         ),
-        Item("fig-2", "Fig. 2", "x", "bad", stated="same"),
-        Item("fig-3", "Fig. 3", "x", "after", stated="same"),
-        Item("fig-4", "Fig. 4", "x", "later", stated="same"),
-        Item("fig-5", "Fig. 5", "x", stated="needs hardware", because="a photograph"),
+        Item("Fig. 2", "x", "bad", stated="same"),
+        Item("Fig. 3", "x", "after", stated="same"),
+        Item("Fig. 4", "x", "later", stated="same"),
+        Item("Fig. 5", "x", stated="needs hardware", because="a photograph"),
     )
 }
 
