@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 OUT = Path("reports/figures")
 COLUMNS = 130  # of a table
+COMMANDS = {name: f"{entry.what} ({entry.panel})" for name, entry in FIGURES.items()} | {
+    FLAG: "every panel that can be made, and a page that says of each item of the paper what is ours"
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,9 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     if FLAG in words:
         return run_all(words)
-    commands = {name: f"{entry.what} ({entry.panel})" for name, entry in FIGURES.items()}
-    commands[FLAG] = "every panel that can be made, and a page that says of each item of the paper what is ours"
-    return choose("bp2 paper figures", commands, words, _run)
+    return choose("bp2 paper figures", COMMANDS, words, _run)
 
 
 def _run(name: str, argv: Sequence[str]) -> int:

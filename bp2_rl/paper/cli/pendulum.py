@@ -4,6 +4,7 @@ A command imports SciPy and Matplotlib only when its flags are right: a mistake 
 """
 
 import dataclasses
+import pkgutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,8 @@ from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import choose
 from bp2_rl.cli.trajopt.output import spinner
-from bp2_rl.paper.cli.pendulum.settings import (
+from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
+from bp2_rl.paper.pendulum.settings import (
     PendulumGaitsSettings,
     PendulumMapSettings,
     PendulumSectionsSettings,
@@ -24,36 +26,45 @@ from bp2_rl.paper.cli.pendulum.settings import (
     PendulumTorqueSettings,
     PendulumTrappingSettings,
 )
-from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
 
 OUT = Path("reports/pendulum")
 
 
 class PendulumCommand(NamedTuple):
-    """One command; `studies.STUDIES` holds what it computes."""
+    """One command."""
 
     what: str
-    settings: type[Any]
+    settings: type[Any]  # a frozen dataclass with defaults
+    function: str  # MODULE:NAME within `paper.pendulum`: it takes the settings and returns a `PendulumStudy`
 
 
 COMMANDS = {
     "simulate": PendulumCommand(
-        "let one of two pendulums go: who has the energy, and when it is shared", PendulumSimulateSettings
+        "let one of two pendulums go: who has the energy, and when it is shared",
+        PendulumSimulateSettings,
+        "exchange:simulate",
     ),
     "sections": PendulumCommand(
         "look at both once a cycle: where each has a path of its own, and where they share one",
         PendulumSectionsSettings,
+        "sections:cut_sections",
     ),
     "torque": PendulumCommand(
-        "move both as the paper does: torques with the beam free and with it fixed", PendulumTorqueSettings
+        "move both as the paper does: torques with the beam free and with it fixed",
+        PendulumTorqueSettings,
+        "prescribed:compare_torques",
     ),
     "map": PendulumCommand(
-        "where a free beam lowers the peak torque, over phase, frequency and amplitude", PendulumMapSettings
+        "where a free beam lowers the peak torque, over phase, frequency and amplitude",
+        PendulumMapSettings,
+        "reduction:map_reduction",
     ),
     "trapping": PendulumCommand(
-        "how heavy a beam must be for a swing to stay with its pendulum", PendulumTrappingSettings
+        "how heavy a beam must be for a swing to stay with its pendulum",
+        PendulumTrappingSettings,
+        "trapping:find_trapping",
     ),
-    "gaits": PendulumCommand("four legs on a beam: what each gait gains", PendulumGaitsSettings),
+    "gaits": PendulumCommand("four legs on a beam: what each gait gains", PendulumGaitsSettings, "gaits:gain_by_gait"),
 }
 
 
@@ -83,10 +94,9 @@ def _report(name: str, argv: Sequence[str]) -> None:
     open_folder(folder, command, lambda metrics: load_config(PendulumReport, metrics).command)
 
     from bp2_rl.base.plotting import save_figure
-    from bp2_rl.paper.cli.pendulum.studies import STUDIES
 
     with spinner(command):
-        study = STUDIES[name](settings)
+        study = pkgutil.resolve_name(f"bp2_rl.paper.pendulum.{COMMANDS[name].function}")(settings)
     table = Table(*study.columns)
     for row in study.rows:
         table.add_row(*row)
