@@ -21,5 +21,3 @@ GROUPS: dict[str, tuple[Item, ...]] = {
     "Beyond the paper's items": supplement.BEYOND,
 }
 """Rows by heading; an item that is `beyond` is none of the paper's."""
-
-ITEMS: tuple[Item, ...] = tuple(item for group in GROUPS.values() for item in group)
