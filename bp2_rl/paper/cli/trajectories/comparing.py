@@ -82,10 +82,9 @@ def _set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVari
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
     with output.own_folder(arguments.out), output.progress() as progress:
-        task = progress.add_task(what, total=len(variants))
-        for some in compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers):
+        compared = compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers)
+        for some in progress.track(compared, len(variants), description=what):
             rows += some
             save_config(numbers, Numbers(problem, speeds, tuple(rows)))
-            progress.advance(task)
     print_table(tabulate(rows), 130)
     print(f"numbers: {numbers}")

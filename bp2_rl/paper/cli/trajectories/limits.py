@@ -43,13 +43,10 @@ def find_limits(arguments: LimitsArguments) -> None:
         search = limits.losses_one_at_a_time
     else:
         order, search = [*limits.CHANGES, limits.NO_SPEED_LIMIT], limits.greatest_speeds
-    found = {}
     with output.own_folder(arguments.out):
         with output.progress() as progress:
-            task = progress.add_task("variants", total=len(order))
-            for limit in search(arguments.problem, arguments.workers):
-                found[limit.variant] = limit
-                progress.advance(task)
+            searched = progress.track(search(arguments.problem, arguments.workers), len(order), description="variants")
+            found = {limit.variant: limit for limit in searched}
         solutions = {name: found[name].solution for name in order}
         speeds = {name: solution and solution.problem.speed for name, solution in solutions.items()}
         save_config(arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds))

@@ -33,9 +33,8 @@ def run_schemes(arguments: SchemesArguments) -> None:
     rows = []
     try:
         with output.progress() as progress:
-            task = progress.add_task("solves", total=len(SCHEMES) * len(arguments.meshes))
-            for row in compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes):
+            solved = compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes)
+            for row in progress.track(solved, len(SCHEMES) * len(arguments.meshes), description="solves"):
                 rows.append(row)
-                progress.advance(task)
     finally:  # also what there is when a scheme fails on one of the meshes
         print_table(tabulate_schemes(rows), 110)

@@ -52,12 +52,10 @@ def run_sweep(arguments: SweepArguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.paper.trajectories.sweep import best_of, sweep
 
-    attempts = []
     with output.own_folder(arguments.out), output.progress() as progress:
-        task = progress.add_task("cold starts", total=len(arguments.speeds) * arguments.starts)
-        for attempt in sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers):
-            attempts.append(attempt)
-            progress.advance(task)
+        tried = sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers)
+        total = len(arguments.speeds) * arguments.starts
+        attempts = list(progress.track(tried, total, description="cold starts"))
     solved = [attempt for attempt in attempts if attempt.solved]
     if solved:
         output.describe(best_of(arguments.out))
