@@ -14,8 +14,6 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 from bp2_rl.cli import __main__ as bp2
-from bp2_rl.paper.cli.index import FLAG
-from bp2_rl.paper.figures.registry import FIGURES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
@@ -63,10 +61,7 @@ def _sections(heading: str, package: str, words: list[str]) -> list[str]:
     """The help of a command whose module lies in this package, and of all commands below it, a section each."""
     sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help"])]
     below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
-    if below == "bp2_rl.paper.cli.figures":  # one module for all of its commands
-        for part in (*FIGURES, FLAG):
-            sections += [f"{heading}# bp2 {' '.join([*words, part])}\n", _block([*words, part, "--help"])]
-    elif importlib.util.find_spec(below) is not None:
+    if hasattr(importlib.import_module(package), "__path__") and importlib.util.find_spec(below) is not None:
         for part in getattr(importlib.import_module(below), "COMMANDS", ()):
             sections += _sections(f"{heading}#", below, [*words, part])
     return sections

@@ -89,7 +89,7 @@ WORK = (
     "bp2_rl.paper.trajectories.codesign.study.study_codesign",
     "bp2_rl.paper.trajectories.objective.compare_objectives",
     "bp2_rl.paper.trajectories.decomposition.decompose",
-    "bp2_rl.paper.cli.pendulum.output.open_folder",
+    "bp2_rl.paper.cli.pendulum.open_folder",
     "bp2_rl.paper.figures.scaling.figure.scaling_figure",
     "bp2_rl.paper.figures.race.figure.race_figure",
     "bp2_rl.paper.figures.robot.measure",

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import tyro
 
@@ -19,9 +19,7 @@ from bp2_rl.base.files import read_bytes, read_json, require_name, write_text
 from bp2_rl.base.folders import find_folder, new_folder, open_report
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.cli import app
-from bp2_rl.cli.eval import DEFAULT_POLICY, BenchmarkName
-from bp2_rl.paper.cli.eval import DeepBenchmarkName
-from bp2_rl.paper.figures.registry import FIGURES
+from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill
 from bp2_rl.paper.index.items import GROUPS
 from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
@@ -120,8 +118,6 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
     Raises:
         FailedError: it cannot be run, or fails; what was in its folder stays.
     """
-    if not is_known(source):
-        raise FailedError(f"this version has no {source.command}")
     folder = chosen.out / source.name
     if not chosen.fresh and is_current(source, folder, key):
         print(f"{source.name:14} as it was", flush=True)
@@ -145,13 +141,6 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
         save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
     print(f"{'':14} {seconds:.0f} s", flush=True)
     return True
-
-
-def is_known(source: Source) -> bool:
-    """Whether this version has the command."""
-    if source.benchmark is not None:
-        return source.benchmark in (*get_args(BenchmarkName), *get_args(DeepBenchmarkName))
-    return source.words[:2] != ("paper", "figures") or source.words[2] in FIGURES
 
 
 def is_current(source: Source, folder: Path, key: str) -> bool:

@@ -1,6 +1,8 @@
 """Names beside the points of a scatter, where they cover neither each other nor a point."""
 
+import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,36 +42,27 @@ def label(axes: Axes, points: Sequence[tuple[float, float]], names: Sequence[str
             continue
         text = axes.annotate(name, (x, y), (0, 0), textcoords="offset points", fontsize=7.5, color=color, zorder=4)
         text.set_path_effects([HALO])
-        best, least = None, np.inf
-        for radius in RADII:
-            for angle in DIRECTIONS:
-                right, up = float(np.cos(angle)), float(np.sin(angle))
-                text.set_position((radius * right, radius * up))
-                text.set_horizontalalignment("left" if right > 0.2 else "right" if right < -0.2 else "center")
-                text.set_verticalalignment("bottom" if up > 0.8 else "top" if up < -0.8 else "center")
-                box = text.get_window_extent(renderer).padded(0.6 * scale)
-                bad = sum(_overlap(box, other) for other in taken) + _outside(box, page)
-                if bad < least:
-                    best, least = (
-                        (
-                            radius,
-                            angle,
-                            text.get_position(),
-                            text.get_horizontalalignment(),
-                            text.get_verticalalignment(),
-                            box,
-                        ),
-                        bad,
-                    )
+        best: dict[str, Any] = {}
+        least, box = np.inf, page
+        for radius, angle in itertools.product(RADII, DIRECTIONS):
+            right, up = float(np.cos(angle)), float(np.sin(angle))
+            place = {
+                "position": (radius * right, radius * up),
+                "horizontalalignment": "left" if right > 0.2 else "right" if right < -0.2 else "center",
+                "verticalalignment": "bottom" if up > 0.8 else "top" if up < -0.8 else "center",
+            }
+            text.set(**place)
+            covers = text.get_window_extent(renderer).padded(0.6 * scale)
+            bad = sum(_overlap(covers, other) for other in taken) + _outside(covers, page)
+            if bad < least:
+                best, least, box = place, bad, covers
             if least == 0.0:
                 break
-        assert best is not None
-        radius, _, place, across, along, box = best
-        text.set(position=place, horizontalalignment=across, verticalalignment=along)
+        text.set(**best)
         taken.append(box)
-        if radius > FAR:
+        if np.hypot(*best["position"]) > FAR:
             line = {"arrowstyle": "-", "color": QUIET, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 3.0}
-            axes.annotate("", (x, y), place, textcoords="offset points", arrowprops=line, zorder=3.5)
+            axes.annotate("", (x, y), best["position"], textcoords="offset points", arrowprops=line, zorder=3.5)
 
 
 def _overlap(one: BboxBase, other: BboxBase) -> float:

@@ -3,18 +3,18 @@
 A new figure is an entry. Nothing slow is imported before a figure is drawn: a mistaken flag is answered at once.
 """
 
-from collections.abc import Callable
+import pkgutil
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bp2_rl.paper.figures.binding.settings import BindingSettings
-from bp2_rl.paper.figures.identifiability.settings import IdentifiabilitySettings
-from bp2_rl.paper.figures.race.settings import RaceSettings
-from bp2_rl.paper.figures.scaling.settings import ScalingSettings
 from bp2_rl.paper.figures.settings import (
+    BindingSettings,
+    IdentifiabilitySettings,
     LearningSettings,
     OperatingSettings,
+    RaceSettings,
     RewardsSettings,
     RobotSettings,
+    ScalingSettings,
     StridesSettings,
 )
 
@@ -28,61 +28,11 @@ class FigureEntry(NamedTuple):
     panel: str  # of the paper
     what: str  # it shows
     settings: type[Any]  # a frozen dataclass with defaults
-    draw: Callable[[Any], "Drawn"]
+    function: str  # MODULE:NAME within this package: it takes the settings and returns a `Drawn`
 
-
-def _scaling(settings: ScalingSettings) -> "Drawn":
-    from bp2_rl.paper.figures.scaling.figure import scaling
-
-    return scaling(settings)
-
-
-def _race(settings: RaceSettings) -> "Drawn":
-    from bp2_rl.paper.figures.race.figure import race
-
-    return race(settings)
-
-
-def _robot(settings: RobotSettings) -> "Drawn":
-    from bp2_rl.paper.figures.robot import robot
-
-    return robot(settings)
-
-
-def _rewards(settings: RewardsSettings) -> "Drawn":
-    from bp2_rl.paper.figures.rewards import rewards
-
-    return rewards(settings)
-
-
-def _strides(settings: StridesSettings) -> "Drawn":
-    from bp2_rl.paper.figures.strides import strides
-
-    return strides(settings)
-
-
-def _operating(settings: OperatingSettings) -> "Drawn":
-    from bp2_rl.paper.figures.operating import operating
-
-    return operating(settings)
-
-
-def _learning(settings: LearningSettings) -> "Drawn":
-    from bp2_rl.paper.figures.learning import learning
-
-    return learning(settings)
-
-
-def _identifiability(settings: IdentifiabilitySettings) -> "Drawn":
-    from bp2_rl.paper.figures.identifiability.figure import identifiability
-
-    return identifiability(settings)
-
-
-def _binding(settings: BindingSettings) -> "Drawn":
-    from bp2_rl.paper.figures.binding.figure import binding
-
-    return binding(settings)
+    def draw(self, settings: Any) -> "Drawn":
+        """Draw the figure; its module is imported only now."""
+        return pkgutil.resolve_name(f"{__package__}.{self.function}")(settings)
 
 
 FIGURES = {
@@ -90,32 +40,38 @@ FIGURES = {
         "Fig. 1, inset, Table S1",
         "greatest speed over body mass, and what is asked of the motors",
         ScalingSettings,
-        _scaling,
+        "scaling.figure:scaling",
     ),
-    "race": FigureEntry("Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, _race),
+    "race": FigureEntry(
+        "Fig. 6 B-D, Table S2", "100 m beside athletes, and how they start", RaceSettings, "race.figure:race"
+    ),
     "robot": FigureEntry(
-        "Fig. 2, Fig. S1, Table S3", "the robot as it is modelled, and its dimensions", RobotSettings, _robot
+        "Fig. 2, Fig. S1, Table S3", "the robot as it is modelled, and its dimensions", RobotSettings, "robot:robot"
     ),
-    "rewards": FigureEntry("Table S4", "reward coefficients, and their weights over speed", RewardsSettings, _rewards),
-    "strides": FigureEntry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, _strides),
-    "operating": FigureEntry("Fig. 5 E", "torque over speed of hips and knees", OperatingSettings, _operating),
+    "rewards": FigureEntry(
+        "Table S4", "reward coefficients, and their weights over speed", RewardsSettings, "rewards:rewards"
+    ),
+    "strides": FigureEntry("Fig. 5 A", "three cycles of a run's gait as keyframes", StridesSettings, "strides:strides"),
+    "operating": FigureEntry(
+        "Fig. 5 E", "torque over speed of hips and knees", OperatingSettings, "operating:operating"
+    ),
     "learning": FigureEntry(
         "beyond the paper",
         "how soon policies run, over control steps and over time",
         LearningSettings,
-        _learning,
+        "learning:learning",
     ),
     "identifiability": FigureEntry(
         "beyond the paper",
         "which assumptions the paper's numbers pin down, and which nothing does; takes minutes",
         IdentifiabilitySettings,
-        _identifiability,
+        "identifiability.figure:identifiability",
     ),
     "binding": FigureEntry(
         "beyond the paper",
         "which limits hold the optimiser back over speed, and the policy beside it; takes minutes",
         BindingSettings,
-        _binding,
+        "binding.figure:binding",
     ),
 }
 """By name."""

@@ -1,6 +1,7 @@
 """A row of the index: an item of the paper, the command that makes ours, and what has to hold for "same"."""
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Mapping
@@ -32,16 +33,34 @@ class Check:
 class Item:
     """One item of the paper. Numbers in `ours` and `because` stand as {SOURCE:PATH|FORMAT}, and come from its file."""
 
-    id: str  # fig-4-a, table-s1, eq-3, movie-s2
     number: str  # as the paper has it
     shows: str  # in our words
-    source: str | None = None  # the command whose picture and numbers are ours; None where there is none
-    picture: str | None = None  # file in its folder
+    place: str = ""  # SOURCE or SOURCE/PICTURE: the command whose numbers are ours, and the file of its folder to show
     command: str = ""  # where it is no source's
     ours: str = ""
     checks: tuple[Check, ...] = ()  # all hold: same; else: differs
     stated: Stated | None = None  # where no number decides
     because: str = ""  # what makes the difference, or why it cannot be said
+    beyond: bool = False  # the paper has no such item
+
+    @property
+    def id(self) -> str:
+        """The row's anchor on the page: fig-4-a, table-s1, eq-3, movie-s2, or beyond-SOURCE."""
+        return f"beyond-{self.source}" if self.beyond else re.sub("[^a-z0-9]+", "-", self.number.lower())
+
+    @property
+    def source(self) -> str:
+        """The command whose numbers and picture are ours; empty where there is none."""
+        return self.place.partition("/")[0]
+
+    @property
+    def picture(self) -> str:
+        """The file in the source's folder; empty where none is shown."""
+        return self.place.partition("/")[2]
+
+
+unprinted = functools.partial(Item, stated="not comparable", because="the panel's numbers are not published")
+"""A panel of the paper that prints no number to compare ours with."""
 
 
 class ReportNumber(NamedTuple):

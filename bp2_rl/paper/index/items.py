@@ -20,6 +20,4 @@ GROUPS: dict[str, tuple[Item, ...]] = {
     "Movies": supplement.MOVIES,
     "Beyond the paper's items": supplement.BEYOND,
 }
-"""By heading. An id that begins with `beyond-` is no item of the paper."""
-
-ITEMS: tuple[Item, ...] = tuple(item for group in GROUPS.values() for item in group)
+"""Rows by heading; an item that is `beyond` is none of the paper's."""

@@ -71,9 +71,9 @@ def _table(rows: Iterable[IndexRow], commands: Mapping[str, str], there: set[tup
 
 def _line(row: IndexRow, commands: Mapping[str, str], there: set[tuple[str, str]]) -> str:
     item = row.item
-    command = item.command or commands.get(item.source or "", "")
+    command = item.command or commands.get(item.source, "")
     shown = f"<code>{html.escape(command)}</code>" if command else ""
-    if item.source and item.picture and (item.source, item.picture) in there:
+    if (item.source, item.picture) in there:
         kind = "film" if item.picture.endswith(FILM) else "picture"
         shown += f' <a href="#{_anchor(item.source, item.picture)}">{kind}</a>'
     because = f"<p class=quiet>{_filled(row.because)}</p>" if row.because else ""

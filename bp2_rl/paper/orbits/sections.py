@@ -100,12 +100,6 @@ def mahalanobis(
     return np.sum(off @ np.linalg.pinv(covariance, hermitian=True) * off, axis=1)
 
 
-def crossings(values: Float[np.ndarray, " N"], level: float) -> Float[np.ndarray, " M"]:
-    """Where a signal passes a level upwards, in samples, interpolated between them."""
-    below = np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
-    return below + (level - values[below]) / (values[below + 1] - values[below])
-
-
 def whole_cycles(clock: Float[np.ndarray, " N"]) -> Float[np.ndarray, " M"]:
     """Where a clock that counts cycles on and on passes whole numbers, in samples, interpolated."""
     numbers = np.arange(math.ceil(clock[0]), math.floor(clock[-1]) + 1)

@@ -11,9 +11,14 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.distance import directed_hausdorff
 
+from bp2_rl.base.plotting import WIDTH, styled
+from bp2_rl.paper.pendulum.settings import PendulumSectionsSettings
+from bp2_rl.paper.pendulum.study import ONE, TWO, PendulumStudy, numbered, remark
 from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 Instant = Literal["beam", "pendulum"]
@@ -23,6 +28,7 @@ INSTANTS: dict[Instant, str] = {
 }
 """When a point of the section is taken."""
 SAMPLES = 100  # of a natural period; a cubic between two is right to 1e-6
+COLUMNS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,3 +84,50 @@ def _section(motion: SwingMotion, system: int, instant: Instant) -> Section:
 
 def _ends(values: Float[np.ndarray, " points"]) -> tuple[float, float]:
     return float(np.min(values)), float(np.max(values))
+
+
+def cut_sections(settings: PendulumSectionsSettings) -> PendulumStudy:
+    """Study how far apart the paths of two pendulums are."""
+    found = sections(settings.amplitude, settings.mass_ratio, settings.periods, settings.instant)
+    rows = []
+    for path in (section.path for section in found):
+        angles = (f"{low:+.2f} to {high:+.2f}" for low, high in path.angles)
+        apart = "-" if path.apart is None else f"{path.apart:.3f}"
+        rows.append((f"{path.mass_ratio:g}", str(path.points), *angles, apart))
+    columns = ("R", "points", "angles of 1, rad", "angles of 2, rad", "paths apart")
+    arrays = numbered({"theta": section.theta, "rate": section.rate} for section in found)
+    results = {"mass_ratios": [section.path for section in found]}
+    return PendulumStudy(columns, rows, results, arrays, sections_figure(found, settings.instant))
+
+
+@styled
+def sections_figure(sections: Sequence[Section], instant: Instant) -> Figure:
+    """Angle and rate of both pendulums at each instant of the section (paper, Fig. 3D)."""
+    columns = min(COLUMNS, len(sections))
+    rows = -(-len(sections) // columns)
+    figure = Figure(figsize=(WIDTH, 1.1 + 2.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in panels.ravel()[len(sections) :]:
+        axes.set_axis_off()
+    for section, axes in zip(sections, panels.ravel(), strict=False):
+        path = section.path
+        axes.plot(section.theta[:, 0], section.rate[:, 0], "o", color=ONE, ms=3.2, mew=0.0)
+        axes.plot(section.theta[:, 1], section.rate[:, 1], "o", color=TWO, ms=3.2, mew=0.8, mfc="none")
+        axes.set_title(f"R = {path.mass_ratio:g}")
+        if path.apart is not None:
+            remark(axes, f"{path.apart:.2f} apart")
+    top = max(float(abs(section.rate).max()) for section in sections)
+    panels[0, 0].set_ylim(-1.15 * top, 1.35 * top)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("Rate / $\\omega_0$ [rad]")
+    for column in panels.T:
+        below = [axes for axes in column if axes.axison][-1]
+        below.set_xlabel("Angle [rad]")
+        below.tick_params(labelbottom=True)
+    handles = [
+        Line2D([], [], color=ONE, marker="o", linestyle="", ms=4, label="pendulum 1, let go"),
+        Line2D([], [], color=TWO, marker="o", linestyle="", ms=4, mfc="none", label="pendulum 2"),
+        Line2D([], [], linestyle="", label=f"taken each time {INSTANTS[instant]}"),
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, handlelength=1.0)
+    return figure

@@ -49,30 +49,16 @@ def swing(
         time: when the state is wanted, ascending from 0, in 1 / w0.
         tolerance: of a step, relative to the state and absolute.
     """
-    system = _System(released, mass_ratio)
-    solved = solve_ivp(system.rates, (0.0, time[-1]), system.start, "DOP853", time, rtol=tolerance, atol=tolerance)
-    position, rate = np.moveaxis(solved.y.reshape(*system.shape, len(time)), -1, 1)
+    *many, pendulums = released.shape
+    shape = (2, *many, 1 + pendulums)  # positions, then rates, each of the beam and then of the pendulums
+    start, idle = np.zeros(shape), np.zeros_like(released)
+    start[0, ..., 1:] = released
+
+    def rates(_: float, state: np.ndarray) -> np.ndarray:
+        position, rate = state.reshape(shape)
+        beam_rates, pendulum_rates = beam.accelerations(position[..., 1:], rate[..., 1:], idle, mass_ratio)
+        return np.stack((rate, np.concatenate((beam_rates[..., None], pendulum_rates), axis=-1))).ravel()
+
+    solved = solve_ivp(rates, (0.0, time[-1]), start.ravel(), "DOP853", time, rtol=tolerance, atol=tolerance)
+    position, rate = np.moveaxis(solved.y.reshape(*shape, len(time)), -1, 1)
     return SwingMotion(mass_ratio, time, position[..., 0], rate[..., 0], position[..., 1:], rate[..., 1:])
-
-
-class _System:
-    """Pendulums as SciPy sees them: one vector of positions, then rates, each of the beam and then of the pendulums."""
-
-    def __init__(self, released: Float[np.ndarray, "*many pendulums"], mass_ratio: Float[np.ndarray, "*many"]):
-        self.mass_ratio = mass_ratio
-        *many, pendulums = released.shape
-        self.shape = (2, *many, 1 + pendulums)
-        start = np.zeros(self.shape)
-        start[0, ..., 1:] = released
-        self.start = start.ravel()
-        self._idle = np.zeros_like(released)
-
-    def rates(self, _: float, state: np.ndarray) -> np.ndarray:
-        """How fast a state changes."""
-        position, rate = state.reshape(self.shape)
-        changes = np.empty(self.shape)
-        changes[0] = rate
-        changes[1, ..., 0], changes[1, ..., 1:] = beam.accelerations(
-            position[..., 1:], rate[..., 1:], self._idle, self.mass_ratio
-        )
-        return changes.ravel()

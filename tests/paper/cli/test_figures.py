@@ -3,8 +3,8 @@
 import pytest
 
 from bp2_rl.base.serialization import load_config
-from bp2_rl.paper.cli import figures
 from bp2_rl.paper.cli.figures import FigureReport, main
+from bp2_rl.paper.cli.report import METRICS
 from bp2_rl.paper.figures.registry import FIGURES
 from bp2_rl.simulation import simulator
 
@@ -67,7 +67,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(words, says, tmp_path, capsys,
 
 def test_a_folder_of_another_figure_is_kept(tmp_path, capsys):
     assert main(["race", "--out", str(tmp_path)]) == 0
-    before = (tmp_path / figures.METRICS).read_bytes()
+    before = (tmp_path / METRICS).read_bytes()
     assert main(["scaling", "--out", str(tmp_path)]) == 2
     assert "holds a report of race" in capsys.readouterr().err
-    assert (tmp_path / figures.METRICS).read_bytes() == before
+    assert (tmp_path / METRICS).read_bytes() == before

@@ -65,7 +65,8 @@ def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, mon
 def test_help_and_mistakes_wait_for_no_import(what):
     """JAX, MuJoCo, SciPy and Matplotlib take seconds, a mistaken flag none."""
     program = (
-        f"import sys; from bp2_rl.cli.__main__ import main; assert main(['pendulum', '{what}', '--fly']) == 2; "
+        "import sys; from bp2_rl.cli.__main__ import main; "
+        f"assert main(['paper', 'pendulum', '{what}', '--fly']) == 2; "
         "assert not {'casadi', 'mujoco', 'jax', 'scipy', 'matplotlib'} & set(sys.modules), sys.modules.keys()"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

@@ -9,7 +9,7 @@ from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.figures.binding import numbers as numbers_module
 from bp2_rl.paper.figures.binding.figure import binding
 from bp2_rl.paper.figures.binding.numbers import describe_run
-from bp2_rl.paper.figures.binding.settings import BindingSettings
+from bp2_rl.paper.figures.settings import BindingSettings
 from bp2_rl.paper.trajectories.described import running_cost
 from bp2_rl.paper.trajectories.shadow_prices import weigh
 from bp2_rl.robot.specs import IDEAL, TOTAL_MASS

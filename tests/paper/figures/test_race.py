@@ -22,8 +22,8 @@ from bp2_rl.paper.figures.race.numbers import (
     judge,
     measure_start,
 )
-from bp2_rl.paper.figures.race.settings import RaceSettings
 from bp2_rl.paper.figures.race.statements import compare
+from bp2_rl.paper.figures.settings import RaceSettings
 
 
 @pytest.fixture(scope="module")

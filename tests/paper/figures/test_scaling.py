@@ -12,7 +12,7 @@ from bp2_rl.base.serialization import save_config, to_json
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.figures.scaling.figure import scaling, scaling_figure
 from bp2_rl.paper.figures.scaling.numbers import ScalingNumbers, compare, count, find, measure, shipped
-from bp2_rl.paper.figures.scaling.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PublishedRobot
 
 

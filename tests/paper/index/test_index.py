@@ -1,20 +1,23 @@
 """The index: no item without a row, and every verdict by what the reports hold."""
 
-import dataclasses
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from paper_items import paper_items
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.paper.cli.index import is_known
+from bp2_rl.cli.eval import BenchmarkName
+from bp2_rl.paper.cli import figures, pendulum, trajectories
+from bp2_rl.paper.cli.eval import DeepBenchmarkName
 from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places
-from bp2_rl.paper.index.items import ITEMS
+from bp2_rl.paper.index.items import GROUPS
 from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
 
 SKELETON = Path(__file__).with_name("paper_items.tex")
 """The paper without its words: where its figures, tables, equations and movies are, and what panels they have."""
+ITEMS = [item for group in GROUPS.values() for item in group]
 BY_NAME = {source.name: source for source in SOURCES}
 REPORTS = {"one": {"runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}], "said": "wind", "none": None}}
 
@@ -23,7 +26,7 @@ REPORTS = {"one": {"runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}], "said
 
 
 def test_no_item_of_the_paper_is_without_a_row():
-    of_paper = [item.id for item in ITEMS if not item.id.startswith("beyond-")]
+    of_paper = [item.id for item in ITEMS if not item.beyond]
     assert sorted(paper_items(SKELETON.read_text())) == sorted(of_paper)
     assert len({item.id for item in ITEMS}) == len(ITEMS)
 
@@ -50,7 +53,7 @@ def test_a_row_says_how_it_is_known(item):
     assert item.source or item.command or item.stated == "needs hardware"
     for at in (*places(item), *(check.at for check in item.checks)):
         assert at.partition(":")[0] in BY_NAME
-    assert item.source is None or item.source in BY_NAME
+    assert item.source in ("", *BY_NAME)
     # All braces are places of numbers, and none of them is left as it is.
     assert not re.search(r"[{}]", re.sub(r"\{\w+:[^|{}]+\|[^{}]*\}", "", f"{item.ours} {item.because}"))
 
@@ -59,7 +62,7 @@ def test_a_row_says_how_it_is_known(item):
 
 
 def row(**rest):
-    return fill(Item("fig-9", "Fig. 9", "a run", "one", **rest), REPORTS, {"two": "this version has no bp2 two"})
+    return fill(Item("Fig. 9", "a run", "one", **rest), REPORTS, {"two": "this version has no bp2 two"})
 
 
 SHARE = "one:runs/name=a.b/share"
@@ -136,8 +139,12 @@ def test_commands_are_told_what_is_chosen(policy, tmp_path):
     assert BY_NAME["simulate"].command == "bp2 paper pendulum simulate"
 
 
-def test_a_command_that_this_version_lacks_is_known_as_such():
-    assert is_known(BY_NAME["topspeed"])
-    assert is_known(BY_NAME["race"])
-    assert not is_known(dataclasses.replace(BY_NAME["topspeed"], benchmark="none"))
-    assert not is_known(dataclasses.replace(BY_NAME["race"], words=("paper", "figures", "none")))
+@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
+def test_this_version_has_every_command(source):
+    if source.benchmark is not None:
+        names = DeepBenchmarkName if source.words[0] == "paper" else BenchmarkName
+        assert source.benchmark in get_args(names)
+    else:
+        paper, group, name = source.words
+        assert paper == "paper"
+        assert name in {"figures": figures, "pendulum": pendulum, "trajectories": trajectories}[group].COMMANDS

@@ -8,7 +8,6 @@ from bp2_rl.paper.orbits.sections import (
     CHI_SQUARE_95,
     TRIMMED,
     centroid_drift,
-    crossings,
     inliers,
     mahalanobis,
     sample,
@@ -84,4 +83,3 @@ def test_a_clock_strikes_between_samples():
     np.testing.assert_allclose(np.interp(at, np.arange(100), clock), np.arange(1, 8), atol=1e-12)
     wave = np.stack([clock, 2.0 * clock], axis=-1)
     np.testing.assert_allclose(sample(wave, at), np.stack([np.arange(1, 8), 2 * np.arange(1, 8)], -1), atol=1e-12)
-    np.testing.assert_allclose(crossings(clock, 2.0), at[1:2], atol=1e-12)

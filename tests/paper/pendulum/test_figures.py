@@ -9,18 +9,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bp2_rl.paper.pendulum import bp2
-from bp2_rl.paper.pendulum.exchange import exchanges
-from bp2_rl.paper.pendulum.figures.exchange import exchange_figure
-from bp2_rl.paper.pendulum.figures.gaits import gaits_figure
-from bp2_rl.paper.pendulum.figures.reduction import reduction_figure
-from bp2_rl.paper.pendulum.figures.sections import sections_figure
-from bp2_rl.paper.pendulum.figures.torque import torque_figure
-from bp2_rl.paper.pendulum.figures.trapping import trapping_figure
-from bp2_rl.paper.pendulum.gaits import compare_gaits
-from bp2_rl.paper.pendulum.prescribed import prescribe
-from bp2_rl.paper.pendulum.reduction import reduction_maps
-from bp2_rl.paper.pendulum.sections import sections
-from bp2_rl.paper.pendulum.trapping import sweep_ratios, thresholds
+from bp2_rl.paper.pendulum.exchange import exchange_figure, exchanges
+from bp2_rl.paper.pendulum.gaits import compare_gaits, gaits_figure
+from bp2_rl.paper.pendulum.prescribed import prescribe, torque_figure
+from bp2_rl.paper.pendulum.reduction import reduction_figure, reduction_maps
+from bp2_rl.paper.pendulum.sections import sections, sections_figure
+from bp2_rl.paper.pendulum.trapping import sweep_ratios, thresholds, trapping_figure
 
 A = 1.4
 

@@ -5,7 +5,7 @@ import pytest
 
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.paper.cli.trajectories import limbs as command
+from bp2_rl.paper.cli import trajectories
 from bp2_rl.paper.trajectories import limbs
 from bp2_rl.paper.trajectories.comparison import compare
 from bp2_rl.paper.trajectories.limbs import limb_variants
@@ -43,9 +43,9 @@ def test_several_are_solved_side_by_side_and_come_in_their_order(tmp_path):
 
 def test_the_command_prints_a_table_and_leaves_its_numbers(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(limbs, "LIMBS", {})
-    words = ["--intervals", "4", "--speeds", "6", "--workers", "1", "--out", str(tmp_path / "limbs")]
-    assert command.main(words) == 0
+    words = ["limbs", "--intervals", "4", "--speeds", "6", "--workers", "1", "--out", str(tmp_path / "limbs")]
+    assert trajectories.main(words) == 0
     assert "as it is" in capsys.readouterr().out
     assert (tmp_path / "limbs" / "limbs.json").is_file()
-    assert command.main(["--speeds", "10", "6"]) == 2
+    assert trajectories.main(["limbs", "--speeds", "10", "6"]) == 2
     assert "slowest first" in capsys.readouterr().err

@@ -1,11 +1,9 @@
 """`bp2 paper trajectories codesign`: hardware and trajectory together."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Annotated
 
 from bp2_rl.base.bounds import check_bounds
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
@@ -25,12 +23,7 @@ class CodesignArguments:
         check_bounds(self)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _codesign(app.parse(CodesignArguments, argv, "bp2 paper trajectories codesign")))
-
-
-def _codesign(arguments: CodesignArguments) -> None:
+def run_codesign(arguments: CodesignArguments) -> None:
     """Print the study and leave it with its picture; what was solved before is not solved again."""
     with output.own_folder(arguments.out):
         from bp2_rl.base.plotting import save_figure

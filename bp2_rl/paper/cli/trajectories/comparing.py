@@ -1,4 +1,4 @@
-"""Compare variants over speed: the shared part of `bp2 paper trajectories gaits` and `limbs`."""
+"""`bp2 paper trajectories gaits` and `limbs`: variants of BP2 beside each other, over speed."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,8 +8,9 @@ from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import Flat, Folder, Robot, Workers
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
+from bp2_rl.paper.cli.report import print_table
 
 if TYPE_CHECKING:
     from bp2_rl.paper.trajectories.comparison import ComparedVariant
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ComparisonArguments:
-    """The flags of both."""
+    """The flags of both commands."""
 
     problem: Annotated[Problem, Flat]
     robot: Robot = "ideal"
@@ -34,20 +35,56 @@ class ComparisonArguments:
             raise UserError("--speeds: name the slowest first and each once, as each solve starts from the one before")
 
 
-def set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVariant"], what: str) -> None:
-    """Print the table, and leave its numbers anew with each variant."""
-    from rich.console import Console
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaitsArguments(ComparisonArguments):
+    """Set five gaits beside each other in the plane: what each costs over speed, and how fast each gets.
 
+    Interrupted, it goes on where it stopped when run again. The problem's own speed and gait do not count.
+    """
+
+    problem: Annotated[Problem, Flat] = Problem(intervals=8, pitch_limit=0.6)
+    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0, 16.0)
+    """m/s, the slowest first"""
+    out: Folder = OUT / "gaits"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LimbsArguments(ComparisonArguments):
+    """Move mass between trunk and legs, and change the trunk's inertia: what each costs, and how fast each gets.
+
+    Interrupted, it goes on where it stopped when run again. The problem's own speed does not count.
+    """
+
+    problem: Annotated[Problem, Flat] = Problem(intervals=8)
+    speeds: tuple[Speed, ...] = (6.0, 10.0, 13.0)
+    """m/s, the slowest first"""
+    out: Folder = OUT / "limbs"
+
+
+def compare_gaits(arguments: GaitsArguments) -> None:
+    """Print what each gait costs and how fast it gets, and leave the numbers."""
+    from bp2_rl.paper.trajectories.gaits import gait_variants
+
+    _set_beside(arguments, gait_variants(arguments.problem), "gaits")
+
+
+def compare_limbs(arguments: LimbsArguments) -> None:
+    """Print what robots with other legs cost and how fast each gets, and leave the numbers."""
+    from bp2_rl.paper.trajectories.limbs import limb_variants
+
+    _set_beside(arguments, limb_variants(arguments.problem), "limbs")
+
+
+def _set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVariant"], what: str) -> None:
+    """Print the table, and leave its numbers anew with each variant."""
     from bp2_rl.paper.trajectories.comparison import Numbers, compare, tabulate
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
     with output.own_folder(arguments.out), output.progress() as progress:
-        task = progress.add_task(what, total=len(variants))
-        for some in compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers):
+        compared = compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers)
+        for some in progress.track(compared, len(variants), description=what):
             rows += some
             save_config(numbers, Numbers(problem, speeds, tuple(rows)))
-            progress.advance(task)
-    # A number that is cut off is worse than a line that is folded.
-    Console(width=max(Console().width, 130)).print(tabulate(rows))
+    print_table(tabulate(rows), 130)
     print(f"numbers: {numbers}")

@@ -1,7 +1,6 @@
 """`bp2 paper trajectories figures`: the paper's figures, and whose inertia it is that balances whose."""
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +10,10 @@ from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt.arguments import OUT, Folder
 from bp2_rl.cli.trajopt.solutions import load_solutions
 from bp2_rl.optimiser.problem import Speed
+from bp2_rl.paper.cli.report import print_table
 
 NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
 
@@ -35,12 +34,7 @@ class FiguresArguments:
         check_bounds(self)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _figures(app.parse(FiguresArguments, argv, "bp2 paper trajectories figures")))
-
-
-def _figures(arguments: FiguresArguments) -> None:
+def draw_figures(arguments: FiguresArguments) -> None:
     """Draw them and print what the decomposition says."""
     solutions = load_solutions(arguments.path)
     shown = min(solutions, key=lambda solution: abs(solution.problem.speed - arguments.speed))
@@ -48,8 +42,6 @@ def _figures(arguments: FiguresArguments) -> None:
         speeds = ", ".join(f"{solution.problem.speed:g}" for solution in solutions)
         raise UserError(f"--speed {arguments.speed:g}: there are only {speeds} m/s")
     make_folder(arguments.out)
-
-    from rich.console import Console
 
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.optimiser.figure import trajectory_figure
@@ -85,5 +77,5 @@ def _figures(arguments: FiguresArguments) -> None:
     )
     for line in (*coupling_account.remarks(account), *decomposition.remarks(trends)):
         print(line)
-    Console(width=max(Console().width, 110)).print(coupling_account.tabulate(accounts))
+    print_table(coupling_account.tabulate(accounts), 110)
     print(f"figures, and all their numbers in {NUMBERS}: {arguments.out}")

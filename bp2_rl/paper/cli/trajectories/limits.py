@@ -1,14 +1,12 @@
 """`bp2 paper trajectories limits`: the greatest speed."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Annotated
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem
 
 SPEEDS = "speeds.json"  # what is left in the folder
@@ -33,12 +31,7 @@ class LimitsArguments:
         check_bounds(self)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _limits(parse_on_robot(LimitsArguments, argv, "bp2 paper trajectories limits")))
-
-
-def _limits(arguments: LimitsArguments) -> None:
+def find_limits(arguments: LimitsArguments) -> None:
     """Print the greatest speeds, and leave them in a file."""
     from rich.console import Console
     from rich.table import Table
@@ -50,13 +43,10 @@ def _limits(arguments: LimitsArguments) -> None:
         search = limits.losses_one_at_a_time
     else:
         order, search = [*limits.CHANGES, limits.NO_SPEED_LIMIT], limits.greatest_speeds
-    found = {}
     with output.own_folder(arguments.out):
         with output.progress() as progress:
-            task = progress.add_task("variants", total=len(order))
-            for limit in search(arguments.problem, arguments.workers):
-                found[limit.variant] = limit
-                progress.advance(task)
+            searched = progress.track(search(arguments.problem, arguments.workers), len(order), description="variants")
+            found = {limit.variant: limit for limit in searched}
         solutions = {name: found[name].solution for name in order}
         speeds = {name: solution and solution.problem.speed for name, solution in solutions.items()}
         save_config(arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds))

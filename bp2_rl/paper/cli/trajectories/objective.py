@@ -1,14 +1,13 @@
 """`bp2 paper trajectories objective`: what of a trajectory is the objective's and what the robot's."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Annotated
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.paper.cli.report import print_table
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
 
 NUMBERS = "objective.json"  # what is left in the folder, beside the solutions
@@ -29,20 +28,12 @@ class ObjectiveArguments:
         check_bounds(self)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _objective(app.parse(ObjectiveArguments, argv, "bp2 paper trajectories objective")))
-
-
-def _objective(arguments: ObjectiveArguments) -> None:
+def compare_objective_weights(arguments: ObjectiveArguments) -> None:
     """Print the table and leave its numbers; what was solved before is not solved again."""
-    from rich.console import Console
-
     from bp2_rl.paper.trajectories.objective import Objective, compare_objectives, tabulate_objectives
 
     with output.own_folder(arguments.out):
         rows = compare_objectives(arguments.settings, arguments.out, arguments.workers)
         save_config(arguments.out / NUMBERS, Objective(arguments.settings, tuple(rows)))
-    # A number that is cut off is worse than a line that is folded.
-    Console(width=max(Console().width, 140)).print(tabulate_objectives(rows))
+    print_table(tabulate_objectives(rows), 140)
     print(f"numbers: {arguments.out / NUMBERS}")

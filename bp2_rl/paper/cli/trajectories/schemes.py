@@ -1,13 +1,12 @@
 """`bp2 paper trajectories schemes`: what a discretisation costs."""
 
 import dataclasses
-from collections.abc import Sequence
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed
+from bp2_rl.paper.cli.report import print_table
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,25 +25,16 @@ class SchemesArguments:
             raise UserError("--meshes: give the coarsest first, as each solve starts from the one before")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _schemes(app.parse(SchemesArguments, argv, "bp2 paper trajectories schemes")))
-
-
-def _schemes(arguments: SchemesArguments) -> None:
+def run_schemes(arguments: SchemesArguments) -> None:
     """Print the table."""
-    from rich.console import Console
-
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.paper.trajectories.schemes import SCHEMES, compare_schemes, tabulate_schemes
 
     rows = []
     try:
         with output.progress() as progress:
-            task = progress.add_task("solves", total=len(SCHEMES) * len(arguments.meshes))
-            for row in compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes):
+            solved = compare_schemes(solve, Problem(speed=arguments.speed), arguments.meshes)
+            for row in progress.track(solved, len(SCHEMES) * len(arguments.meshes), description="solves"):
                 rows.append(row)
-                progress.advance(task)
     finally:  # also what there is when a scheme fails on one of the meshes
-        # A number that is cut off is worse than a line that is folded.
-        Console(width=max(Console().width, 110)).print(tabulate_schemes(rows))
+        print_table(tabulate_schemes(rows), 110)

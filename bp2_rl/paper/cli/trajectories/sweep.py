@@ -1,16 +1,14 @@
 """`bp2 paper trajectories sweep`: many speeds, from cold starts."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli import app
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
 
 
@@ -50,21 +48,14 @@ class SweepArguments:
         return speeds + ([self.fastest] if self.fastest > speeds[-1] + 1e-9 else [])
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _sweep(parse_on_robot(SweepArguments, argv, "bp2 paper trajectories sweep")))
-
-
-def _sweep(arguments: SweepArguments) -> None:
+def run_sweep(arguments: SweepArguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.paper.trajectories.sweep import best_of, sweep
 
-    attempts = []
     with output.own_folder(arguments.out), output.progress() as progress:
-        task = progress.add_task("cold starts", total=len(arguments.speeds) * arguments.starts)
-        for attempt in sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers):
-            attempts.append(attempt)
-            progress.advance(task)
+        tried = sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers)
+        total = len(arguments.speeds) * arguments.starts
+        attempts = list(progress.track(tried, total, description="cold starts"))
     solved = [attempt for attempt in attempts if attempt.solved]
     if solved:
         output.describe(best_of(arguments.out))

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.binding.numbers import SPEED, BindingAtSpeed, BindingNumbers, measure
-from bp2_rl.paper.figures.binding.settings import BindingSettings
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
+from bp2_rl.paper.figures.settings import BindingSettings
 from bp2_rl.paper.trajectories.described import Gait
 from bp2_rl.robot import specs
 

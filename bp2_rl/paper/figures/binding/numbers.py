@@ -11,8 +11,8 @@ from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.paper.benchmarks.efficiency.measured import measure_energy
 from bp2_rl.paper.benchmarks.speeds import whole_strides
-from bp2_rl.paper.figures.binding.settings import BindingSettings
 from bp2_rl.paper.figures.reports import read_runs
+from bp2_rl.paper.figures.settings import BindingSettings
 from bp2_rl.paper.trajectories.described import Gait, describe, running_cost
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, Weighed, weigh
 from bp2_rl.robot.specs import IDEAL, LEGS, ROBOTS

@@ -21,7 +21,6 @@ class Assumed:
     value: float
     high: float
     change: Change | None = None  # of a problem; None: of the motors' heat alone
-    in_analysis: bool = True  # the paper's own model, without losses, has it
     heat: str = ""  # field of `thermal.Network`
 
     @property
@@ -54,7 +53,7 @@ MECHANICAL = (
 """Of the robot and of the objective."""
 
 LOST = tuple(
-    Assumed(name, unit, low, value, high, LOSSES[name], in_analysis=False)
+    Assumed(name, unit, low, value, high, LOSSES[name])
     for name, unit, low, value, high in (
         ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
         ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),
@@ -68,7 +67,7 @@ LOST = tuple(
 """What a machine loses; the paper's analysis has none of it."""
 
 HEAT = tuple(
-    Assumed(name, unit, low, value, high, in_analysis=False, heat=field)
+    Assumed(name, unit, low, value, high, heat=field)
     for name, unit, low, value, high, field in (
         ("winding's capacity", "J/K", 50.0, specs.WINDING_CAPACITY, 152.0, "winding_capacity"),
         ("winding to case", "K/W", 0.5, 1.5, 4.5, "winding_to_case"),  # the straightest rise has 1.5 K/W

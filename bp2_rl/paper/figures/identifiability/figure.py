@@ -19,7 +19,7 @@ from bp2_rl.paper.figures.identifiability.numbers import (
     jacobian,
     measure,
 )
-from bp2_rl.paper.figures.identifiability.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.robot import specs
 
 NAMED = 0.25  # of a combination's length: parts that are named

@@ -22,7 +22,7 @@ from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.figures.identifiability.assumed import ASSUMED, HEAT, LOST, MECHANICAL
 from bp2_rl.paper.figures.identifiability.readings import TRACK, heating_rate, hip_heat, of_hind, reversal, sprint
-from bp2_rl.paper.figures.identifiability.settings import IdentifiabilitySettings
+from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
 from bp2_rl.paper.trajectories.shadow_prices import weigh

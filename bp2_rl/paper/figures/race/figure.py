@@ -21,8 +21,8 @@ from bp2_rl.paper.figures.race.numbers import (
     read,
     read_reports,
 )
-from bp2_rl.paper.figures.race.settings import RaceSettings
 from bp2_rl.paper.figures.race.statements import compare
+from bp2_rl.paper.figures.settings import RaceSettings
 
 DOTS = 0, (1.2, 1.2)
 PAPER = FALL  # colour of BP2 as the paper has it

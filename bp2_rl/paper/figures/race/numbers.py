@@ -13,7 +13,7 @@ from scipy.optimize import root_scalar
 
 from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import TRACK, Athlete
-from bp2_rl.paper.figures.race.settings import RaceSettings
+from bp2_rl.paper.figures.settings import RaceSettings
 from bp2_rl.robot import specs
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory

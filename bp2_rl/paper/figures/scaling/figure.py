@@ -12,7 +12,7 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.labels import HALO, label
 from bp2_rl.paper.figures.scaling.numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
-from bp2_rl.paper.figures.scaling.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
 from bp2_rl.robot.specs import GRAVITY
 

@@ -10,7 +10,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import Comparison
-from bp2_rl.paper.figures.scaling.settings import ScalingSettings
+from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, PublishedRobot, read_mammals, read_robots, speed_law
 from bp2_rl.robot import specs
 from bp2_rl.simulation.metrics import froude_number

@@ -1,1 +1,0 @@
-"""The pictures of the pendulums, a file a figure."""

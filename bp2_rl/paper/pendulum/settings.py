@@ -1,0 +1,156 @@
+"""What the commands of pendulums are told; read before anything slow is imported."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import tyro
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.paper.pendulum import bp2
+
+MassRatio = Annotated[float, Within(0.05, 1e4)]
+"""The beam's mass over one pendulum's. A lighter beam whirls so fast that the integration takes minutes."""
+Angle = Annotated[float, Within(1e-3, 3.1), tyro.conf.arg(metavar="RAD")]
+"""To which a pendulum is lifted, or swings."""
+Swing = Annotated[float, Within(0.3, 1.5), tyro.conf.arg(metavar="RAD")]
+"""Below, an exchange takes hundreds of periods and the search minutes; above, the law is no guide for it."""
+Periods = Annotated[float, Within(2.0, 1000.0), tyro.conf.arg(metavar="T0")]
+"""How long a motion is watched, in periods of one small swing."""
+Hertz = Annotated[float, Within(0.01, 1000.0), tyro.conf.arg(metavar="HZ")]
+Length = Annotated[float, Within(0.001, 1000.0), tyro.conf.arg(metavar="M")]
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumSimulateSettings:
+    """Let one of two pendulums go, the other hanging: who has the energy over time (paper, Fig. 3C)."""
+
+    mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)
+    """the beam's mass over one pendulum's; a row of the picture each, at most 6"""
+    amplitude: Angle = math.pi / 3.0
+    """from which the first is let go; the paper's 60 deg by default"""
+    periods: Periods = 40.0
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        _check_list("--mass-ratio", self.mass_ratio, 6)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumSectionsSettings:
+    """Let one of two pendulums go and look at both once a cycle: Poincare sections by mass ratio (paper, Fig. 3D)."""
+
+    mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 5.0, 20.0, 25.0, 100.0)
+    """the beam's mass over one pendulum's; a panel each, at most 12"""
+    amplitude: Angle = math.pi / 3.0
+    """from which the first is let go; the paper's 60 deg by default"""
+    periods: Periods = 200.0
+    instant: Literal["beam", "pendulum"] = "beam"
+    """when: as the beam turns from left to right, or as pendulum 1 passes the vertical to the right"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        _check_list("--mass-ratio", self.mass_ratio, 12)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumTorqueSettings:
+    """Move two pendulums as the paper does: their torques with the beam free and with it fixed (paper, Fig. 3E)."""
+
+    mass_ratio: MassRatio = 1.0
+    """the beam's mass over one pendulum's"""
+    amplitude: Angle = 1.0
+    frequency: Hertz = 5.0
+    phase: Annotated[float, Within(-2.0 * math.pi, 2.0 * math.pi), tyro.conf.arg(metavar="RAD")] = math.pi / 4.0
+    """by which the second is ahead of the first"""
+    length: Length = 1.0
+    """of a pendulum: the paper gives none, and in Hz the frequency needs one"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        driven_frequency(self.frequency, self.length)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumMapSettings:
+    """Map where a free beam lowers the peak torque of two pendulums, and where it raises it; BP2 comes last."""
+
+    mass_ratio: tuple[MassRatio, ...] = (0.5, 1.0, 4.0)
+    """the beam's mass over one pendulum's; a column each beside BP2's, at most 4"""
+    frequency: Hertz = 5.0
+    """of the maps over amplitudes but BP2's; the paper's by default"""
+    length: Length = 1.0
+    """of their pendulums"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        _check_list("--mass-ratio", self.mass_ratio, 4)
+        driven_frequency(self.frequency, self.length)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumTrappingSettings:
+    """Sweep the mass ratio from 0.25 to 200: when a swing stays with the pendulum that has it (beyond the paper)."""
+
+    amplitude: tuple[Swing, ...] = (math.pi / 3.0, 0.5)
+    """from which the first is let go, of each sweep; at most 4"""
+    thresholds: tuple[Swing, ...] = (0.5, 0.6, 0.8, math.pi / 3.0, 1.2, 1.4)
+    """amplitudes whose threshold is searched for; at most 12"""
+    periods: Periods = 300.0
+    """of a sweep"""
+    points: Annotated[int, Within(5, 200)] = 40
+    """mass ratios of a sweep"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        _check_list("--amplitude", self.amplitude, 4)
+        _check_list("--thresholds", self.thresholds, 12)
+
+
+@dataclasses.dataclass(frozen=True)
+class PendulumGaitsSettings:
+    """Hang four legs from a beam: what each gait's phases leave of the beam's help (beyond the paper)."""
+
+    mass_ratio: tuple[MassRatio, ...] = (bp2.MASS_RATIO, 1.0)
+    """the beam's mass over one leg's; BP2's trunk over its leg and the paper's by default; a panel each, at most 3"""
+    amplitude: Angle = bp2.HIP_AMPLITUDE
+    frequency: Hertz = bp2.STRIDE_FREQUENCY
+    """of the stride; BP2's at 10 m/s by default"""
+    length: Length = bp2.LEG_LENGTH
+    """of the pendulum that a leg stands for; BP2's thigh by default"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self, "--")
+        _check_list("--mass-ratio", self.mass_ratio, 3)
+        driven_frequency(self.frequency, self.length)
+
+
+def _check_list(flag: str, values: Sequence[float], most: int) -> None:
+    """Refuse an empty list, one longer than a picture holds, and one that says something twice."""
+    if not 1 <= len(values) <= most:
+        raise UserError(f"{flag} takes 1 to {most} values, got {len(values)}")
+    if len(set(values)) < len(values):
+        raise UserError(f"{flag}: {' '.join(f'{value:g}' for value in values)} has a value twice")
+
+
+def driven_frequency(frequency: float, length: float) -> float:
+    """Return W, a frequency (Hz) over that of a pendulum of a length (m).
+
+    Raises:
+        UserError: it is the pendulum's own, where a fixed beam asks for hardly any torque to compare with.
+    """
+    reduced = bp2.reduced_frequency(frequency, length)
+    if abs(reduced - 1.0) < 1e-3:
+        raise UserError(
+            f"{frequency:g} Hz is a pendulum's own frequency at a length of {length:g} m, where a fixed beam asks for "
+            "no torque to compare with: choose another --frequency or --length"
+        )
+    return reduced
