@@ -152,7 +152,7 @@ def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         ):
             body = _find(spec, "body", f"{leg}_{link}")
             body.mass, body.inertia = share * body.mass, share * np.asarray(body.inertia)
-    for body in spec.bodies[1:]:
+    for body in _all(spec, "bodies")[1:]:
         body.mass *= hardware.mass_scale
         body.inertia = np.asarray(body.inertia) * hardware.mass_scale
 
@@ -165,7 +165,7 @@ def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
         _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - specs.RODS_BELOW_KNEE, specs.LOWER_LEG_RADIUS)
-    for key in spec.keys:
+    for key in _all(spec, "keys"):
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
         key.qpos = qpos
@@ -222,7 +222,7 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
 
 
 def _weigh(spec: mujoco.MjSpec) -> None:
-    for sensor in list(spec.sensors):
+    for sensor in _all(spec, "sensors"):
         spec.delete(sensor)
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3  # net: of all its contacts, in the world frame
     for name in FOOT_GEOMS:
@@ -232,12 +232,11 @@ def _weigh(spec: mujoco.MjSpec) -> None:
 
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
-    seen_only = [geom for geom in spec.geoms if geom.contype == geom.conaffinity == 0]
-    for geom in spec.geoms:
+    seen_only = [geom for geom in _all(spec, "geoms") if geom.contype == geom.conaffinity == 0]
+    for geom in _all(spec, "geoms"):
         geom.material = ""
-    for element in (*seen_only, *spec.meshes, *spec.materials, *spec.textures):
-        spec.delete(element)
-    for element in (*spec.sensors, *spec.lights, *spec.cameras):
+    unseen = _all(spec, "meshes", "materials", "textures", "sensors", "lights", "cameras")
+    for element in (*seen_only, *unseen):
         spec.delete(element)
 
 
@@ -252,6 +251,11 @@ def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     if element is None:
         raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
     return element
+
+
+def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
+    """Return a spec's elements of several kinds, such as "bodies"."""
+    return [element for kind in kinds for element in getattr(spec, kind)]
 
 
 @functools.cache
