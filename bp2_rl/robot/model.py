@@ -17,7 +17,7 @@ from jaxtyping import Float
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, LEGS, PHYSICS_STEP, HardwareSpec
 
 NQ, NV, NU = 23, 22, 12
 SPRING_QPOS = np.array([10, 14, 18, 22])
@@ -120,8 +120,7 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
     spec = _packaged().copy() if xml is None else _parsed(xml)
     _apply_masses(spec, hardware)
-    _apply_leg_length(spec, hardware)
-    _apply_tracks(spec, hardware)
+    _apply_sizes(spec, hardware)
     _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
     _apply_contacts(spec, hardware)
@@ -157,10 +156,11 @@ def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         body.inertia = np.asarray(body.inertia) * hardware.mass_scale
 
 
-def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    """Move the knees and the toes; links keep their mass, which sits at their upper ends."""
+def _apply_sizes(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    """Move hips, knees and toes; links keep their mass, which sits at their upper ends."""
     thigh, toe = hardware.leg_length, hardware.leg_length - specs.TOE_LENGTH
-    for leg in LEGS:
+    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
+        _find(spec, "body", f"{leg}_abad").pos[1] = lateral
         _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
@@ -169,12 +169,6 @@ def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
         key.qpos = qpos
-
-
-def _apply_tracks(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
-        abad = _find(spec, "body", f"{leg}_abad")
-        abad.pos = (abad.pos[0], lateral, abad.pos[2])
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -193,11 +187,11 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    for leg in LEGS:
-        for joint in JOINTS:
-            _find(spec, "joint", f"{leg}_{joint}").armature = hardware.reflected_inertia
-            motor = _find(spec, "actuator", f"{leg}_{joint}")
-            motor.forcerange = (-hardware.joint_peak_torque, hardware.joint_peak_torque)
+    for name in specs.MOTOR_NAMES:
+        joint = _find(spec, "joint", name)
+        joint.armature, joint.solref_limit = hardware.reflected_inertia, (hardware.joint_stop_time, 1.0)
+        peak = hardware.joint_peak_torque
+        _find(spec, "actuator", name).forcerange = (-peak, peak)
 
 
 def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -205,8 +199,6 @@ def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         foot = _find(spec, "geom", name)
         foot.friction = (hardware.friction, *foot.friction[1:])
         foot.solref = (hardware.contact_time, hardware.contact_damping)
-    for name in specs.MOTOR_NAMES:
-        _find(spec, "joint", name).solref_limit = (hardware.joint_stop_time, 1.0)
 
 
 def _make_legs_solid(spec: mujoco.MjSpec) -> None:
