@@ -42,6 +42,11 @@ class Cycle:
         """The hind leg that stands first."""
         return next(leg for feet in self.standing for leg in feet if not leg.startswith("F"))
 
+    def since_touchdown(self, leg: str) -> Float[np.ndarray, " instants"]:
+        """How long after a leg's touchdown the points are, as shares of the period from 0 to 1."""
+        begin = next(start for start, feet in zip(self.starts, self.standing, strict=True) if leg in feet)
+        return (self.time.ravel() - begin) / self.period % 1.0
+
     @property
     def weights(self) -> Float[np.ndarray, "segments points"]:
         """np.sum(weights * f) is the integral of f over the cycle as the scheme takes it, s."""

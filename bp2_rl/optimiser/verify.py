@@ -79,14 +79,15 @@ LIGHT = 0.01  # of the weight: a force below says nothing about friction
 
 def verify(solution: Solution) -> dict[str, float]:
     """Measure the figures of a solution that `UNITS` names and explains."""
-    model = PlanarModel.of(solution.problem)
+    model, (q, v) = PlanarModel.of(solution.problem), resimulate(solution)
     return {
         "speed": solution.problem.speed,
         **_at_points(model, solution),
         **_at_events(model, solution),
         **_over_stride(model, solution),
         **_between_points(model, solution),
-        **_against(resimulate(solution), solution),
+        "position_error": float(np.max(np.abs(q - solution.motion.q))),
+        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
     }
 
 
@@ -143,7 +144,8 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     residual = speed = drift = 0.0
     for i, feet in enumerate(stride.standing):
         rows, feet_at = contact_rows(stride.legs, feet), []
-        for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
+        series = (motion.q, motion.v, motion.a, motion.tau, motion.force)
+        for q, v, a, tau, force in zip(*(x[i] for x in series), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
             push[model.motors] += verifier_laws.joint_torque(model.hardware, v[model.motors], tau)
@@ -227,17 +229,6 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     }
 
 
-def _against(
-    simulated: tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]],
-    solution: Solution,
-) -> dict[str, float]:
-    q, v = simulated
-    return {
-        "position_error": float(np.max(np.abs(q - solution.motion.q))),
-        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
-    }
-
-
 def _simulate_segment(
     model: PlanarModel,
     solution: Solution,
@@ -292,10 +283,6 @@ def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):
         yield segment, sample(problem, motion, segment, shares)
-
-
-def _series(motion: Motion) -> tuple[Float[np.ndarray, "segments points _"], ...]:
-    return motion.q, motion.v, motion.a, motion.tau, motion.force
 
 
 def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:

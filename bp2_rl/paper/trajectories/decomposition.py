@@ -68,6 +68,15 @@ class Decomposition:
         """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but for the solver's tolerance."""
         return float(np.max(np.abs(np.einsum("t,tki->ki", BALANCE, self.forces))))
 
+    @property
+    def velocity_force(self) -> Float[np.ndarray, " N"]:
+        """Vertical centrifugal and Coriolis force together, over the robot's weight."""
+        return (self.along("centrifugal", "z") + self.along("Coriolis", "z")) / self.along("gravity", "z")
+
+    def leg_at(self, front: bool) -> str:
+        """Return the first of the legs at the front or behind; left and right are mirror images."""
+        return next(leg for leg in self.legs if leg.startswith("F") == front)
+
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
         """One term of one coordinate, N or Nm."""
         return self.forces[TERMS.index(term), :, self.coordinates.index(coordinate)]
@@ -170,9 +179,8 @@ def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "...
 
 
 def peak_velocity_force(decomposition: Decomposition) -> float:
-    """Largest vertical centrifugal and Coriolis force together, over the robot's weight: the paper's C_y / (m g)."""
-    C = decomposition.along("centrifugal", "z") + decomposition.along("Coriolis", "z")
-    return float(np.max(np.abs(C) / decomposition.along("gravity", "z")))
+    """Largest `Decomposition.velocity_force`: the paper's C_y / (m g)."""
+    return float(np.max(np.abs(decomposition.velocity_force)))
 
 
 def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupling:
