@@ -11,6 +11,8 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
 
+MOTOR_ARRAYS = "tau", "force", "impulse"  # arrays of a motion with two columns a leg
+
 
 @dataclasses.dataclass(frozen=True)
 class Cycle:
@@ -40,6 +42,11 @@ class Cycle:
         """The hind leg that stands first."""
         return next(leg for feet in self.standing for leg in feet if not leg.startswith("F"))
 
+    def since_touchdown(self, leg: str) -> Float[np.ndarray, " instants"]:
+        """How long after a leg's touchdown the points are, as shares of the period from 0 to 1."""
+        begin = next(start for start, feet in zip(self.starts, self.standing, strict=True) if leg in feet)
+        return (self.time.ravel() - begin) / self.period % 1.0
+
     @property
     def weights(self) -> Float[np.ndarray, "segments points"]:
         """np.sum(weights * f) is the integral of f over the cycle as the scheme takes it, s."""
@@ -52,20 +59,11 @@ def whole_cycle(solution: Solution) -> Cycle:
     stride = problem.stride
     if stride.cycles == 1.0:
         return Cycle(problem, stride.standing, solved)
-    coordinates, motors = stride.next_coordinates, stride.next_motors
-    q = solved.q[..., coordinates].copy()
-    q[..., 0] += problem.speed * np.sum(solved.durations)
-    mirrored = Motion(
-        durations=solved.durations,
-        q=q,
-        v=solved.v[..., coordinates],
-        a=solved.a[..., coordinates],
-        tau=solved.tau[..., motors],
-        force=solved.force[..., motors],
-        impulse=solved.impulse[..., motors],
-    )
-    names = [field.name for field in dataclasses.fields(Motion)]
-    motion = Motion(*(np.concatenate([getattr(solved, name), getattr(mirrored, name)]) for name in names))
+    orders = dict.fromkeys("qva", stride.next_coordinates) | dict.fromkeys(MOTOR_ARRAYS, stride.next_motors)
+    mirrored = {name: solved.arrays[name][..., order] for name, order in orders.items()}
+    mirrored["q"][..., 0] += problem.speed * np.sum(solved.durations)
+    mirrored["durations"] = solved.durations
+    motion = Motion(**{name: np.concatenate([array, mirrored[name]]) for name, array in solved.arrays.items()})
     sides = dict(zip(stride.legs, stride.then, strict=True))
     standing = tuple(tuple(sides[leg] for leg in feet) for feet in stride.standing)
     return Cycle(problem, stride.standing + standing, motion)

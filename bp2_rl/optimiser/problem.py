@@ -163,10 +163,7 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        held, thigh = (
-            self.hardware.rotor_inertia,
-            self.hardware.mass_scale * self.hardware.thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
-        )
+        held, thigh = self.hardware.rotor_inertia, self.hardware.mass_scale * self.hardware.thigh_inertia
         if self.rotor_coupling and held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "

@@ -120,8 +120,9 @@ def build_model(
     motors = motor_coordinates(legs).tolist()
     for motor in motors:
         M[motor, motor] += rotor
-    if rotor_coupling:
-        for motor, angle in _held_rotors(len(legs)):
+    hips = range(TRUNK, n, PER_LEG) if rotor_coupling else ()
+    for hip in hips:  # whose motor the trunk holds; the thigh, which pitch and hip turn, holds the knee's
+        for motor, angle in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip)):
             M[motor, angle] += hardware.rotor_inertia * gear_ratio
             M[angle, motor] += hardware.rotor_inertia * gear_ratio
 
@@ -173,12 +174,6 @@ def build_model(
         ),
         impact=ca.Function("impact", [q, v, v_after, impulse, p], [M @ (v_after - v) - J.T @ impulse]),
     )
-
-
-def _held_rotors(legs: int) -> list[tuple[int, int]]:
-    """Each motor with each coordinate that turns the link which holds it: hip motors on the trunk, knees' on thighs."""
-    hips = range(TRUNK, TRUNK + PER_LEG * legs, PER_LEG)
-    return [pair for hip in hips for pair in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip))]
 
 
 def _bodies(

@@ -8,7 +8,6 @@ The model is `planar`'s, built in MuJoCo, and time runs through the stride betwe
     simulated again      the solution's torques from its first state, by an error-controlled integrator
 """
 
-import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -23,24 +22,52 @@ from bp2_rl.optimiser.solution import Moment, Motion, Solution, sample
 
 UNITS = {
     "speed": "m/s",
+    # At the mesh's points: |M a + h - B u - tau_p - J^T F| (paper, Eq. continuous_dynamics), |J v| of standing feet,
+    # and how far these feet are from where they landed, or from the ground. Each figure is the largest of its kind, or,
+    # where its name says so, the least.
     "dynamics_residual": "N or Nm",
     "foot_speed": "m/s",
     "foot_drift": "m",
+    # From segment to segment, around the cycle: |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid), steps of a coordinate,
+    # and steps of a velocity where no foot lands.
     "impact_residual": "N s or N m s",
     "position_jump": "m or rad",
     "velocity_jump": "m/s or rad/s",
+    # Over the stride: |W_motor - W_lost - impact losses| with W_lost in springs, slides, gears, joints and air; the
+    # impulse of contact forces and air along the track; and that of contact forces less the weight's, upwards.
     "energy_residual": "of the positive motor work",
     "impulse_residual_x": "of the weight's impulse",
     "impulse_residual_z": "of the weight's impulse",
+    # Between the points as at them: the vertical force of a standing foot, the height of a swinging one, torque beyond
+    # the motors' envelope, power beyond what the bus gives or takes back (both 0 within), the speed of the fastest
+    # joint, and |F_x| / (mu F_z), impulses included.
     "stance_force_min": "N",
     "swing_clearance_min": "m",
     "torque_excess": "Nm",
     "bus_excess": "W",
     "joint_speed_max": "rad/s",
     "friction_use": "of the friction cone",
+    # At the points: |q - q_simulated| and |v - v_simulated|.
     "position_error": "m or rad",
     "velocity_error": "m/s or rad/s",
-}  # of the figures of `verify`, in its order
+}
+"""The figures of `verify`, in its order, with their units."""
+LIMITS = {
+    "dynamics_residual": 1e-3,  # these four are what the program makes zero: the limit is what IPOPT leaves of it
+    "impact_residual": 1e-5,
+    "position_jump": 1e-6,
+    "velocity_jump": 1e-5,
+    "energy_residual": 1e-3,  # these and all others are what stands between a discretised stride and a true one
+    "impulse_residual_x": 1e-4,
+    "impulse_residual_z": 1e-4,
+    "stance_force_min": -1.0,
+    "swing_clearance_min": -1e-3,
+    "torque_excess": 1.0,
+    "bus_excess": 50.0,
+    "position_error": 1e-3,
+    "velocity_error": 0.05,
+}
+"""The figures that have a limit."""
 RESIMULATED = (4.0, 13.2)  # m/s, speeds at which the re-simulation must agree; elsewhere it is reported
 LATER = {"bus_excess": 0.0}  # figures that older files lack, and what they were: there was no bus
 LEAST = ("stance_force_min", "swing_clearance_min")  # figures that must not be below their limit; others not above
@@ -50,70 +77,28 @@ QUADRATURE = 8  # Gauss points an interval
 LIGHT = 0.01  # of the weight: a force below says nothing about friction
 
 
-@dataclasses.dataclass(frozen=True)
-class Tolerances:
-    """The limit of each figure of the same name, in its unit.
-
-    The first four are what the program makes zero, so what IPOPT's tolerance leaves of it; the others are what
-    stands between a discretised stride and a true one.
-    """
-
-    dynamics_residual: float = 1e-3
-    impact_residual: float = 1e-5
-    position_jump: float = 1e-6
-    velocity_jump: float = 1e-5
-    energy_residual: float = 1e-3
-    impulse_residual_x: float = 1e-4
-    impulse_residual_z: float = 1e-4
-    stance_force_min: float = -1.0
-    swing_clearance_min: float = -1e-3
-    torque_excess: float = 1.0
-    bus_excess: float = 50.0
-    position_error: float = 1e-3
-    velocity_error: float = 0.05
-
-
 def verify(solution: Solution) -> dict[str, float]:
-    """The figures named in `UNITS`.
-
-    dynamics_residual    largest |M a + h - B u - tau_p - J^T F| at the mesh's points (paper, Eq. continuous_dynamics)
-    foot_speed           largest |J v| of a standing foot at the points
-    foot_drift           largest distance of a standing foot, at the points, from where it landed, or from the ground
-    impact_residual      largest |M (v+ - v-) - J^T Lambda| (paper, Eq. hybrid)
-    position_jump        largest step of a coordinate from segment to segment, around the cycle
-    velocity_jump        largest step of a velocity from segment to segment, where no foot lands
-    energy_residual      |W_motor - W_lost - impact losses| / positive motor work, over the stride; W_lost in springs,
-                         slides, gears, joints and air
-    impulse_residual_x   |impulse of the contact forces and of the air| / (m g T)
-    impulse_residual_z   |impulse of the contact forces - m g T| / (m g T)
-    stance_force_min     least vertical force of a standing foot, between the points as at them
-    swing_clearance_min  least height of a swinging foot; this and the next four between the points as well
-    torque_excess        largest torque beyond the motors' envelope; 0 within
-    bus_excess           largest power beyond what the bus gives or takes back; 0 within
-    joint_speed_max      speed of the fastest joint
-    friction_use         largest |F_x| / (mu F_z), impulses included
-    position_error       largest |q - q_simulated| at the points
-    velocity_error       largest |v - v_simulated| at the points
-    """
-    model = PlanarModel.of(solution.problem)
+    """Measure the figures of a solution that `UNITS` names and explains."""
+    model, (q, v) = PlanarModel.of(solution.problem), resimulate(solution)
     return {
         "speed": solution.problem.speed,
         **_at_points(model, solution),
         **_at_events(model, solution),
         **_over_stride(model, solution),
         **_between_points(model, solution),
-        **_against(resimulate(solution), solution),
+        "position_error": float(np.max(np.abs(q - solution.motion.q))),
+        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
     }
 
 
-def failures(figures: dict[str, float], tolerances: Tolerances = Tolerances()) -> list[str]:
+def failures(figures: dict[str, float]) -> list[str]:
     """Return a line for each figure that is beyond its limit; no lines if the solution is sound.
 
     A figure that is NaN or missing counts as beyond its limit, except a missing figure in `LATER`.
     """
     lines = []
     speed = figures.get("speed", math.nan)
-    for figure, limit in dataclasses.asdict(tolerances).items():
+    for figure, limit in LIMITS.items():
         if figure in ("position_error", "velocity_error") and (speed < RESIMULATED[0] or speed > RESIMULATED[1]):
             continue
         value, least = figures.get(figure, LATER.get(figure, math.nan)), figure in LEAST
@@ -159,7 +144,8 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     residual = speed = drift = 0.0
     for i, feet in enumerate(stride.standing):
         rows, feet_at = contact_rows(stride.legs, feet), []
-        for q, v, a, tau, force in zip(*(x[i] for x in _series(motion)), strict=True):
+        series = (motion.q, motion.v, motion.a, motion.tau, motion.force)
+        for q, v, a, tau, force in zip(*(x[i] for x in series), strict=True):
             terms = model.terms(q, v)
             push = terms.passive + terms.jacobian.T @ force
             push[model.motors] += verifier_laws.joint_torque(model.hardware, v[model.motors], tau)
@@ -243,17 +229,6 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     }
 
 
-def _against(
-    simulated: tuple[Float[np.ndarray, "segments points nq"], Float[np.ndarray, "segments points nq"]],
-    solution: Solution,
-) -> dict[str, float]:
-    q, v = simulated
-    return {
-        "position_error": float(np.max(np.abs(q - solution.motion.q))),
-        "velocity_error": float(np.max(np.abs(v - solution.motion.v))),
-    }
-
-
 def _simulate_segment(
     model: PlanarModel,
     solution: Solution,
@@ -308,10 +283,6 @@ def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):
         yield segment, sample(problem, motion, segment, shares)
-
-
-def _series(motion: Motion) -> tuple[Float[np.ndarray, "segments points _"], ...]:
-    return motion.q, motion.v, motion.a, motion.tau, motion.force
 
 
 def _kinetic(mass: Float[np.ndarray, "nq nq"], v: Float[np.ndarray, " nq"]) -> float:

@@ -136,7 +136,8 @@ def joint_torque(
     """
     xp = qd.__array_namespace__()
     desired = pd_torque(actuator, q, qd, q_target, qd_target)
-    step = _lag_share(actuator.current_lag, dt) * (desired - previous_torque)
+    share = dt / (actuator.current_lag + dt)  # of the way, by implicit Euler: all of it without a lag
+    step = share * (desired - previous_torque)
     largest_step = actuator.torque_rate * dt
     torque = previous_torque + xp.clip(step, -largest_step, largest_step)
     limits = torque_limits(actuator, qd, bus_voltage(actuator, previous_torque, qd))
@@ -199,8 +200,3 @@ def _braking_limit(actuator: Actuator, qd: Array) -> Array:
     peak = actuator.strength * actuator.peak_torque
     stall = stall_torque(peak, actuator.corner_speed, actuator.braking_speed)
     return xp.clip(stall * (1.0 - qd / actuator.braking_speed), 0.0, peak)
-
-
-def _lag_share(lag: Number, dt: Number) -> Number:
-    """Share of the way to the desired torque covered in `dt`: a first-order lag by implicit Euler, all of it for 0."""
-    return dt / (lag + dt)

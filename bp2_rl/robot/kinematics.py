@@ -179,17 +179,12 @@ def planar_foot(
     What `planar_leg` says, with rates, but not to the last bit: policies were trained on motions in this arithmetic.
     """
     (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
-    links: tuple[
-        tuple[Any, Any, Any, Any], ...
-    ] = (  # along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate
+    thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
+    # Along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate.
+    links: tuple[tuple[Any, Any, Any, Any], ...] = (
         (FORE_AFT, 0.0, pitch, pitch_rate),
-        (leg_length, 0.0, pitch + hip + np.pi / 2, pitch_rate + hip_rate),
-        (
-            lower,
-            lower_rate,
-            pitch + hip + knee + np.pi / 2,
-            pitch_rate + hip_rate + knee_rate,
-        ),
+        (leg_length, 0.0, thigh + np.pi / 2, thigh_rate),
+        (lower, lower_rate, thigh + knee + np.pi / 2, thigh_rate + knee_rate),
     )
     x = np.sum([length * np.cos(angle) for length, _, angle, _ in links], axis=0)
     z = np.sum([-length * np.sin(angle) for length, _, angle, _ in links], axis=0)

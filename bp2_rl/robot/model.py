@@ -17,7 +17,7 @@ from jaxtyping import Float
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, JOINTS, LEGS, PHYSICS_STEP, HardwareSpec
+from bp2_rl.robot.specs import IDEAL, LEGS, PHYSICS_STEP, HardwareSpec
 
 NQ, NV, NU = 23, 22, 12
 SPRING_QPOS = np.array([10, 14, 18, 22])
@@ -120,8 +120,7 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
     spec = _packaged().copy() if xml is None else _parsed(xml)
     _apply_masses(spec, hardware)
-    _apply_leg_length(spec, hardware)
-    _apply_tracks(spec, hardware)
+    _apply_sizes(spec, hardware)
     _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
     _apply_contacts(spec, hardware)
@@ -152,29 +151,24 @@ def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         ):
             body = _find(spec, "body", f"{leg}_{link}")
             body.mass, body.inertia = share * body.mass, share * np.asarray(body.inertia)
-    for body in spec.bodies[1:]:
+    for body in _all(spec, "bodies")[1:]:
         body.mass *= hardware.mass_scale
         body.inertia = np.asarray(body.inertia) * hardware.mass_scale
 
 
-def _apply_leg_length(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    """Move the knees and the toes; links keep their mass, which sits at their upper ends."""
+def _apply_sizes(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+    """Move hips, knees and toes; links keep their mass, which sits at their upper ends."""
     thigh, toe = hardware.leg_length, hardware.leg_length - specs.TOE_LENGTH
-    for leg in LEGS:
+    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
+        _find(spec, "body", f"{leg}_abad").pos[1] = lateral
         _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
         _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - specs.RODS_BELOW_KNEE, specs.LOWER_LEG_RADIUS)
-    for key in spec.keys:
+    for key in _all(spec, "keys"):
         qpos = np.array(key.qpos)
         qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
         key.qpos = qpos
-
-
-def _apply_tracks(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
-        abad = _find(spec, "body", f"{leg}_abad")
-        abad.pos = (abad.pos[0], lateral, abad.pos[2])
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -193,11 +187,11 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    for leg in LEGS:
-        for joint in JOINTS:
-            _find(spec, "joint", f"{leg}_{joint}").armature = hardware.reflected_inertia
-            motor = _find(spec, "actuator", f"{leg}_{joint}")
-            motor.forcerange = (-hardware.joint_peak_torque, hardware.joint_peak_torque)
+    for name in specs.MOTOR_NAMES:
+        joint = _find(spec, "joint", name)
+        joint.armature, joint.solref_limit = hardware.reflected_inertia, (hardware.joint_stop_time, 1.0)
+        peak = hardware.joint_peak_torque
+        _find(spec, "actuator", name).forcerange = (-peak, peak)
 
 
 def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -205,8 +199,6 @@ def _apply_contacts(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
         foot = _find(spec, "geom", name)
         foot.friction = (hardware.friction, *foot.friction[1:])
         foot.solref = (hardware.contact_time, hardware.contact_damping)
-    for name in specs.MOTOR_NAMES:
-        _find(spec, "joint", name).solref_limit = (hardware.joint_stop_time, 1.0)
 
 
 def _make_legs_solid(spec: mujoco.MjSpec) -> None:
@@ -222,7 +214,7 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
 
 
 def _weigh(spec: mujoco.MjSpec) -> None:
-    for sensor in list(spec.sensors):
+    for sensor in _all(spec, "sensors"):
         spec.delete(sensor)
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3  # net: of all its contacts, in the world frame
     for name in FOOT_GEOMS:
@@ -232,12 +224,11 @@ def _weigh(spec: mujoco.MjSpec) -> None:
 
 
 def _drop_visuals(spec: mujoco.MjSpec) -> None:
-    seen_only = [geom for geom in spec.geoms if geom.contype == geom.conaffinity == 0]
-    for geom in spec.geoms:
+    seen_only = [geom for geom in _all(spec, "geoms") if geom.contype == geom.conaffinity == 0]
+    for geom in _all(spec, "geoms"):
         geom.material = ""
-    for element in (*seen_only, *spec.meshes, *spec.materials, *spec.textures):
-        spec.delete(element)
-    for element in (*spec.sensors, *spec.lights, *spec.cameras):
+    unseen = _all(spec, "meshes", "materials", "textures", "sensors", "lights", "cameras")
+    for element in (*seen_only, *unseen):
         spec.delete(element)
 
 
@@ -252,6 +243,11 @@ def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     if element is None:
         raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
     return element
+
+
+def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
+    """Return a spec's elements of several kinds, such as "bodies"."""
+    return [element for kind in kinds for element in getattr(spec, kind)]
 
 
 @functools.cache

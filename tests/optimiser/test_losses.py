@@ -14,7 +14,7 @@ from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.sagittal import ca
 from bp2_rl.optimiser.solution import Solution, load_solution, save_solution
-from bp2_rl.optimiser.verify import Tolerances, _over_stride, failures, verify
+from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
 from bp2_rl.paper.trajectories.limits import loss_variants
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec, Losses
@@ -172,7 +172,7 @@ def test_energy_closes_with_every_loss():
         without = dataclasses.replace(hardware, losses=dataclasses.replace(losses, **{name: value}))
         forgetful = dataclasses.replace(solution, problem=dataclasses.replace(solution.problem, hardware=without))
         missing = _over_stride(PlanarModel.of(forgetful.problem), forgetful)["energy_residual"]
-        assert missing > 5.0 * Tolerances().energy_residual, name
+        assert missing > 5.0 * LIMITS["energy_residual"], name
 
 
 def test_a_solution_from_before_losses_is_read_as_one_without(trot, tmp_path):

@@ -4,8 +4,9 @@ The objective counts every segment alike, and gaits have different numbers of th
 by the mean over time of its running cost.
 """
 
-import concurrent.futures
+import contextlib
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -77,14 +78,9 @@ def compare(
         UserError: the folder holds such of another problem.
     """
     config.claim_folder(folder, "problem.json", problem, what)
-    if workers == 1:
-        yield from (_rows(variant, speeds, folder) for variant in variants)
-        return
-    with spawned(workers) as pool:
-        searches: list[concurrent.futures.Future[list[ComparisonRow]]] = [
-            pool.submit(_rows, variant, speeds, folder) for variant in variants
-        ]
-        yield from (search.result() for search in searches)
+    with contextlib.ExitStack() as stack:
+        run = map if workers == 1 else stack.enter_context(spawned(workers)).map
+        yield from run(_rows, variants, itertools.repeat(speeds), itertools.repeat(folder))
 
 
 def _rows(variant: ComparedVariant, speeds: Sequence[float], folder: Path) -> list[ComparisonRow]:

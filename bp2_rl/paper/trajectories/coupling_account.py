@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from rich.table import Table
 
-from bp2_rl.optimiser.cycle import Cycle
-from bp2_rl.optimiser.problem import PER_LEG, TRUNK, motor_coordinates
+from bp2_rl.optimiser.problem import motor_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.coordinates import LINKS, decompose_links
 from bp2_rl.paper.trajectories.coupling import (
@@ -96,7 +95,8 @@ def account_coupling(solution: Solution) -> CouplingAccount:
         **dict(zip(WITHIN, sources.within, strict=True)),
     }
     hind = cycle.hind_leg
-    since = _since_touchdown(cycle, hind)
+    since = cycle.since_touchdown(hind)
+    hip_angle = cycle.motion.q.reshape(len(since), -1)[:, terms.coordinates.index(f"{hind} hip")]
     slow = low_passed(terms, HARMONICS[-1]).along("main inertial", f"{hind} hip")
     return CouplingAccount(
         speed=cycle.problem.speed,
@@ -118,7 +118,7 @@ def account_coupling(solution: Solution) -> CouplingAccount:
             term: float(np.interp(PAPER_INSTANT, np.sort(since), terms.along(term, f"{hind} hip")[np.argsort(since)]))
             for term in TERMS
         },
-        reversal=_reversal(cycle, hind),
+        reversal=float(since[np.argmax(hip_angle)]),  # where the hip is furthest back
         hardest_turn=float(since[np.argmin(slow)]),
         velocity_force=_velocity_force(terms),
     )
@@ -189,8 +189,7 @@ def _cut(terms: Decomposition, most: int) -> Cutoff:
     kept = low_passed(terms, most)
     coupling, largest, covered = coupling_opposes(kept), {}, {}
     for end, front in ENDS.items():
-        leg = next(leg for leg in terms.legs if leg.startswith("F") == front)  # left and right are mirror images
-        main, coupled = (kept.along(term, f"{leg} hip") for term in TERMS[:2])
+        main, coupled = (kept.along(term, f"{terms.leg_at(front)} hip") for term in TERMS[:2])
         peak = np.argmax(np.abs(main))
         largest[end], covered[end] = float(np.abs(main[peak])), float(-coupled[peak] / main[peak])
     hind = f"{terms.cycle.hind_leg} hip"
@@ -208,22 +207,8 @@ def _torque(sources: Sources, motors: list[int], weights: Float[np.ndarray, " N"
     return Torque(*peaks, *means, *saved)
 
 
-def _since_touchdown(cycle: Cycle, leg: str) -> Float[np.ndarray, " N"]:
-    """When the cycle's instants are after a leg's touchdown, as shares of the cycle."""
-    begin = next(start for start, feet in zip(cycle.starts, cycle.standing, strict=True) if leg in feet)
-    return (cycle.time.ravel() - begin) / cycle.period % 1.0
-
-
-def _reversal(cycle: Cycle, leg: str) -> float:
-    """When a leg's hip is furthest back after its touchdown, as a share of the cycle."""
-    since = _since_touchdown(cycle, leg)
-    hip = TRUNK + PER_LEG * cycle.problem.stride.legs.index(leg)
-    return float(since[np.argmax(cycle.motion.q.reshape(len(since), -1)[:, hip])])
-
-
 def _velocity_force(terms: Decomposition) -> VelocityForce:
-    over_weight = (terms.along("centrifugal", "z") + terms.along("Coriolis", "z")) / terms.along("gravity", "z")
-    share = terms.time / terms.cycle.period
+    over_weight, share = terms.velocity_force, terms.time / terms.cycle.period
     peak = np.argmax(np.abs(over_weight))
     quarter, three_quarters = (float(np.interp(at, share, over_weight)) for at in (0.25, 0.75))
     return VelocityForce(float(over_weight[peak]), float(share[peak]), quarter, three_quarters)

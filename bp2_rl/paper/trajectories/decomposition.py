@@ -51,7 +51,7 @@ class Decomposition:
     cycle: Cycle
     coordinates: tuple[str, ...]  # "x", "z", "pitch", "FR hip", ...
     forces: Float[np.ndarray, "T N n"]  # N, Nm
-    impulses: Float[np.ndarray, "T K n"]  # N s, Nm s: of main and coupled inertia and of the ground
+    impulses: Float[np.ndarray, "T K n"]  # N s, Nm s: of inertia and ground as each segment begins, 0 if nothing lands
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -64,14 +64,18 @@ class Decomposition:
         return self.cycle.time.ravel()
 
     @property
-    def touchdowns(self) -> Float[np.ndarray, " K"]:
-        """When the velocities jump, s: as each segment begins, with no impulse if nothing lands."""
-        return self.cycle.starts
-
-    @property
     def closure(self) -> float:
         """Largest sum of all terms, each with its sign of `BALANCE`, N or Nm: zero but for the solver's tolerance."""
         return float(np.max(np.abs(np.einsum("t,tki->ki", BALANCE, self.forces))))
+
+    @property
+    def velocity_force(self) -> Float[np.ndarray, " N"]:
+        """Vertical centrifugal and Coriolis force together, over the robot's weight."""
+        return (self.along("centrifugal", "z") + self.along("Coriolis", "z")) / self.along("gravity", "z")
+
+    def leg_at(self, front: bool) -> str:
+        """Return the first of the legs at the front or behind; left and right are mirror images."""
+        return next(leg for leg in self.legs if leg.startswith("F") == front)
 
     def along(self, term: str, coordinate: str) -> Float[np.ndarray, " N"]:
         """One term of one coordinate, N or Nm."""
@@ -85,8 +89,6 @@ class Coupling:
     Where there is no peak, the shares are nan.
     """
 
-    legs: tuple[str, ...]  # of each peak
-    time: Float[np.ndarray, " P"]  # s
     main: Float[np.ndarray, " P"]  # Nm
     coupled: Float[np.ndarray, " P"]  # Nm
 
@@ -109,9 +111,6 @@ class Trends:
     speeds: Float[np.ndarray, " S"]  # m/s, ascending
     average: Float[np.ndarray, "S T kinds"]  # N, Nm (paper, Eq. average force)
     share: Float[np.ndarray, "S T kinds"]  # (paper, Eq. force ratio)
-    velocity_force: Float[np.ndarray, " S"]  # peak of the vertical C over weight
-    opposing: Float[np.ndarray, " S"]  # as `Coupling.opposing`, of the hip
-    covered: Float[np.ndarray, " S"]  # as `Coupling.covered`, of the hip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,9 +179,8 @@ def force_ratio(average: Float[np.ndarray, "... T n"]) -> Float[np.ndarray, "...
 
 
 def peak_velocity_force(decomposition: Decomposition) -> float:
-    """Largest vertical centrifugal and Coriolis force together, over the robot's weight: the paper's C_y / (m g)."""
-    C = decomposition.along("centrifugal", "z") + decomposition.along("Coriolis", "z")
-    return float(np.max(np.abs(C) / decomposition.along("gravity", "z")))
+    """Largest `Decomposition.velocity_force`: the paper's C_y / (m g)."""
+    return float(np.max(np.abs(decomposition.velocity_force)))
 
 
 def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupling:
@@ -191,19 +189,15 @@ def coupling_opposes(decomposition: Decomposition, joint: str = "hip") -> Coupli
     A peak is a local maximum of the magnitude along the (periodic) cycle that stands out of its surroundings
     (prominence) by at least `PROMINENCE` of the largest.
     """
-    legs, time, main, coupled = [], [], [], []
+    found = []
     for leg in decomposition.legs:
-        torque, other = (decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2])
-        peaks = periodic_peaks(np.abs(torque))
-        legs += [leg] * len(peaks)
-        time.append(decomposition.time[peaks])
-        main.append(torque[peaks])
-        coupled.append(other[peaks])
-    return Coupling(tuple(legs), np.concatenate(time), np.concatenate(main), np.concatenate(coupled))
+        torques = np.stack([decomposition.along(term, f"{leg} {joint}") for term in TERMS[:2]])
+        found.append(torques[:, periodic_peaks(np.abs(torques[0]))])
+    return Coupling(*np.concatenate(found, axis=1))
 
 
 def find_trends(solutions: Sequence[Solution]) -> Trends:
-    """Average forces, their shares and the coupling at the hip over the solutions' speeds.
+    """Average forces and their shares over the solutions' speeds.
 
     `KINDS` stand for the four columns of the paper's Fig. robot_model_analysis, E to L. Its text says that F and J
     are vertical and G and K the hip's; the knee and the horizontal are what panels A to C and the plane leave.
@@ -212,17 +206,8 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
         UserError: there are no solutions, or they differ in more than speed, scheme and mesh.
     """
     solutions = comparable(solutions)
-    parts = [decompose(solution) for solution in solutions]
-    average = np.stack([_by_kind(part) for part in parts])
-    couplings = [coupling_opposes(part) for part in parts]
-    return Trends(
-        speeds=np.array([solution.problem.speed for solution in solutions]),
-        average=average,
-        share=force_ratio(average),
-        velocity_force=np.array([peak_velocity_force(part) for part in parts]),
-        opposing=np.array([coupling.opposing for coupling in couplings]),
-        covered=np.array([coupling.covered for coupling in couplings]),
-    )
+    average = np.stack([_by_kind(decompose(solution)) for solution in solutions])
+    return Trends(np.array([solution.problem.speed for solution in solutions]), average, force_ratio(average))
 
 
 def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:

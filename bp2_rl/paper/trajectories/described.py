@@ -28,7 +28,7 @@ class Gait:
 
 def describe(solution: Solution) -> Gait:
     """A solution's, as a whole robot's: of half a robot, the running cost counts twice."""
-    cycle, stride = whole_cycle(solution), summarise(solution)
+    cycle = whole_cycle(solution)
     motion, weights = cycle.motion, cycle.weights / cycle.period
 
     def mean(values: Float[np.ndarray, "segments points"]) -> float:
@@ -38,11 +38,8 @@ def describe(solution: Solution) -> Gait:
     R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
     return Gait(
         speed=solution.problem.speed,
-        period=stride["period"],
-        duty=stride["duty"],
-        peak_torque=stride["peak_torque"],
+        **summarise(solution),
         rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),
-        peak_force=stride["peak_force"],
         positive=cost_of_transport(solution),
         running_cost=mean(R) / solution.problem.share,
     )

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from bp2_rl.base.bounds import Within, check_bounds
@@ -24,6 +23,22 @@ from bp2_rl.robot import specs
 
 BODY_WEIGHT = specs.TOTAL_MASS * specs.GRAVITY  # N
 ROBOTS = AS_IS, WITH_RESERVE, FREE = "BP2", "BP2 with the library's reserve", "co-design"
+COLUMNS = {
+    "robot": "{0.robot}",
+    "m/s": "{0.speed:g}",
+    "F bar": "{0.body_weights:g} m g",
+    "period": "{0.period:.3f} s",
+    "duty": "{0.duty:.3f}",
+    "force": "{0.peak_force:.0f} N",
+    "torque": "{0.peak_torque:.0f} Nm",
+    "C_z": "{0.velocity_force:.2f}",
+    "covered": "{0.covered:.2f}",
+    "gear": "{0.gear_ratio:.2f}",
+    "stiffness": "{0.spring_stiffness:.0f} N/m",
+    "length": "{0.leg_length:.3f} m",
+    "spread": "{0.spread:.1%}",
+}
+"""The table's columns: heading -> format of a row."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,9 +82,7 @@ class Objective:
     rows: tuple[ObjectiveRow, ...]
 
 
-def compare_objectives(
-    settings: ObjectiveSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> list[ObjectiveRow]:
+def compare_objectives(settings: ObjectiveSettings, folder: Path, workers: int = 1) -> list[ObjectiveRow]:
     """A row for each robot, speed and F bar that has a trajectory; solutions are kept in `folder`."""
     cases = [
         (robot, share, speed, ways)
@@ -77,8 +90,7 @@ def compare_objectives(
         for share in settings.body_weights
         for robot, ways in _chains(settings, speed, share).items()
     ]
-    every = [chain for *_, ways in cases for chain in ways]
-    solve_chains(every, folder, workers, "objectives", console or Console())
+    solve_chains([chain for *_, ways in cases for chain in ways], folder, workers, "objectives")
     rows = []
     for robot, share, _, ways in cases:
         solved = [solution for chain in ways if (solution := read_solution(chain, folder)) is not None]
@@ -117,24 +129,9 @@ def describe(robot: str, body_weights: float, solved: Sequence[Solution]) -> Obj
 
 def tabulate_objectives(rows: Sequence[ObjectiveRow]) -> Table:
     """A line for each row."""
-    headings = ("F bar", "period", "duty", "force", "torque", "C_z", "covered", "gear", "stiffness", "length", "spread")
-    table = Table("robot", "m/s", *headings)
+    table = Table(*COLUMNS)
     for row in rows:
-        table.add_row(
-            row.robot,
-            f"{row.speed:g}",
-            f"{row.body_weights:g} m g",
-            f"{row.period:.3f} s",
-            f"{row.duty:.3f}",
-            f"{row.peak_force:.0f} N",
-            f"{row.peak_torque:.0f} Nm",
-            f"{row.velocity_force:.2f}",
-            f"{row.covered:.2f}",
-            f"{row.gear_ratio:.2f}",
-            f"{row.spring_stiffness:.0f} N/m",
-            f"{row.leg_length:.3f} m",
-            f"{row.spread:.1%}",
-        )
+        table.add_row(*(form.format(row) for form in COLUMNS.values()))
     return table
 
 

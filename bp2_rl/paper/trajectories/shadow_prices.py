@@ -10,7 +10,10 @@ the cost itself, as the peak torque does by which torques are divided there, is 
 """
 
 import dataclasses
+import functools
+import operator
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,55 +27,43 @@ Change = Callable[[Problem, float], Problem]
 """A problem with a parameter times a factor."""
 
 
-def _of_hardware(*names: str) -> Change:
-    return lambda problem, factor: problem.on(**{name: factor * getattr(problem.hardware, name) for name in names})
+def _times(*fields: str, law: Callable[[float, float], float] = operator.mul) -> Change:
+    """Return the change that multiplies fields of a problem, or applies another law of factor and value to them."""
 
+    def changed(config: Any, field: str, factor: float) -> Any:
+        name, _, inner = field.partition(".")
+        value = getattr(config, name)
+        return dataclasses.replace(config, **{name: changed(value, inner, factor) if inner else law(factor, value)})
 
-def _of_losses(*names: str) -> Change:
-    def change(problem: Problem, factor: float) -> Problem:
-        losses = problem.hardware.losses
-        scaled = dataclasses.replace(losses, **{name: factor * getattr(losses, name) for name in names})
-        return dataclasses.replace(problem, hardware=dataclasses.replace(problem.hardware, losses=scaled))
-
-    return change
-
-
-def _gear_loss(problem: Problem, factor: float) -> Problem:
-    losses = problem.hardware.losses
-    less = dataclasses.replace(losses, gear_efficiency=1.0 - factor * (1.0 - losses.gear_efficiency))
-    return dataclasses.replace(problem, hardware=dataclasses.replace(problem.hardware, losses=less))
-
-
-def _of_problem(name: str) -> Change:
-    return lambda problem, factor: dataclasses.replace(problem, **{name: factor * getattr(problem, name)})
+    return lambda problem, factor: functools.reduce(lambda one, field: changed(one, field, factor), fields, problem)
 
 
 LIMITS: dict[str, Change] = {
-    "peak torque": _of_hardware("peak_torque"),
-    "corner speed": _of_hardware("corner_speed"),
-    "no-load speed": _of_hardware("no_load_speed"),
-    "joint speed's limit alone": _of_problem("speed_margin"),
-    "friction": _of_hardware("friction"),
-    "spring travel": _of_hardware("spring_travel"),
-    "stops' stiffness": _of_hardware("spring_stop_stiffness", "rebound_stiffness"),
-    "spring stiffness": _of_hardware("spring_stiffness"),
-    "rotor inertia": _of_hardware("rotor_inertia"),
-    "leg length": _of_hardware("leg_length"),
-    "torque rate": _of_problem("torque_rate"),
-    "force rate": _of_problem("force_rate"),
-    "foot clearance": _of_problem("clearance"),
-    "pitch limit": _of_problem("pitch_limit"),
+    "peak torque": _times("hardware.peak_torque"),
+    "corner speed": _times("hardware.corner_speed"),
+    "no-load speed": _times("hardware.no_load_speed"),
+    "joint speed's limit alone": _times("speed_margin"),
+    "friction": _times("hardware.friction"),
+    "spring travel": _times("hardware.spring_travel"),
+    "stops' stiffness": _times("hardware.spring_stop_stiffness", "hardware.rebound_stiffness"),
+    "spring stiffness": _times("hardware.spring_stiffness"),
+    "rotor inertia": _times("hardware.rotor_inertia"),
+    "leg length": _times("hardware.leg_length"),
+    "torque rate": _times("torque_rate"),
+    "force rate": _times("force_rate"),
+    "foot clearance": _times("clearance"),
+    "pitch limit": _times("pitch_limit"),
 }
 """What a designer or a problem's settings may change, each by a factor."""
 
 LOSSES: dict[str, Change] = {
-    "drag area": _of_losses("drag_area"),
-    "gear loss": _gear_loss,
-    "joint friction": _of_losses("joint_friction"),
-    "joint viscosity": _of_losses("joint_viscosity"),
-    "slide friction": _of_losses("spring_friction"),
-    "bus sag": _of_losses("bus_sag"),
-    "bus power": _of_losses("bus_power_out", "bus_power_in"),
+    "drag area": _times("hardware.losses.drag_area"),
+    "gear loss": _times("hardware.losses.gear_efficiency", law=lambda factor, kept: 1.0 - factor * (1.0 - kept)),
+    "joint friction": _times("hardware.losses.joint_friction"),
+    "joint viscosity": _times("hardware.losses.joint_viscosity"),
+    "slide friction": _times("hardware.losses.spring_friction"),
+    "bus sag": _times("hardware.losses.bus_sag"),
+    "bus power": _times("hardware.losses.bus_power_out", "hardware.losses.bus_power_in"),
 }
 """Likewise of a robot that has losses."""
 

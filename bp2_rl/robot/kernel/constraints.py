@@ -131,7 +131,7 @@ def solve_constraints(
         right, stiff = barriers(_pulled, constraints, force, x)
         return solve(barriers, inertia, right, barriers(Constraints.curvature, constraints, stiff))
 
-    x = jax.lax.fori_loop(0, ITERATIONS, iterate, start)
+    x: Accelerations = jax.lax.fori_loop(0, ITERATIONS, iterate, start)
     return x, barriers(_pushed, constraints, force, x)
 
 
@@ -185,7 +185,7 @@ def constraints_of(
     height: Number,
     coordinates: list[Number],
     velocity: Accelerations,
-) -> tuple[Constraints, Number]:
+) -> tuple[Constraints, Array]:
     """All rows, and the heights of the feet's centres, m.
 
     Of a state given by the height of the trunk's origin, the legs' coordinates, and velocities in MuJoCo's coordinates.
@@ -201,13 +201,13 @@ def _on_the_floor(
     height: Number,
     friction: Number,
     velocities: Accelerations,
-) -> tuple[Floor, Number]:
+) -> tuple[Floor, Array]:
     """The feet's rows, and the heights of their centres, m; `height` is that of the trunk's origin."""
     anchor = rotation.to_world(design.anchor)
     turned = rotation.to_world(legs.to_trunk((0.0, 1.0, 0.0))), rotation.to_world(legs.to_trunk((0.0, 0.0, 1.0)))
     x_axis, (y_axis, z_axis) = (rotation.x[0], rotation.y[0], rotation.z[0]), turned
     foot = add(anchor, scaled(legs.foot[0], x_axis), scaled(legs.foot[1], y_axis), scaled(legs.foot[2], z_axis))
-    centre = height + foot[2]
+    centre = jnp.add(height, foot[2])
     depth = centre - design.foot_radius
     lever = foot[0], foot[1], foot[2] - (design.foot_radius + 0.5 * depth)
     reach = add(lever, scaled(-1.0, anchor))
@@ -229,13 +229,14 @@ def _on_the_floor(
 
 def _at_the_stops(design: Design, angles: list[Number], rates: list[Number]) -> Stops:
     """The rows of joints at these angles (rad) and rates (rad/s): abad, hip and knee."""
-    rows = []
+    rows: list[tuple[Number, Number, Number]] = []
     for angle, rate, (low, high), weight in zip(angles, rates, design.ranges, design.range_weights, strict=True):
         above, below = angle - low, high - angle
         sign = jnp.where(above < below, 1.0, -1.0)
         pull, rub, stiffness = _row(design.range_softness, jnp.minimum(above, below), weight)
         rows.append((sign, stiffness, -rub * sign * rate - pull))
-    return Stops(*(tuple(column) for column in zip(*rows, strict=True)))
+    signs, stiffness, references = zip(*rows, strict=True)
+    return Stops(signs, stiffness, references)
 
 
 def _row(softness: Softness, distance: Number, weight: Number) -> tuple[Number, float, Number]:
@@ -310,7 +311,7 @@ def _forward(factor: Rows, right: Rows) -> Rows:
 def _backward(factor: Rows, right: list[Number]) -> list[Number]:
     """x of L' x = right."""
     size = len(right)
-    out: list[Number] = [None] * size
+    out: list[Number] = [0.0] * size
     for i in reversed(range(size)):
         rest = right[i]
         for k in range(i + 1, size):

@@ -1,7 +1,7 @@
 """What the compiled model says of BP2: its masses and lengths, springs, joint stops and contacts."""
 
 import dataclasses
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ _FIRST_BODY, _FIRST_JOINT = 2, 1  # of the legs: the world and the trunk, the tr
 
 def _number() -> Any:
     """A field that is known when the program is compiled."""
-    return struct.field(pytree_node=False)
+    return cast(Any, struct).field(pytree_node=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Body(struct.PyTreeNode):
 class Design(struct.PyTreeNode):
     """BP2 as designed; lengths in m. `Design.of(model)` reads it. What differs from leg to leg is (4, 1), over legs."""
 
-    bodies: tuple[Body, Body, Body, Body]  # abad, thigh, shank, toe
+    bodies: tuple[Body, ...]  # abad, thigh, shank, toe
     anchor: Vector  # of the abduction joint in the trunk
     abad_com: Number  # along x
     hip: Number  # along y, from the abduction joint
@@ -87,7 +87,7 @@ class Design(struct.PyTreeNode):
             trunk_mass=float(model.body_mass[1]),
             trunk_inertia=_vector(model.body_inertia[1]),
             trunk_com=_vector(model.body_ipos[1]),
-            bodies=tuple(Body(_column(model.body_mass[part]), _columns(model.body_inertia[part])) for part in bodies.T),  # pyright: ignore[reportArgumentType]
+            bodies=tuple(Body(_column(model.body_mass[part]), _columns(model.body_inertia[part])) for part in bodies.T),
             anchor=_columns(model.body_pos[bodies[:, 0]]),
             abad_com=_column(model.body_ipos[bodies[:, 0], 0]),
             hip=_column(model.body_pos[bodies[:, 1], 1]),
@@ -169,7 +169,7 @@ def _require(known: Any, what: str) -> None:
 
 
 def _column(x: Float[np.ndarray, "4"]) -> Float[Array, "4 1"]:
-    return np.asarray(x).reshape(len(LEGS), 1)  # pyright: ignore[reportReturnType]
+    return cast(Array, x.reshape(len(LEGS), 1))  # NumPy's until a program takes it
 
 
 def _columns(x: Float[np.ndarray, "4 3"]) -> Vector:

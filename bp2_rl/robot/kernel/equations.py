@@ -122,7 +122,7 @@ def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, r
 
 def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation) -> Rows:
     """Momentum about the trunk's origin of each joint at unit rate, in the world's axes."""
-    rows = []
+    rows: Rows = []
     for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)
         about_origin = add(legs.to_trunk(angular), cross(design.anchor, in_trunk))

@@ -62,7 +62,7 @@ class _RobotState(NamedTuple):
 
 def _step(
     design: Design, masses: Masses, friction: Number, state: _RobotState, applied: Accelerations
-) -> tuple[_RobotState, Number]:
+) -> tuple[_RobotState, Array]:
     barriers = FusionBarriers.of(friction)
     rotation, legs, inertia = in_one_kernel(partial(_posed, barriers), design, masses, state)
     force, constraints, start, heights = in_one_kernel(
@@ -90,7 +90,7 @@ def _acted_on(
     rotation: Rotation,
     state: _RobotState,
     applied: Accelerations,
-) -> tuple[Accelerations, Constraints, Accelerations, Number]:
+) -> tuple[Accelerations, Constraints, Accelerations, Array]:
     """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
     velocity = state.velocity
     force = barriers(partial(smooth_force, design), masses, legs, rotation, state.legs[3], velocity, applied)

@@ -1,11 +1,9 @@
 """Vectors whose entries are arrays over robots, or over legs and robots: tuples of three."""
 
-from typing import Any
-
 import jax.numpy as jnp
 from jaxtyping import Array
 
-Number = Any
+Number = Array | float
 """A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
 Vector = tuple[Number, Number, Number]
 
@@ -38,7 +36,7 @@ def over_legs(x: Number) -> Number:
     return jnp.sum(x, axis=0)
 
 
-def cos_sin(angle: Array) -> tuple[Array, Array]:
+def cos_sin(angle: Number) -> tuple[Array, Array]:
     """Cosine and sine, to two units in the last place of float32 below 100 rad.
 
     XLA's own are libm's, one number after the other: as slow as a third of the whole step. These are Cephes's

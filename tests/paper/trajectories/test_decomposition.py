@@ -152,7 +152,7 @@ def test_coupling_is_judged_at_the_peaks_of_the_main_torque(terms):
     for leg in terms.legs:
         part = along(part, f"{leg} hip", main=100.0 * (wave + ripple), coupled=-60.0 * (wave + ripple))
     coupling = coupling_opposes(part)
-    assert coupling.legs == tuple(leg for leg in terms.legs for _ in range(2))  # the ripple's peaks do not count
+    assert len(coupling.main) == 2 * len(terms.legs)  # the ripple's peaks do not count
     assert coupling.opposing == 1.0
     assert coupling.covered == pytest.approx(0.6, rel=1e-12)
     worse = coupling_opposes(along(part, "FR hip", coupled=30.0 * (wave + ripple)))

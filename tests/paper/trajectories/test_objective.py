@@ -1,13 +1,11 @@
 """The comparison over F bar: it asks for the right problems, keeps the cheapest, and solves nothing twice."""
 
-import io
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.optimiser import collocation
@@ -23,7 +21,6 @@ from bp2_rl.paper.trajectories.objective import (
     tabulate_objectives,
 )
 
-QUIET = Console(file=io.StringIO())
 SETTINGS = ObjectiveSettings(speeds=(10.0,), body_weights=(1.0, 3.0), intervals=4)
 
 
@@ -51,7 +48,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def rows(asked, folder) -> list[ObjectiveRow]:
-    return compare_objectives(SETTINGS, folder, console=QUIET)
+    return compare_objectives(SETTINGS, folder)
 
 
 def test_f_bar_is_one_and_three_body_weights_in_newton(rows, asked):
@@ -87,7 +84,7 @@ def test_a_row_is_of_the_cheapest_start(rows):
 
 def test_what_was_solved_is_not_solved_again_and_numbers_can_be_read(rows, asked, folder, tmp_path):
     before = list(asked)
-    again = compare_objectives(SETTINGS, folder, console=QUIET)
+    again = compare_objectives(SETTINGS, folder)
     assert asked == before
     assert repr(again) == repr(rows)  # a guess has no peaks: its share is nan
     save_config(tmp_path / "objective.json", Objective(SETTINGS, tuple(rows)))

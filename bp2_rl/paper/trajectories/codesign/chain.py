@@ -2,11 +2,10 @@
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Sequence
-from concurrent.futures import as_completed
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bp2_rl.base.files import write_text
@@ -31,11 +30,6 @@ class Chain:
     bounds: Bounds
     seed: int = 0  # of the cold guess; 0 is the one that is not varied
 
-    @property
-    def before(self) -> "Chain | None":
-        """The chain without its last problem."""
-        return dataclasses.replace(self, problems=self.problems[:-1]) if len(self.problems) > 1 else None
-
     def then(self, problem: Problem) -> "Chain":
         """The chain with one more problem."""
         return dataclasses.replace(self, problems=(*self.problems, problem))
@@ -47,32 +41,15 @@ class Chain:
 
 
 def solve_chain(chain: Chain, folder: Path) -> Solution | None:
-    """The solution of a chain's last problem, read from `folder` or solved and kept there; None where IPOPT failed.
+    """Solve the problems of a chain, keep their solutions in `folder`, and return the last one's; None if IPOPT failed.
 
-    A problem that cannot be solved is passed over: the next one starts from the last solution before it.
+    What is in the folder is not solved again. A problem that cannot be solved is passed over: the next one starts from
+    the last solution before it.
     """
-    from bp2_rl.optimiser.collocation import solve  # CasADi only where something is solved
-    from bp2_rl.optimiser.guess import cold_guess
-
-    if is_solved(chain, folder):
-        return read_solution(chain, folder)
-    before = chain.before
-    while before is not None and (last := solve_chain(before, folder)) is None:
-        before = before.before
-    problem = chain.problems[-1]
-    if before is None:
-        guess = cold_guess(problem, seed=chain.seed or None)
-    else:
-        problem = problem.on(**{name: getattr(last.problem.hardware, name) for name in chain.free})
-        guess = resample(last.problem, last.motion, problem)
-    path = _path(chain, folder)
-    try:
-        solution = solve(problem, guess, free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals)
-    except NotSolved as failure:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path.with_suffix(".failed"), f"{failure}\n")
-        return None
-    save_solution(path, solution)
+    last = solution = None
+    for part in chain.parts:
+        solution = read_solution(part, folder) if is_solved(part, folder) else _solve_end(part, last, folder)
+        last = solution or last
     return solution
 
 
@@ -83,41 +60,45 @@ def is_solved(chain: Chain, folder: Path) -> bool:
 
 
 def read_solution(chain: Chain, folder: Path) -> Solution | None:
-    """What `solve_chain` left; None where IPOPT failed."""
+    """Read what `solve_chain` left of a chain's last problem; None where IPOPT failed."""
     path = _path(chain, folder)
     return None if path.with_suffix(".failed").exists() else load_solution(path)
 
 
-def _path(chain: Chain, folder: Path) -> Path:
-    return folder / "solutions" / config_hash(chain)
-
-
-def solve_chains(chains: Sequence[Chain], folder: Path, workers: int, title: str, console: Console) -> None:
+def solve_chains(chains: Sequence[Chain], folder: Path, workers: int, title: str) -> None:
     """Solve what is not in `folder` yet in `workers` processes, or in this one if it is one."""
     missing = [chain for chain in chains if not all(is_solved(part, folder) for part in chain.parts)]
     if not missing:
         return
     parts = {part for chain in chains for part in chain.parts}
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress, contextlib.ExitStack() as stack:
-        task = progress.add_task(title, total=len(parts))
-
-        def show() -> None:
+    with Progress(*columns) as progress, contextlib.ExitStack() as stack:
+        task = progress.add_task(title, total=len(parts), completed=sum(is_solved(part, folder) for part in parts))
+        run = map if workers == 1 else stack.enter_context(spawned(workers)).map
+        for _ in run(solve_chain, missing, itertools.repeat(folder)):
             progress.update(task, completed=sum(is_solved(part, folder) for part in parts))
 
-        show()
-        if workers == 1:
-            for part in (part for chain in missing for part in chain.parts):
-                solve_chain(part, folder)
-                show()
-            return
-        pool = stack.enter_context(spawned(workers))
-        for future in as_completed([pool.submit(_solve_parts, chain, folder) for chain in missing]):
-            future.result()
-            show()
+
+def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution | None:
+    """Solve a chain's last problem from a solution, or else from a cold guess, and keep what came of it."""
+    from bp2_rl.optimiser.collocation import solve  # CasADi only where something is solved
+    from bp2_rl.optimiser.guess import cold_guess
+
+    problem, path = chain.problems[-1], _path(chain, folder)
+    if start is None:
+        guess = cold_guess(problem, seed=chain.seed or None)
+    else:
+        problem = problem.on(**{name: getattr(start.problem.hardware, name) for name in chain.free})
+        guess = resample(start.problem, start.motion, problem)
+    try:
+        solution = solve(problem, guess, free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals)
+    except NotSolved as failure:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path.with_suffix(".failed"), f"{failure}\n")
+        return None
+    save_solution(path, solution)
+    return solution
 
 
-def _solve_parts(chain: Chain, folder: Path) -> None:
-    """In a process of its own, every part of a chain."""
-    for part in chain.parts:
-        solve_chain(part, folder)
+def _path(chain: Chain, folder: Path) -> Path:
+    return folder / "solutions" / config_hash(chain)

@@ -4,12 +4,11 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.trajectories.codesign.chain import Chain, solve_chains
 from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest
-from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings, Others, Parameter, known_parameter
+from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings, Others, Parameter
 
 FLAT = 0.02  # a parameter is as good as its optimum where it costs at most this share more
 
@@ -44,38 +43,27 @@ class Scan:
         return min(good), max(good)
 
 
-def scan_chains(settings: CodesignSettings, parameter: str, others: Others) -> tuple[Chain, Chain]:
-    """One parameter over a grid, upwards and downwards, the others at the problem's values or free.
-
-    Raises:
-        UserError: a name that is no parameter's.
-    """
-    name = known_parameter(parameter)
-    free: tuple[Parameter, ...] = tuple(p for p in PARAMETERS if p != name and others == "free")
-    grid = np.linspace(*settings.scanned.of((name,))[name], settings.grid)
-    problems = tuple(settings.problem.on(**{name: float(value)}) for value in grid)
+def scan_chains(settings: CodesignSettings, parameter: Parameter, others: Others) -> tuple[Chain, Chain]:
+    """One parameter over a grid, upwards and downwards, the others at the problem's values or free."""
+    free: tuple[Parameter, ...] = tuple(p for p in PARAMETERS if p != parameter and others == "free")
+    low, high = getattr(settings.scanned, parameter)
+    grid = np.linspace(low, high, settings.grid)
+    problems = tuple(settings.problem.on(**{parameter: float(value)}) for value in grid)
     return Chain(problems, free, settings.bounds), Chain(problems[::-1], free, settings.bounds)
 
 
 def scan_design(
-    settings: CodesignSettings,
-    parameter: str,
-    others: Others,
-    folder: Path,
-    workers: int = 1,
-    console: Console | None = None,
+    settings: CodesignSettings, parameter: Parameter, others: Others, folder: Path, workers: int = 1
 ) -> Scan:
     """The cost over one parameter: by continuation from both ends of the grid, the cheaper kept at each value.
 
     Raises:
-        UserError: a name that is no parameter's.
         NotSolved: there was a trajectory for no value.
     """
     up, down = scan_chains(settings, parameter, others)
-    solve_chains((up, down), folder, workers, f"{parameter}, others {others}", console or Console())
+    solve_chains((up, down), folder, workers, f"{parameter}, others {others}")
     pairs = zip(up.parts, reversed(down.parts), strict=True)
-    rows = [cheapest(f"{getattr(pair[0].problems[-1].hardware, parameter):g}", pair, folder) for pair in pairs]
-    kept = tuple(row for row in rows if row is not None)
-    if not kept:
+    rows = cheapest(((f"{getattr(one.problems[-1].hardware, parameter):g}", (one, two)) for one, two in pairs), folder)
+    if not rows:
         raise NotSolved(f"no trajectory for any {parameter} of the scan")
-    return Scan(known_parameter(parameter), others, kept)
+    return Scan(parameter, others, rows)

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from bp2_rl.optimiser.problem import motor_coordinates
 from bp2_rl.optimiser.solution import NotSolved, Solution
@@ -34,9 +33,7 @@ class DesignRow:
     starts: int
 
 
-def find_designs(
-    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> list[tuple[Chain, Solution]]:
+def find_designs(settings: CodesignSettings, folder: Path, workers: int = 1) -> list[tuple[Chain, Solution]]:
     """The optima from every start, cheapest first, on the mesh of `settings.problem`.
 
     The first start is BP2 and the cold guess; the others have designs drawn from within the bounds, and varied guesses.
@@ -45,32 +42,27 @@ def find_designs(
         NotSolved: no start led to a trajectory.
     """
     chains = [start_chain(settings, seed) for seed in range(settings.starts)]
-    solve_chains(chains, folder, workers, "designs", console or Console())
+    solve_chains(chains, folder, workers, "designs")
     found = _solved(chains, folder)
     if not found:
         raise NotSolved(f"no design for {settings.problem.speed:g} m/s from {settings.starts} starts")
     return found
 
 
-def optimise_design(
-    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> Solution:
-    """The cheapest of `find_designs`, solved again on the meshes of `settings.confirm`, the parameters still free.
+def optimise_design(settings: CodesignSettings, folder: Path, workers: int = 1) -> Chain:
+    """Solve the cheapest of `find_designs` again on the meshes of `settings.confirm`, and return the whole chain.
+
+    The parameters stay free.
 
     Raises:
         NotSolved: no start led to a trajectory, or the finest mesh lost it.
     """
-    chain = refined(settings, find_designs(settings, folder, workers, console)[0][0])
-    solve_chains([chain], folder, workers, "finer meshes", console or Console())
-    solution = read_solution(chain, folder)
-    if solution is None:
+    chain, _ = find_designs(settings, folder, workers)[0]
+    chain = functools.reduce(Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain)
+    solve_chains([chain], folder, workers, "finer meshes")
+    if read_solution(chain, folder) is None:
         raise NotSolved(f"the design was lost on {chain.problems[-1].intervals} intervals")
-    return solution
-
-
-def refined(settings: CodesignSettings, chain: Chain) -> Chain:
-    """The chain, then its last problem on finer and finer meshes."""
-    return functools.reduce(Chain.then, (settings.problem.on_mesh(n) for n in settings.confirm), chain)
+    return chain
 
 
 def start_chain(settings: CodesignSettings, seed: int) -> Chain:
@@ -88,11 +80,17 @@ def _solved(chains: Iterable[Chain], folder: Path) -> list[tuple[Chain, Solution
     return sorted(((chain, end) for chain, end in ends if end is not None), key=lambda pair: pair[1].cost)
 
 
-def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> DesignRow | None:
-    """The cheapest of several ways to the same problem; None where none led there."""
-    found = _solved(chains, folder)
-    if not found:
-        return None
+def cheapest(ways: Iterable[tuple[str, Sequence[Chain]]], folder: Path) -> tuple[DesignRow, ...]:
+    """Return a row of the cheapest of each case's ways to its problem, as read from `folder`.
+
+    A case that no way has solved has no row.
+    """
+    ends = [(case, _solved(chains, folder), len(chains)) for case, chains in ways]
+    return tuple(_row(case, found, starts) for case, found, starts in ends if found)
+
+
+def _row(case: str, found: Sequence[tuple[Chain, Solution]], starts: int) -> DesignRow:
+    """Return the row of the first of several solutions, which are in the order of their costs."""
     chain, best = found[0]
     hardware, motors = best.problem.hardware, motor_coordinates(best.problem.stride.legs)
     speed = float(np.max(np.abs(best.motion.v[..., motors])))
@@ -108,5 +106,5 @@ def cheapest(case: str, chains: Sequence[Chain], folder: Path) -> DesignRow | No
         at_bounds=chain.bounds.touched(hardware, chain.free),
         spread=found[-1][1].cost / best.cost - 1.0,
         solved=len(found),
-        starts=len(chains),
+        starts=starts,
     )

@@ -4,36 +4,25 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from bp2_rl.paper.trajectories.codesign.chain import solve_chains
 from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, find_designs, start_chain
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 from bp2_rl.robot import specs
 
 
-def vary_settings(
-    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> list[DesignRow]:
+def vary_settings(settings: CodesignSettings, folder: Path, workers: int = 1) -> tuple[DesignRow, ...]:
     """The optimum under the settings and under each of `variations`; from cold starts and from the settings' optimum.
 
     Raises:
         NotSolved: no start led to a trajectory even under the settings themselves.
     """
-    found = find_designs(settings, folder, workers, console)
-    base = found[0][0]
-    ways = {
-        case: [
-            dataclasses.replace(base, bounds=changed.bounds).then(changed.problem),
-            *(start_chain(changed, seed) for seed in range(settings.starts_elsewhere)),
-        ]
-        for case, changed in variations(settings).items()
-    }
-    every = [chain for chains in ways.values() for chain in chains]
-    solve_chains(every, folder, workers, "sensitivity", console or Console())
-    ways = {"as stated": [start_chain(settings, seed) for seed in range(settings.starts)]} | ways
-    rows = [cheapest(case, chains, folder) for case, chains in ways.items()]
-    return [row for row in rows if row is not None]
+    base, _ = find_designs(settings, folder, workers)[0]
+    ways = {"as stated": [start_chain(settings, seed) for seed in range(settings.starts)]}
+    for case, changed in variations(settings).items():
+        ways[case] = [dataclasses.replace(base, bounds=changed.bounds).then(changed.problem)]
+        ways[case] += [start_chain(changed, seed) for seed in range(settings.starts_elsewhere)]
+    solve_chains([chain for chains in ways.values() for chain in chains], folder, workers, "sensitivity")
+    return cheapest(ways.items(), folder)
 
 
 def variations(settings: CodesignSettings) -> dict[str, CodesignSettings]:

@@ -38,33 +38,17 @@ class Bounds:
                 except UserError as error:
                     raise UserError(f"bounds.{name} {ends}: {error}") from error
 
-    def of(self, names: Iterable[str]) -> dict[str, tuple[float, float]]:
-        """The bounds of some parameters.
+    def of(self, names: Iterable[Parameter]) -> dict[str, tuple[float, float]]:
+        """The bounds of some parameters."""
+        return {name: getattr(self, name) for name in names}
 
-        Raises:
-            UserError: a name that is no parameter's.
-        """
-        return {name: getattr(self, known_parameter(name)) for name in names}
-
-    def touched(self, hardware: HardwareSpec, names: Iterable[str] = PARAMETERS) -> tuple[str, ...]:
+    def touched(self, hardware: HardwareSpec, names: Iterable[Parameter] = PARAMETERS) -> tuple[str, ...]:
         """Which of the parameters the hardware has at a bound."""
         return tuple(
             name
             for name, (low, high) in self.of(names).items()
             if min(getattr(hardware, name) - low, high - getattr(hardware, name)) <= AT_BOUND * (high - low)
         )
-
-
-def known_parameter(name: str) -> Parameter:
-    """`name`, if it is a parameter's.
-
-    Raises:
-        UserError: it is not.
-    """
-    for parameter in PARAMETERS:
-        if name == parameter:
-            return parameter
-    raise UserError(f"{name!r} is no design parameter: choose among {', '.join(PARAMETERS)}")
 
 
 @dataclasses.dataclass(frozen=True)

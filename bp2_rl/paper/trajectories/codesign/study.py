@@ -14,11 +14,25 @@ from bp2_rl.base.folders import make_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.paper.trajectories.codesign.chain import solve_chains
 from bp2_rl.paper.trajectories.codesign.scan import FLAT, Scan, scan_chains, scan_design
-from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, find_designs, optimise_design, refined
+from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, optimise_design
 from bp2_rl.paper.trajectories.codesign.sensitivity import vary_settings
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, UNITS, CodesignSettings, Others, Parameter
 
 NUMBERS, TEXT = "codesign.json", "codesign.txt"
+COLUMNS = {
+    "gear": "{row.gear_ratio:.2f}{star[gear_ratio]}",
+    "length": "{row.leg_length:.3f}{star[leg_length]}",
+    "stiffness": "{row.spring_stiffness:.0f}{star[spring_stiffness]}",
+    "cost": "{row.cost:.4f}",
+    "period": "{row.period:.3f}",
+    "duty": "{row.duty:.3f}",
+    "torque": "{row.peak_torque:.1f}",
+    "speed": "{row.peak_speed:.1f}",
+    "of top": "{row.speed_share:.0%}",
+    "spread": "{row.spread:.1%}",
+    "solved": "{row.solved}/{row.starts}",
+}
+"""The columns of a table of designs: heading -> format of a row."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,9 +45,7 @@ class Codesign:
     scans: tuple[Scan, ...]
 
 
-def study_codesign(
-    settings: CodesignSettings, folder: Path, workers: int = 1, console: Console | None = None
-) -> Codesign:
+def study_codesign(settings: CodesignSettings, folder: Path, workers: int = 1) -> Codesign:
     """Optimum, sensitivity and scans; solutions, `codesign.json` and `codesign.txt` are left in `folder`.
 
     Interrupted, it goes on from what is in the folder.
@@ -42,21 +54,19 @@ def study_codesign(
         NotSolved: no start led to a trajectory.
     """
     make_folder(folder)
-    console = console or Console()
-    optimise_design(settings, folder, workers, console)
-    best = refined(settings, find_designs(settings, folder, workers, console)[0][0])
-    meshes = [cheapest(f"on {part.problems[-1].intervals} intervals", [part], folder) for part in best.parts[1:]]
-    sensitivity = vary_settings(settings, folder, workers, console)
+    _, *finer = optimise_design(settings, folder, workers).parts
+    meshes = cheapest(((f"on {part.problems[-1].intervals} intervals", [part]) for part in finer), folder)
+    sensitivity = vary_settings(settings, folder, workers)
     wanted: list[tuple[Parameter, Others]] = [(name, others) for others in get_args(Others) for name in PARAMETERS]
     ways = [chain for name, others in wanted for chain in scan_chains(settings, name, others)]
-    solve_chains(ways, folder, workers, "scans", console)
-    scans = [scan_design(settings, name, others, folder, workers, console) for name, others in wanted]
-    study = Codesign(settings, tuple(row for row in meshes if row), tuple(sensitivity), tuple(scans))
+    solve_chains(ways, folder, workers, "scans")
+    scans = tuple(scan_design(settings, name, others, folder, workers) for name, others in wanted)
+    study = Codesign(settings, meshes, sensitivity, scans)
     save_config(folder / NUMBERS, study)
     text = io.StringIO()
     print_study(study, Console(file=text, width=120))
     write_text(folder / TEXT, text.getvalue())
-    print_study(study, console)
+    print_study(study, Console())
     return study
 
 
@@ -83,47 +93,19 @@ def remarks(study: Codesign) -> list[str]:
 
 
 def _table(title: str, rows: Iterable[DesignRow]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
+    """Return a table of designs; a star marks what a bound holds."""
+    table = _empty_table(title)
     table.add_column("setting", no_wrap=True)
-    for heading in (
-        "gear",
-        "length",
-        "stiffness",
-        "cost",
-        "period",
-        "duty",
-        "torque",
-        "speed",
-        "of top",
-        "spread",
-        "solved",
-    ):
+    for heading in COLUMNS:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
-        table.add_row(row.case, *_cells(row))
+        star = {name: "*" if name in row.at_bounds else "" for name in PARAMETERS}
+        table.add_row(row.case, *(form.format(row=row, star=star) for form in COLUMNS.values()))
     return table
 
 
-def _cells(row: DesignRow) -> Iterable[str]:
-    """Figures of a row; a star marks what a bound holds."""
-    star = {name: "*" if name in row.at_bounds else "" for name in PARAMETERS}
-    return (
-        f"{row.gear_ratio:.2f}{star['gear_ratio']}",
-        f"{row.leg_length:.3f}{star['leg_length']}",
-        f"{row.spring_stiffness:.0f}{star['spring_stiffness']}",
-        f"{row.cost:.4f}",
-        f"{row.period:.3f}",
-        f"{row.duty:.3f}",
-        f"{row.peak_torque:.1f}",
-        f"{row.peak_speed:.1f}",
-        f"{row.speed_share:.0%}",
-        f"{row.spread:.1%}",
-        f"{row.solved}/{row.starts}",
-    )
-
-
 def _scan_table(scans: Iterable[Scan]) -> Table:
-    table = Table(title="Scans", title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
+    table = _empty_table("Scans")
     for heading in ("parameter", "others", "cheapest at", "", f"within {FLAT:.0%}", "solved from"):
         table.add_column(heading, no_wrap=True)
     for scan in scans:
@@ -136,3 +118,7 @@ def _scan_table(scans: Iterable[Scan]) -> Table:
             f"{scan.values[0]:.5g} to {scan.values[-1]:.5g}",
         )
     return table
+
+
+def _empty_table(title: str) -> Table:
+    return Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))

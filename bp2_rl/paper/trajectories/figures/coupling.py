@@ -17,7 +17,7 @@ from bp2_rl.paper.trajectories.coordinates import LINKS
 from bp2_rl.paper.trajectories.coupling import ENDS, THROUGH, WITHIN, Sources, keep_harmonics
 from bp2_rl.paper.trajectories.coupling_account import HARMONICS, PAPER_INSTANT, CouplingAccount
 from bp2_rl.paper.trajectories.decomposition import TERMS, Decomposition
-from bp2_rl.paper.trajectories.figures.decomposition import TERM_COLORS, stack, stack_terms
+from bp2_rl.paper.trajectories.figures.decomposition import TERM_COLORS, legend_of_terms, stack, stack_terms
 
 MAIN, PARTNER, SPRING, TRUNK = TERM_COLORS["main inertial"], "#D55E00", "#F2A65A", INK
 SOURCES = {"knee of the leg": PARTNER, "spring of the leg": SPRING, "trunk: all else": TRUNK}
@@ -91,9 +91,7 @@ def coordinates_figure(joints: Decomposition, links: Decomposition) -> Figure:
         axes.set_xlabel("Time / period")
     letter(panels.ravel().tolist())
     shown = [term for term in TERMS if np.any(joints.along(term, f"{leg} hip"))]
-    handles = [Patch(color=TERM_COLORS[term], label=term) for term in shown]
-    handles.append(Patch(color=FAINT, label="stance"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=0.8, columnspacing=1.0)
+    legend_of_terms(figure, shown, spacing=1.0)
     return figure
 
 
@@ -137,16 +135,13 @@ def _through_trunk(axes: Axes, sources: Sources, leg: str) -> None:
 
 def _fixed_trunk(axes: Axes, sources: Sources, joint: str) -> None:
     """A joint's motor torque over a cycle, and on a trunk that is not accelerated."""
-    terms = sources.decomposition
-    share = terms.time / terms.cycle.period
-    peaks = []
+    terms, peaks = sources.decomposition, []
     for end, front in ENDS.items():
-        leg = next(leg for leg in terms.legs if leg.startswith("F") == front)
+        leg = terms.leg_at(front)
         motor = 2 * terms.legs.index(leg) + ("hip", "knee").index(joint)
         color = TERM_COLORS["Coriolis"] if front else TERM_COLORS["active"]
         u, fixed = sources.active[:, motor], sources.fixed[:, motor]
-        begin = next(start for start, feet in zip(terms.cycle.starts, terms.cycle.standing, strict=True) if leg in feet)
-        since = (share - begin / terms.cycle.period) % 1.0
+        since = terms.cycle.since_touchdown(leg)
         order = np.argsort(since, kind="stable")
         axes.plot(since[order], u[order], color=color, label=f"u, {end}")
         axes.plot(since[order], fixed[order], color=color, linestyle=(0, (1.5, 1.2)), label=f"ũ, {end}")
@@ -233,8 +228,7 @@ def _cutoffs(axes: Axes, account: CouplingAccount) -> None:
 
 def _velocity_force(axes: Axes, terms: Decomposition) -> None:
     """C_z over the weight along the cycle, and the paper's one value of it."""
-    share = terms.time / terms.cycle.period
-    over_weight = (terms.along("centrifugal", "z") + terms.along("Coriolis", "z")) / terms.along("gravity", "z")
+    share, over_weight = terms.time / terms.cycle.period, terms.velocity_force
     shade_stance(axes, terms.cycle, terms.legs)
     axes.plot(share, over_weight, color=TERM_COLORS["centrifugal"])
     axes.plot(*PAPER_C_Z, "D", ms=5, color=PARTNER)

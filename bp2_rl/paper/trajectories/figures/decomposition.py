@@ -73,14 +73,20 @@ def decomposition_figure(decomposition: Decomposition, trends: Trends, leg: str 
         color=QUIET,
     )
     letter([*profiles, motion, *means, *shares])
-    shown = np.max(trends.share, axis=(0, 2)) > 0.0
-    handles = [Patch(color=TERM_COLORS[term], label=term) for term in np.array(TERMS)[shown]]
-    handles.append(Patch(color=FAINT, label="stance"))
     sides = [Line2D([], [], color=color, label=side) for side, color in (("left", LEFT), ("right", RIGHT))]
     if "FL" in cycle.problem.stride.legs:
         motion.legend(handles=sides, loc="upper left", ncols=2, handlelength=1.2, borderpad=0.0)
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=0.8, columnspacing=0.8)
+    shown = np.max(trends.share, axis=(0, 2)) > 0.0
+    legend_of_terms(figure, np.array(TERMS)[shown].tolist(), spacing=0.8)
     return figure
+
+
+def legend_of_terms(figure: Figure, terms: Sequence[str], spacing: float) -> None:
+    """Put the colours of some terms and that of stance above a figure; `spacing` is between columns, in letters."""
+    handles = [*(Patch(color=TERM_COLORS[term], label=term) for term in terms), Patch(color=FAINT, label="stance")]
+    figure.legend(
+        handles=handles, loc="outside upper center", ncols=len(handles), handlelength=0.8, columnspacing=spacing
+    )
 
 
 def stack_terms(axes: Axes, decomposition: Decomposition, coordinate: str) -> None:

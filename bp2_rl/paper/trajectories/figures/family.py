@@ -1,35 +1,19 @@
 """A family of motions over speed."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import QUIET, WIDTH, styled
 from bp2_rl.optimiser.cycle import cost_of_transport, robot_mass
 from bp2_rl.optimiser.figure_style import LEFT, RIGHT, finely, letter
-from bp2_rl.optimiser.problem import PER_LEG, TRUNK
+from bp2_rl.optimiser.problem import spring_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.decomposition import comparable
 from bp2_rl.robot import specs
-
-
-@dataclasses.dataclass(frozen=True)
-class _Figures:
-    """What a solution is, in numbers."""
-
-    period: float  # s
-    duty: float
-    force: float  # N, peak vertical ground reaction of a foot
-    torque: tuple[float, float]  # Nm, peak at a hip and at a knee
-    compression: float  # m, peak
-    transport: float
-    height: tuple[float, float]  # m, least and greatest
-    pitch: tuple[float, float]  # rad, likewise
 
 
 @styled
@@ -41,26 +25,27 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
     """
     solutions = comparable(solutions)
     problem = solutions[0].problem
+    springs = spring_coordinates(problem.stride.legs)
     speeds = [solution.problem.speed for solution in solutions]
-    rows = [_in_numbers(solution) for solution in solutions]
+    motions = [finely(solution).motion for solution in solutions]
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     panels = figure.subplots(4, 2, sharex=True).ravel().tolist()
 
-    def line(axes: Axes, values: Sequence[float] | Float[np.ndarray, " speeds"], **style: Any) -> None:
+    def line(axes: Axes, values: Sequence[float], **style: Any) -> None:
         axes.plot(speeds, values, "o-", ms=3.5, **{"color": LEFT, **style})
 
-    line(panels[0], [1e3 * row.period for row in rows])
-    line(panels[1], [row.duty for row in rows])
-    line(panels[2], [row.force for row in rows])
+    line(panels[0], [1e3 * solution.period for solution in solutions])
+    line(panels[1], [solution.duty for solution in solutions])
+    line(panels[2], [np.max(motion.force[..., 1::2]) for motion in motions])
     for joint, (name, color) in enumerate((("hip", LEFT), ("knee", RIGHT))):
-        line(panels[3], [row.torque[joint] for row in rows], label=name, color=color)
-    line(panels[4], [1e3 * row.compression for row in rows])
-    line(panels[5], [row.transport for row in rows])
-    for axes, extent in (
-        (panels[6], np.array([row.height for row in rows])),
-        (panels[7], np.rad2deg(np.array([row.pitch for row in rows]))),
+        line(panels[3], [np.max(np.abs(motion.tau[..., joint::2])) for motion in motions], label=name, color=color)
+    line(panels[4], [1e3 * np.max(motion.q[..., springs]) for motion in motions])
+    line(panels[5], [cost_of_transport(solution) for solution in solutions])
+    for axes, along in (
+        (panels[6], [motion.q[..., 1] for motion in motions]),
+        (panels[7], [np.rad2deg(motion.q[..., 2]) for motion in motions]),
     ):
-        low, high = extent.T
+        low, high = ([extreme(values) for values in along] for extreme in (np.min, np.max))
         axes.fill_between(speeds, low, high, color=LEFT, alpha=0.2, linewidth=0)
         line(axes, low)
         line(axes, high)
@@ -86,24 +71,6 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
         axes.set_xlabel("Speed [m/s]")
     letter(panels)
     return figure
-
-
-def _in_numbers(solution: Solution) -> _Figures:
-    motion = finely(solution).motion
-    legs = len(solution.problem.stride.legs)
-    joints = motion.q[..., TRUNK:].reshape(*motion.q.shape[:2], legs, PER_LEG)
-    torque = np.max(np.abs(motion.tau), axis=(0, 1)).reshape(legs, 2).max(axis=0)
-    height, pitch = motion.q[..., 1], motion.q[..., 2]
-    return _Figures(
-        period=solution.period,
-        duty=solution.duty,
-        force=float(np.max(motion.force[..., 1::2])),
-        torque=(float(torque[0]), float(torque[1])),
-        compression=float(np.max(joints[..., 2])),
-        transport=cost_of_transport(solution),
-        height=(float(np.min(height)), float(np.max(height))),
-        pitch=(float(np.min(pitch)), float(np.max(pitch))),
-    )
 
 
 def _mark_level(axes: Axes, level: float, text: str) -> None:
