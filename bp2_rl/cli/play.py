@@ -44,7 +44,7 @@ class PlayConfig:
     host: str = "127.0.0.1"
     """Address at which the page is served; 0.0.0.0: to other machines as well, to whoever finds it."""
     port: Annotated[int, Within(1, 65535)] = 8080
-    """Likewise; the next free one where another program has it."""
+    """Port of the page; the next free one where another program has it."""
     speed: Annotated[float, Within(-100.0, 100.0)] = 0.0
     """m/s that are commanded at first."""
     seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float("inf")

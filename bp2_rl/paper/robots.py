@@ -27,7 +27,7 @@ class PublishedRobot:
     peak_torque: Annotated[
         float | None, Within(1e-3, 1e6), ColumnHeading("peak torque [Nm]")
     ]  # of a motor, at the joint
-    no_load_speed: Annotated[float | None, Within(1e-3, 1e6), ColumnHeading("no-load speed [rad/s]")]  # likewise
+    no_load_speed: Annotated[float | None, Within(1e-3, 1e6), ColumnHeading("no-load speed [rad/s]")]
     top_speed: Annotated[float, Within(1e-3, 1e3), ColumnHeading("top speed [m/s]")]
     wheels: bool  # at the ends of its legs; the paper does not mark them
     source: str

@@ -37,7 +37,7 @@ class Resistance:
     spring_friction: Number  # N
     rebound_damping: Number  # N s/m
     joint_hold: Number  # Nm s/rad, friction per speed near rest
-    spring_hold: Number  # N s/m, likewise
+    spring_hold: Number  # N s/m, friction per speed near rest
 
     @classmethod
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":

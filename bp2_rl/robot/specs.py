@@ -105,13 +105,13 @@ ABAD_MASS = _number("-", 0.9, "kg", "ASSUMED: abduction link with the hip motor'
 ABAD_INERTIA = _number("-", 0.0015, "kg m2", "ASSUMED: a 0.9 kg cylinder of 0.05 m radius")
 ABAD_COM_FORE_AFT = _number("-", -0.05, "m", "ASSUMED: from the hip, towards the trunk's centre")
 FORE_TRACK = _number("-", 0.39, "m", "ASSUMED: between the fore legs' planes; 0.44 m over all with their covers")
-HIND_TRACK = _number("-", 0.32, "m", "ASSUMED: likewise behind, narrower than the front, as the paper says")
+HIND_TRACK = _number("-", 0.32, "m", "ASSUMED: track of the hind feet, narrower than the front, as the paper says")
 THIGH_LATERAL = _number("-", 0.080, "m", "ASSUMED: abduction axis to the leg's plane, outwards")
 THIGH_TWIST_INERTIA = _number("-", 0.003, "kg m2", "ASSUMED: about its length, 2.2 kg of motors 0.05 m in radius")
 SHANK_TWIST_INERTIA = _number("-", 5e-6, "kg m2", "ASSUMED: about its length, a 0.1 kg rod of 0.01 m radius")
 FOOT_RADIUS = _number("-", 0.02, "m", "ASSUMED: sphere whose lowest point is the sole")
 THIGH_RADIUS = _number("-", 0.018, "m", "ASSUMED: of a solid leg's capsule from hip to knee, half the shell's width")
-LOWER_LEG_RADIUS = _number("-", 0.0145, "m", "ASSUMED: likewise from knee to foot, that of the spring's coils")
+LOWER_LEG_RADIUS = _number("-", 0.0145, "m", "ASSUMED: radius from knee to foot, that of the spring's coils")
 SHANK_REACH = _number("-", 0.17, "m", "ASSUMED: knee to the end of the tubes that guide the spring")
 RODS_BELOW_KNEE = _number(
     "-", 0.15, "m", "ASSUMED: knee to the upper end of the toe's rods, spring at rest: the longest that clear the knee"
@@ -180,7 +180,7 @@ class HardwareSpec:
     leg_length: Annotated[float, Within(0.0, 10.0)] = THIGH_LENGTH
     """m, of the thigh and of the uncompressed lower leg alike"""
     fore_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = FORE_TRACK  # m, between the fore legs' planes
-    hind_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = HIND_TRACK  # m, likewise behind
+    hind_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = HIND_TRACK  # m, between the hind feet
     solid_legs: bool = False
     """legs collide with each other and with the trunk in the judge; in training they end the episode instead"""
     spring_stiffness: Annotated[float, Within(100.0, 1e7)] = SPRING_STIFFNESS  # N/m
@@ -194,16 +194,16 @@ class HardwareSpec:
     """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically damped"""
     rotor_inertia: Annotated[float, Within(0.0, 0.1)] = ROTOR_INERTIA  # kg m2, motor side
     peak_torque: Annotated[float, Within(0.1, 1e5)] = PEAK_TORQUE  # Nm, at the joint with the gear of 8.5
-    corner_speed: Annotated[float, Within(0.0, 1e4)] = CORNER_SPEED  # rad/s likewise; 0 is the straight back-EMF line
-    no_load_speed: Annotated[float, Within(0.1, 1e4)] = NO_LOAD_SPEED  # rad/s likewise
+    corner_speed: Annotated[float, Within(0.0, 1e4)] = CORNER_SPEED  # rad/s, with that gear; 0: a straight line
+    no_load_speed: Annotated[float, Within(0.1, 1e4)] = NO_LOAD_SPEED  # rad/s, with that gear
     braking_speed: Annotated[float, Within(0.1, 1e4, infinite=True)] = float("inf")
-    """rad/s likewise, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
+    """rad/s, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
     envelope: Literal["start", "throughout"] = "start"
-    """when in a millisecond torque keeps to the envelope: at its start only, or, in the judge, all the time"""
+    """when in a millisecond torque keeps to the envelope: at its start only, or, in C MuJoCo, all the time"""
     mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
     thigh_mass: Annotated[float, Within(0.1, 10.0)] = THIGH_MASS
     """kg, before that scale: what legs gain the trunk loses, and inertias go with the masses"""
-    toe_mass: Annotated[float, Within(0.05, 10.0)] = TOE_MASS  # kg, likewise
+    toe_mass: Annotated[float, Within(0.05, 10.0)] = TOE_MASS  # kg, of one
     trunk_inertia: Annotated[float, Within(0.1, 1e4)] = 1.0
     """of the trunk's inertia, times what its mass makes of it; a large one guides the trunk, which then cannot pitch"""
     friction: Annotated[float, Within(0.01, 10.0)] = FOOT_FRICTION

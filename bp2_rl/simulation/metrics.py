@@ -79,7 +79,7 @@ class GroundMetrics:
     slip_distance: float | None  # m a stance, mean
     breaks: float | None  # losses of contact within a stance, mean
     landing_down: float | None  # m/s, mean of soles just before they touch
-    landing_forward: float | None  # m/s, likewise
+    landing_forward: float | None  # m/s, of soles that land, mean
     top_outs: float  # times a second that a spring, all together, comes onto its rebound stop
     top_out_speed: float  # m/s, greatest at which it does
     limit_share: float  # share of time with any joint beyond its range
@@ -114,15 +114,15 @@ class RunMetrics:
     held_speed: float | None  # m/s, best 5-s mean of the hold phase; None where that is shorter
     slowest_held_speed: float | None  # m/s, slowest 1-s mean of the hold phase; None unless that lasted 1 s
     mean_speed: float  # m/s, over the steady window
-    tracking_error: float | None  # m/s, mean of |forward speed - command| over the hold phase, likewise
+    tracking_error: float | None  # m/s, mean of |forward speed - command| over the hold phase
     distance: float  # m, straight from start to end
     lateral_drift: float  # m, greatest distance from the line it set out on
     heading_drift: float  # rad, greatest deviation from the heading it set out on
     mean_height: float  # m, of the trunk's centre over the steady window
     mechanical_cost_of_transport: float | None  # positive mechanical work / (m g distance), steady window
-    electrical_cost_of_transport: float | None  # likewise with copper losses, no credit for braking
+    electrical_cost_of_transport: float | None  # with copper losses, no credit for braking
     mechanical_power: float  # W, mean positive, steady window
-    electrical_power: float  # W, likewise with copper losses
+    electrical_power: float  # W, mean, with copper losses
     froude_number: float | None  # best_speed^2 / (g h), h = standing height
     motor_demand: float | None  # m g best_speed / (tau_max omega_max)
     peak_force: float  # N, of the hardest foot
@@ -130,17 +130,17 @@ class RunMetrics:
     on_stop: float  # share of time with any spring on its stop
     stop_hits: int  # times that a spring came onto its stop, all springs together
     leg_contact: float  # share of time with a leg at or in another leg or the trunk, whether legs are solid or not
-    leg_contact_time: float  # s, likewise
+    leg_contact_time: float  # s, in all
     leg_depth: float  # m, greatest, of a leg in another leg or the trunk
     leg_clearance: float  # m, least, between legs; below 0 they overlap
-    trunk_clearance: float  # m, likewise between legs and trunk
+    trunk_clearance: float  # m, least between legs and trunk
     on_envelope: float  # share of all motors' samples
     outside_envelope: int  # samples of any motor outside its limits: must be 0
     motors: tuple[MotorMetrics, ...]
     legs: tuple[LegMetrics, ...]
     account: Account | None = None  # where it was asked for
     half_cycle: float | None = None  # cycles, by which left and right legs are not half a cycle apart; None: no stride
-    uneven: float | None = None  # share of the vertical impulse that one side has more than the other, likewise
+    uneven: float | None = None  # share of the vertical impulse that one side has more than the other
 
 
 def measure(run: Trajectory) -> RunMetrics:

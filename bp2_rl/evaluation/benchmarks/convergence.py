@@ -37,7 +37,7 @@ MEANINGS = {
     "solver x 2": "twice the iterations, tolerance 1e-12",
     "0.5 ms": "two physics steps a millisecond",
     "0.25 ms": "four physics steps a millisecond",
-    "0.25 ms, motors too": "likewise, torques at each of them",
+    "0.25 ms, motors too": "four physics steps a millisecond, torques at each",
 }
 TILES = "Greatest change", "Mean speed", "Top speed"
 
@@ -129,7 +129,7 @@ def convergence_rows(metrics: ConvergenceMetrics) -> tuple[Row, ...]:
     return (
         Row("Greatest change", f"{metrics.greatest_change:.2%}", "of the mean speed held, relative"),
         Row("Mean speed", f"{first.mean_speed:.3f} m/s", "while held, as judged: steps of 1 ms"),
-        Row("Top speed", show(first.best_speed, ".3f", "m/s"), "likewise, best 1-s mean"),
+        Row("Top speed", show(first.best_speed, ".3f", "m/s"), "best 1-s mean, as judged"),
         *(Row(f"Change, {v.name}", f"{v.mean_speed_change:+.3%}", MEANINGS[v.name]) for v in others),
     )
 

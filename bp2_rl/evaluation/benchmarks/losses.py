@@ -155,12 +155,12 @@ def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
     optimiser = metrics.optimiser or (None, None)
     return (
         Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
-        Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "likewise"),
+        Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "mean while held"),
         Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
         Row("Over the treadmill", _signed(metrics.built.speed - specs.TREADMILL_TOP_SPEED), rest),
         Row("Over outdoors", _signed(metrics.built.speed - specs.OUTDOOR_TOP_SPEED), rest),
         Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
-        Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "likewise"),
+        Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "greatest speed of its stride"),
     )
 
 

@@ -221,12 +221,12 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("95 % interval", f"{low:.1%} to {high:.1%}", "Wilson score interval of that share"),
         Row("Commanded speed", f"{m.commanded_speed:.2f} m/s", "at the end"),
         Row("Mean speed", show(speed and speed.median, ".2f", "m/s"), "while held, median of the upright"),
-        Row("Slowest 5 %", show(speed and speed.low, ".2f", "m/s"), "likewise, 5 % quantile"),
-        Row("Fastest 5 %", show(speed and speed.high, ".2f", "m/s"), "likewise, 95 % quantile"),
+        Row("Slowest 5 %", show(speed and speed.low, ".2f", "m/s"), "while held, 5 % quantile of the upright"),
+        Row("Fastest 5 %", show(speed and speed.high, ".2f", "m/s"), "while held, 95 % quantile of the upright"),
         Row("Off the line", show(offset and offset.median, ".2f", "m"), "greatest, median of the upright"),
         Row("Worst off the line", show(m.greatest_offset, ".2f", "m"), "greatest of the upright"),
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
-        Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "likewise"),
+        Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
     )
 

@@ -52,9 +52,13 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Left and right", show(m.uneven, ".1%"), "one side has more of the impulse"),
         Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
         Row("Mechanical cost", show(m.mechanical_cost_of_transport, ".2f"), "positive motor work / (m g distance)"),
-        Row("Electrical cost", show(m.electrical_cost_of_transport, ".2f"), "likewise, with copper losses"),
+        Row(
+            "Electrical cost",
+            show(m.electrical_cost_of_transport, ".2f"),
+            "with copper heat / (m g distance)",
+        ),
         Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
-        Row("Electrical power", f"{m.electrical_power:.0f} W", "likewise, with copper losses"),
+        Row("Electrical power", f"{m.electrical_power:.0f} W", "positive and copper heat, mean, steady window"),
         *(account_rows(m.account) if m.account else ()),
         Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m"),
         Row("Motor demand", show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
@@ -112,7 +116,7 @@ def leg_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     return (
         Row("Legs touch", f"{m.leg_contact:.1%}", f"of the time, {lasted}; {deep} deep at most"),
         Row("Room between legs", f"{1e3 * m.leg_clearance:.0f} mm", "least; below 0 they overlap"),
-        Row("Room at the trunk", f"{1e3 * m.trunk_clearance:.0f} mm", "likewise, between legs and trunk"),
+        Row("Room at the trunk", f"{1e3 * m.trunk_clearance:.0f} mm", "least, of a leg; below 0 they overlap"),
     )
 
 

@@ -106,7 +106,7 @@ class SensitivityMetrics:
     commanded_speed: float  # m/s
     upright: int  # robots that fell in neither run
     top_speeds: tuple[float, float] | None  # m/s, least and greatest
-    times_100m: tuple[float, float] | None  # s, likewise
+    times_100m: tuple[float, float] | None  # s, least and greatest
     robots: tuple[RobotMetrics, ...]
 
 
@@ -216,9 +216,9 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
     return (
         Row("Without a fall", f"{metrics.upright} of {len(metrics.robots)}", "in both runs"),
         Row("Least top speed", show(slow, ".2f", "m/s"), "best 1-s mean, of the upright"),
-        Row("Greatest top speed", show(fast, ".2f", "m/s"), "likewise"),
+        Row("Greatest top speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
-        Row("Slowest 100 m", show(most, ".2f", "s"), "likewise"),
+        Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
         Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint"),
         *(Row(r.name[0].upper() + r.name[1:], show(r.top_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
     )

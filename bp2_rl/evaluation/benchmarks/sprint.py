@@ -272,7 +272,7 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("Fall", show_fall(run.fell_at), f"in {run.duration:.1f} s"),
         Row("Trunk off the line", f"{lane.trunk_offset:.2f} m", "greatest, of its centre"),
         Row("Trunk's side", f"{lane.trunk_reach:.2f} m", "greatest distance from the line, 0.44 m wide"),
-        Row("Feet's outer edge", f"{lane.foot_reach:.2f} m", "likewise"),
+        Row("Feet's outer edge", f"{lane.foot_reach:.2f} m", "greatest distance from the line"),
         Row("Lane used", f"{used / (LANE_WIDTH / 2):.0%}", f"of \u00b1{LANE_WIDTH / 2:.2f} m, by trunk and feet"),
         *motor_rows(run),
         Row("Spring-stop hits", f"{run.stop_hits}", f"a spring is on its stop {run.on_stop:.1%} of the time"),

@@ -19,7 +19,7 @@ BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
 """Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world record, Berlin 2009 (Graubner and
 Nixdorf, Biomechanical analysis of the sprint and hurdles events at the 2009 IAAF World Championships in Athletics, New
 Studies in Athletics 26, 2011)."""
-BOLT_REACTION = 0.146  # s, likewise
+BOLT_REACTION = 0.146  # s, reaction time
 LYLES_TIME, LYLES_REACTION = 9.784, 0.178  # s, Paris 2024 (World Athletics, results of the final)
 TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1  # s, paper, Results, Hundred-meter sprint benchmark
 
@@ -33,7 +33,7 @@ TIMES = {  # s over 100 m
     UNTRAINED: UNTRAINED_TIME,
 }
 LAUNCHES = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: specs.LAUNCH_ACCELERATION}
-"""Mean acceleration over the first 5 m, m/s2, whatever that is: paper, likewise."""
+"""Mean acceleration over the first 5 m, m/s2; the paper gives the figures of the people, too."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -38,7 +38,7 @@ class KindNumbers:
     driving: float  # W, greatest power of one ...
     braking: float  # W, ... and greatest that it takes back, as a positive number
     torque: float  # Nm, root mean square
-    speed: float  # rad/s, likewise
+    speed: float  # rad/s, of the joint
     on_envelope: float  # share of time within 1 % of a limit
     beyond_no_load: float  # share of time that it turns faster than it can by itself
     brakes: float  # share of time that its torque is against its motion

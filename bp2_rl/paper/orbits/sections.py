@@ -31,7 +31,7 @@ class Drift:
 
     points: int
     moved: float  # in the points' unit
-    scatter: float  # likewise: root mean square distance from the mean
+    scatter: float  # root mean square distance from the mean
     over_scatter: float  # D_c*
     floor: float  # what as many independent points have, root mean square
 

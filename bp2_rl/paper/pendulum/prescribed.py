@@ -93,7 +93,7 @@ def compare_torques(settings: PendulumTorqueSettings) -> PendulumStudy:
     for row in case.rows:
         ratios = (" / ".join(f"{ratio:.3f}" for ratio in pair) for pair in (row.peak, row.root_mean_square))
         rows.append((f"{row.length:g}", f"{row.frequency:.2f}", *ratios))
-    columns = ("length, m", "W", "peak free / fixed, 1 / 2", "root mean square likewise")
+    columns = ("length, m", "W", "peak free / fixed, 1 / 2", "root mean square free / fixed, 1 / 2")
     return PendulumStudy(columns, rows, {"lengths": case.rows}, case.arrays(), torque_figure(case))
 
 

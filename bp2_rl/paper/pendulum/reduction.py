@@ -21,7 +21,7 @@ from bp2_rl.paper.pendulum.torque import drive, peak
 SMALL = 1e-4  # rad: an amplitude at which what is left out of the small-angle law is its square, 1e-8
 PHASES = 91  # columns of a map, from 0 to pi: a phase of 2 pi - phi is the same with the pendulums' names exchanged
 FREQUENCIES = (0.1, 5.0)  # W of a map's rows
-AMPLITUDES = (0.02, 1.5)  # rad likewise
+AMPLITUDES = (0.02, 1.5)  # rad
 ROWS = 80
 SPOTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of pi: phases whose numbers are printed
 HELPS_AND_HURTS = "RdBu_r"  # colours: a ratio is blue where a free beam helps, white at 1, red where it hurts

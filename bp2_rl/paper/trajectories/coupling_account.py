@@ -48,7 +48,7 @@ class Cutoff:
     largest: dict[str, float]  # Nm, of the main one, by end
     covered_there: dict[str, float]  # the coupled one's share of that, by end
     opposing: float  # as in `Coupling`, over all hips' peaks
-    covered: float  # likewise
+    covered: float  # as in `Coupling`, over all hips' peaks
     variance_above: dict[str, float]  # of main, coupled and active torque of hind hips, the share beyond
 
 
@@ -76,10 +76,10 @@ class CouplingAccount:
     torques: dict[str, Torque]  # by end and joint
     cutoffs: tuple[Cutoff, ...]
     largest_main: dict[str, float]  # Nm, of a hip by its angle or a thigh by its own, by the name of the coordinates
-    covered_in: dict[str, float]  # `covered` likewise
+    covered_in: dict[str, float]  # `covered` of `Coupling`, by the name of the coordinates
     at_paper_instant: dict[str, float]  # Nm, terms of a hind hip at `PAPER_INSTANT` after its touchdown
     reversal: float  # share of the cycle after a touchdown, at which a hind hip turns from backwards to forwards
-    hardest_turn: float  # likewise, where the main torque of `HARMONICS`'s most turns it hardest forwards
+    hardest_turn: float  # share of the cycle at which the main torque of `HARMONICS`'s most turns it hardest
     velocity_force: VelocityForce
 
 

@@ -65,7 +65,7 @@ LOSSES: dict[str, Change] = {
     "bus sag": _times("hardware.losses.bus_sag"),
     "bus power": _times("hardware.losses.bus_power_out", "hardware.losses.bus_power_in"),
 }
-"""Likewise of a robot that has losses."""
+"""What is scaled of a robot that has losses."""
 
 
 @dataclasses.dataclass(frozen=True)

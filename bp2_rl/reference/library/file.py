@@ -48,7 +48,7 @@ class MotionLibrary:
     a: Float[np.ndarray, "S 2 K 15"]  # m/s2, rad/s2
     tau: Float[np.ndarray, "S 2 K 8"]  # Nm, hip and knee of each leg
     force: Float[np.ndarray, "S 2 K 8"]  # N, (x, z) under each foot
-    impulse: Float[np.ndarray, "S 2 8"]  # N s, likewise, as each segment begins
+    impulse: Float[np.ndarray, "S 2 8"]  # N s, as each segment begins
     provenance: dict[str, Any]  # problem, versions and what was verified
 
     @property

@@ -58,7 +58,7 @@ class Design(struct.PyTreeNode):
     thigh_com: float = _number()  # below the hip
     shank_com: float = _number()  # below the knee
     toe_com: float = _number()  # below the knee, at no compression
-    foot: float = _number()  # its centre, likewise
+    foot: float = _number()  # of the sole's centre
     foot_radius: float = _number()
     armature: float = _number()  # kg m2, of every motor
     spring: tuple[float, float] = _number()  # N/m, N s/m

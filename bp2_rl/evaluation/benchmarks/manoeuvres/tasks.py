@@ -47,7 +47,7 @@ class Manoeuvre(RunRequest):
     group: str  # what is tried ...
     asked: str  # ... and how hard
     rule: str  # what passes, in words
-    judge: Callable[[Trajectory], Judged[Any]]  # likewise
+    judge: Callable[[Trajectory], Judged[Any]]  # applies the rule to the run
 
 
 def all_manoeuvres(

@@ -54,8 +54,8 @@ class Joint:
     peak: float  # greatest power of one motor in a ms, driving ...
     hardest: float  # ... and braking, as a positive number
     positive: float  # mean of one motor, driving
-    braking: float  # likewise braking, as a positive number
-    copper: float  # likewise heat
+    braking: float  # mean power while braking, as a positive number
+    copper: float  # mean heat of the windings
     efficiency: float | None  # of what the windings are given while driving, the share that becomes work
 
 

@@ -150,7 +150,14 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
     upright = [one.ran for one in metrics.drawn if not one.ran.fell]
     drawn = [(ran.speed, ran.seconds) for ran in upright if ran.seconds is not None]
     if drawn:
-        axes.plot(*zip(*drawn, strict=True), "o", ms=4, mfc="white", mec=QUIET, label="likewise, drawn robots")
+        axes.plot(
+            *zip(*drawn, strict=True),
+            "o",
+            ms=4,
+            mfc="white",
+            mec=QUIET,
+            label="drawn robots, by that heat",
+        )
     run = [(held.told.first.speed, held.told.seconds) for held in metrics.held if held.told.cause == "winding"]
     if run:
         axes.plot(*zip(*run, strict=True), "s", color=FALL, ms=8, label="run with warming motors")

@@ -143,7 +143,7 @@ class Lap:
     speed: float  # m/s, made good
     heat: tuple[float, ...]  # W, of the windings if they were at T_0, mean
     torque: tuple[float, ...]  # Nm, root mean square
-    rate: tuple[float, ...]  # rad/s, likewise
+    rate: tuple[float, ...]  # rad/s, root mean square
     on_envelope: tuple[float, ...]  # share of the time
 
 
@@ -158,7 +158,7 @@ class Endured:
     first: Lap  # the last before the clock's start
     last: Lap  # the one before the end
     winding: tuple[float, ...]  # C, at the end
-    case: tuple[float, ...]  # C, likewise
+    case: tuple[float, ...]  # C, at the end
     outside_envelope: int  # samples of any motor outside the envelope of the moment: must be 0
 
 

@@ -23,7 +23,7 @@ class Cut:
     harmonics: int | None  # None: all
     largest: float  # Nm, of the main one
     opposing: float | None  # share of its peaks at which the coupled one has the other sign; None: no peaks
-    covered: float | None  # share of it that the coupled one makes up for, mean over the peaks; likewise
+    covered: float | None  # share of it that the coupled one makes up for, mean over the peaks
     variance_above: float  # share of the main one's variance that is beyond
 
 

@@ -22,7 +22,7 @@ class SectionMetrics:
     inliers: float  # share, all robots' points about their own centres
     inlier_error: float  # of a Gaussian's share, one standard deviation
     quiet_moved: float | None  # rad/s, of the robot without noise; None if it fell
-    quiet_scatter: float | None  # rad/s, likewise
+    quiet_scatter: float | None  # rad/s, without noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,10 +71,10 @@ class MapMetrics:
     coordinates: int
     under_noise: RadiusMetrics  # stride to stride of the robots with noise
     deviations: tuple[RadiusMetrics, ...]  # of random deviations, by their size
-    unsteered: RadiusMetrics | None  # likewise, of the largest, with nobody steering
+    unsteered: RadiusMetrics | None  # of the largest deviations, with nobody steering
     sizes: tuple[float, ...]  # of deviations that are followed, over each coordinate's scatter under noise
     growth: tuple[tuple[float, ...], ...]  # median distance over the initial one, by size, then stride
-    widths: tuple[float, ...]  # of differences, likewise
+    widths: tuple[float, ...]  # of differences, over the scatter
     changes: tuple[float | None, ...]  # of the slope from each width to the next, median over directions
     width: float | None  # from which slopes change least
     by_differences: float | None  # radius by central differences of that width

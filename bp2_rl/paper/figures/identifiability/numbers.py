@@ -80,7 +80,7 @@ class Combination:
 
     singular: float  # uncertainties of the paper's numbers for a unit
     assumptions: dict[str, float]  # units, of length 1 in all
-    seen_in: dict[str, float]  # likewise by row; nothing of one that is not seen
+    seen_in: dict[str, float]  # by the row of the index; none of one that is not seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +90,7 @@ class IdentifiabilityNumbers:
     rows: tuple[RowNumbers, ...]
     combinations: tuple[Combination, ...]  # the strongest first
     pinned: int  # of them, with a singular value of one or more
-    by_rounding: int  # likewise if the model had no error
+    by_rounding: int  # if the model had no error
     assumptions: int
     left: dict[str, float]  # of each assumption's range, once the paper's numbers are taken into account
     grip: float  # friction that the launch needs at the least

@@ -56,7 +56,7 @@ class Racer:
     female_level: int | None
     said_acceleration: float | None  # m/s2, the paper's "mean" over 5 m
     distances: tuple[float, ...]  # m, of the splits; empty where none are published
-    splits: tuple[float, ...]  # s, likewise, on the clock of `time`
+    splits: tuple[float, ...]  # s, on the clock of `time`
     means: tuple[float, ...]  # m/s, from split to split
     fade: float | None  # m/s, gained from 60 to 100 m by a straight line through these means
     start: Start | None

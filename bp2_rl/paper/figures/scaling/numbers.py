@@ -34,7 +34,7 @@ class Placed:
     share: float  # of that
     motor_envelope: float | None  # W, one motor's peak torque x no-load speed
     demand: float | None  # m g v over that, with 9.81 m/s2
-    demand_as_printed: float | None  # likewise with the paper's 9.8 m/s2
+    demand_as_printed: float | None  # the demand with the paper's 9.8 m/s2
     wheels: bool
 
 

@@ -25,7 +25,7 @@ class DesignRow:
     period: float  # s
     duty: float
     peak_torque: float  # Nm, of the joints
-    peak_speed: float  # rad/s, likewise
+    peak_speed: float  # rad/s
     speed_share: float  # of the no-load speed behind this gear
     at_bounds: tuple[str, ...]  # free parameters that a bound holds
     spread: float  # of the costs from all starts that were solved: dearest over cheapest, less 1
