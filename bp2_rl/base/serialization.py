@@ -351,8 +351,8 @@ def _name(annotation: Any) -> str:
     plain = {float: "a number", int: "an integer", bool: "true or false", str: "a string", Path: "a path"}
     if annotation in plain:
         return plain[annotation]
-    if dataclasses.is_dataclass(annotation):
-        return f"an object ({annotation.__name__})"  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        return f"an object ({annotation.__name__})"
     return {tuple: "a list", dict: "an object"}.get(get_origin(annotation), str(annotation))
 
 

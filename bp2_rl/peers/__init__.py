@@ -30,7 +30,7 @@ def register_gymnasium() -> None:
 def register_playground() -> None:
     """Register `BP2` and the others with MuJoCo Playground's locomotion suite; raises `UserError` where it is not."""
     try:
-        from mujoco_playground import locomotion  # pyright: ignore[reportMissingImports]
+        from mujoco_playground import locomotion
     except ImportError as missing:
         raise not_installed("registering with MuJoCo Playground", "playground", "playground") from missing
     from bp2_rl.peers.playground_env import maker_of

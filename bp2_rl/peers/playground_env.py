@@ -17,7 +17,7 @@ import numpy as np
 from brax import envs
 from ml_collections import config_dict
 from mujoco import mjx
-from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+from mujoco_playground._src import mjx_env
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError

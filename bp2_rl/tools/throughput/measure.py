@@ -25,7 +25,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.ppo import PPO, TrainState, make_transition
 from bp2_rl.robot import specs
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -51,7 +51,7 @@ class BenchPart(NamedTuple):
     """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again and again."""
 
     name: PartName
-    program: jax.stages.Wrapped
+    program: Any  # jitted
     carry: Any
     fixed: tuple[Any, ...]
 
@@ -250,7 +250,7 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
-        yield BenchPart("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
+        yield BenchPart("training", learner.train_step, state, ())
 
 
 def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[BenchPart]:
@@ -348,14 +348,9 @@ def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> T
     def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
         observations, actions, extras = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras))
         zeros = jnp.zeros(actions.shape[:2])
-        return Transition(
-            observation=observations,
-            action=actions,
-            reward=zeros,
-            discount=jnp.ones_like(zeros),
-            next_observation=jax.tree.map(lambda x: x[:, -1:], observations),
-            extras={"policy_extras": extras, "state_extras": {"truncation": zeros}},  # pyright: ignore[reportArgumentType]
-        )
+        last = jax.tree.map(lambda x: x[:, -1:], observations)
+        extras = {"policy_extras": extras, "state_extras": {"truncation": zeros}}
+        return make_transition(observations, actions, zeros, jnp.ones_like(zeros), last, extras)
 
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 
