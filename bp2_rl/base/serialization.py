@@ -79,23 +79,6 @@ def config_hash(config: Any) -> str:
     return _sha256(to_json(config))[:12]
 
 
-def seal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A JSON object with a checksum of all its values, under `name`."""
-    return {**data, name: _sha256(data)}
-
-
-def unseal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """The object that `seal` was given. One without a checksum is taken as it is: made before there was any.
-
-    Raises:
-        ConfigError: it is not what was sealed.
-    """
-    rest = {key: value for key, value in data.items() if key != name}
-    if name in data and data[name] != _sha256(rest):
-        raise ConfigError(f"damaged or edited: {name} is the checksum of something else")
-    return rest
-
-
 def _sha256(data: Mapping[str, Any]) -> str:
     """The checksum of a JSON object, however it is laid out in a file."""
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
@@ -118,6 +101,43 @@ def load_config(cls: type[Config], path: Path) -> Config:
         raise ConfigError(str(error)) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def save_sealed(path: Path, card: Any, checksum: str) -> None:
+    """Write a dataclass as `save_config` does, with a checksum of all its values under the name `checksum`."""
+    data = to_json(card)
+    write_text(path, json.dumps(data | {checksum: _sha256(data)}, indent=2, allow_nan=False) + "\n")
+
+
+def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> Config:
+    """Read the `cls` that `save_sealed` wrote to `path`; without a checksum the file is taken as it is.
+
+    Args:
+        cls: a dataclass with the fields `format_version` and `versions`.
+        path: of the file.
+        checksum: the name of the entry that is the checksum of the others.
+        version: the one format that is read.
+
+    Raises:
+        BadFileError: the file is missing or is not JSON.
+        ConfigError: the file is not ours, of another format, edited, or does not describe a `cls`.
+    """
+    data = read_json(path)
+    found = data.get("format_version") if isinstance(data, dict) else None
+    if type(found) is not int:
+        raise ConfigError(f"{path} is not of bp2_rl: it has no format_version")
+    versions = data.get("versions")
+    author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
+    if found != version:
+        mend = "update bp2_rl" if found > version else "use the bp2_rl that wrote it"
+        raise ConfigError(f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {mend}")
+    rest = {key: value for key, value in data.items() if key != checksum}
+    try:
+        if checksum in data and data[checksum] != _sha256(rest):
+            raise ConfigError(f"damaged or edited: {checksum} is the checksum of something else")
+        return from_json(cls, rest)
+    except ConfigError as error:
+        raise ConfigError(f"{path} (written by bp2_rl {author}): {error}") from error
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:

@@ -14,7 +14,6 @@ others' devices), the first writes, and all read: the run's folder is on a file 
 import dataclasses
 import datetime
 import hashlib
-import json
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -25,9 +24,9 @@ import numpy as np
 from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, write_npz, write_text
+from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
 from bp2_rl.base.folders import find_folder, folder_names, new_folder, remove_folder, tidy
-from bp2_rl.base.serialization import ConfigError, from_json, package_versions, seal, to_json, unseal
+from bp2_rl.base.serialization import ConfigError, load_sealed, package_versions, save_sealed
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
@@ -223,25 +222,11 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     if not path.exists():
         raise CheckpointError(f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl")
     try:
-        data = read_json(path)
+        metadata = load_sealed(Metadata, path, CHECKSUM, FORMAT_VERSION)
     except BadFileError as error:
         raise CheckpointError(f"{error}; {_advice(directory)}") from error
-    version = data.get("format_version") if isinstance(data, dict) else None
-    if type(version) is not int:
-        raise CheckpointError(f"{path} is not of bp2_rl: it has no format_version")
-    if version != FORMAT_VERSION:
-        versions = data.get("versions")
-        theirs = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
-        raise CheckpointError(
-            f"{directory} has checkpoint format {version}, of bp2_rl {theirs}; this one reads format {FORMAT_VERSION}: "
-            + ("update bp2_rl" if version > FORMAT_VERSION else "resume it with the bp2_rl that wrote it")
-        )
-    try:
-        metadata = from_json(Metadata, unseal(data, CHECKSUM))
     except ConfigError as error:
-        raise CheckpointError(
-            f"{path} is damaged: it does not describe the checkpoint of step {step} ({error})"
-        ) from error
+        raise CheckpointError(str(error)) from error
     if metadata.step != step or STATE not in metadata.files:
         raise CheckpointError(f"{path} is damaged: it does not describe the checkpoint of step {step}")
     return metadata
@@ -315,7 +300,7 @@ def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> 
         files={STATE: FileFacts(path.stat().st_size, digest)},
         **extra,
     )
-    write_text(directory / METADATA, json.dumps(seal(to_json(metadata), CHECKSUM), indent=1) + "\n")
+    save_sealed(directory / METADATA, metadata, CHECKSUM)
 
 
 def _read_state(directory: Path, expected: FileFacts) -> bytes:

@@ -11,7 +11,6 @@ No pickles: a policy from a stranger is safe to load, and one from another proje
 import dataclasses
 import hashlib
 import itertools
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,18 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import (
-    ArraySpec,
-    BadFileError,
-    read_bytes,
-    read_json,
-    read_npz,
-    require_name,
-    write_npz,
-    write_text,
-)
+from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
-from bp2_rl.base.serialization import ConfigError, from_json, seal, to_json, unseal
+from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
@@ -160,8 +150,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
             write_npz(fresh / WEIGHTS, _to_arrays(policy))
             digest = hashlib.sha256((fresh / WEIGHTS).read_bytes()).hexdigest()
             card = dataclasses.replace(policy.card, weights_sha256=digest)
-            text = json.dumps(seal(to_json(card), CHECKSUM), indent=2, allow_nan=False) + "\n"
-            write_text(fresh / CARD, text)
+            save_sealed(fresh / CARD, card, CHECKSUM)
     except OSError as error:
         raise PolicyError(f"cannot write policy {directory}: {error.strerror or error}") from error
     return dataclasses.replace(policy, card=card)
@@ -219,24 +208,10 @@ def _find(path: Path) -> Path:
 
 
 def _read_card(directory: Path) -> PolicyCard:
-    path = directory / CARD
     try:
-        data = read_json(path)
-    except BadFileError as error:
+        return load_sealed(PolicyCard, directory / CARD, CHECKSUM, FORMAT_VERSION)
+    except UserError as error:
         raise PolicyError(str(error)) from error
-    version = data.get("format_version") if isinstance(data, dict) else None
-    if type(version) is not int:
-        raise PolicyError(f"{path} is not a BP2 policy card: it has no format_version")
-    if version > FORMAT_VERSION:
-        raise PolicyError(
-            f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
-        )
-    try:
-        return from_json(PolicyCard, unseal(data, CHECKSUM))
-    except ConfigError as error:
-        versions = data.get("versions")
-        author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
-        raise PolicyError(f"{path} (exported by bp2_rl {author}): {error}") from error
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ from damage import flipped_bits, strange_json
 from flax import struct
 from killer import killed_at_every_operation
 
+import bp2_rl
 from bp2_rl.learning import checkpoint
 from bp2_rl.learning.checkpoint import (
     CheckpointError,
@@ -416,19 +417,21 @@ def edit_metadata(run: Path, **changes: Any) -> None:
 
 def test_a_newer_format(run: Path):
     edit_metadata(run, format_version=99, versions={"bp2_rl": "9.9"})
-    assert "has checkpoint format 99, of bp2_rl 9.9; this one reads format 2: update bp2_rl" in refusal(run)
+    assert "has format 99, of bp2_rl 9.9; this one reads format 2: update bp2_rl" in refusal(run)
 
 
 def test_the_older_format(run: Path):
     """Format 1 was Orbax's, in a folder `state`."""
     edit_metadata(run, format_version=1, versions={"bp2_rl": "0.1.0"})
-    assert "has checkpoint format 1, of bp2_rl 0.1.0; this one reads format 2: resume it with the" in refusal(run)
+    assert "has format 1, of bp2_rl 0.1.0; this one reads format 2: use the bp2_rl that wrote it" in refusal(run)
 
 
 @pytest.mark.parametrize("name", ["config", "log", "tree", "files"])
 def test_metadata_that_lacks_a_part(run: Path, name: str):
     edit_metadata(run, **{name: None})
-    assert "is damaged: it does not describe the checkpoint of step 200" in refusal(run)
+    assert f"metadata.json (written by bp2_rl {bp2_rl.__version__}): {name}: expected an object, got None" in refusal(
+        run
+    )
 
 
 def test_metadata_that_vouches_for_nothing(run: Path):
