@@ -198,7 +198,7 @@ def restore_checkpoint(
     directory = find_folder(Path(run_dir) / folder / str(step))
     content = _read_state(directory, metadata.files[STATE])
     wanted = leaves_by_path(template)
-    _compare_trees(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part)
+    require_same(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part=part)
     specs = {path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape)) for path, leaf in wanted.items()}
     try:
         arrays = read_npz(directory / STATE, specs, content=content, largest=len(content))
@@ -244,12 +244,14 @@ def _describe(leaf: Any) -> str:
     return f"{np.dtype(leaf.dtype).name}[{','.join(map(str, leaf.shape))}]"
 
 
-def _compare_trees(saved: Mapping[str, str], wanted: Mapping[str, str], directory: Path, part: bool) -> None:
-    """Raise unless every leaf is there and fits; name the first that does not."""
-    for path in wanted if part else [*wanted, *saved]:
-        there, here = saved.get(path, "absent"), wanted.get(path, "absent")
+def require_same(
+    saved: Mapping[str, Any], wanted: Mapping[str, Any], directory: Path, *, part: bool = False, where: str = "here"
+) -> None:
+    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with `part`; name what differs."""
+    for name in wanted if part else [*wanted, *saved]:
+        there, here = saved.get(name, "absent"), wanted.get(name, "absent")
         if there != here:
-            raise CheckpointError(f"{directory} is of another training: {path} is {there} there and {here} here")
+            raise CheckpointError(f"{directory} is of another training: {name} is {there} there and {here} {where}")
 
 
 def place(array: np.ndarray, leaf: Any) -> Any:

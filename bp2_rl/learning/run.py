@@ -23,6 +23,7 @@ from bp2_rl.learning.checkpoint import (
     latest_step,
     place,
     read_metadata,
+    require_same,
     restore_checkpoint,
     save_checkpoint,
 )
@@ -193,11 +194,5 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
         there = flatten(to_json(from_json(TrainConfig, metadata.config)))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
-    here = flatten(to_json(config))
-    for name in [*here, *there]:
-        if there.get(name) != here.get(name):
-            raise CheckpointError(
-                f"{directory} is of another training: {name} is {there.get(name, 'absent')} there and "
-                f"{here.get(name, 'absent')} in {CONFIG}"
-            )
+    require_same(there, flatten(to_json(config)), directory, where=f"in {CONFIG}")
     return metadata
