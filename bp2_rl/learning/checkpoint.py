@@ -7,8 +7,8 @@
 A save is made by `folders.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
 every reader finds the one before it; other leftovers are passed over, and removed by the next save.
 
-With several processes every one calls `host_copy`, `save_checkpoint` and `Saver.save` (they gather what lies on the
-others' devices), the first writes, and all read: the run's folder is on a file system that they share.
+With several processes every one calls `host_copy` and `Saver.save` (they gather what lies on the others' devices), the
+first writes, and all read: the run's folder is on a file system that they share.
 """
 
 import dataclasses
@@ -31,6 +31,8 @@ from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
 CHECKPOINTS, FAILED = "checkpoints", "failed"
+KEPT = 3
+"""Checkpoints of a run that remain when another one is saved."""
 METADATA = "metadata.json"
 STATE = "state.npz"
 CHECKSUM = "metadata_sha256"
@@ -82,64 +84,36 @@ def host_copy(state: Any) -> Any:
     return jax.tree.map(np.array, jax.device_get(jax.tree.map(gather, state)))
 
 
-def save_checkpoint(
-    run_dir: Path,
-    step: int,
-    state: Any,
-    *,
-    config: Mapping[str, Any] | None = None,
-    log: Mapping[str, Any] | None = None,
-    keep: int = 3,
-    folder: str = CHECKPOINTS,
-) -> Path:
-    """Save `state` as the run's checkpoint of `step`; afterwards it is on disk, whole.
+class Saver:
+    """Saves a run's training states in the background, one at a time; a context manager that waits for the last.
 
     Args:
         run_dir: the run's folder, which is never made anew: one that was deleted stays so.
-        step: names the checkpoint; one of the same step is replaced.
-        state: any pytree of JAX or NumPy arrays.
-        config: the run's settings, as JSON; `read_metadata` gives them back.
-        log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
-        keep: how many checkpoints up to this one remain; older ones are removed.
-        folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
-
-    Raises:
-        CheckpointError: it could not be written; the checkpoints that were there still are.
-    """
-    if step < 0 or keep < 1:
-        raise CheckpointError(f"a checkpoint needs step >= 0 and keep >= 1, got step {step} and keep {keep}")
-    copy = host_copy(state)
-    checkpoints = Path(run_dir) / folder
-    if cluster.is_first():
-        _save(checkpoints, step, copy, {"config": config or {}, "log": log or {}}, keep)
-    return checkpoints / str(step)
-
-
-class Saver:
-    """Saves a run's checkpoints in the background, one at a time; a context manager that waits for the last.
-
-    Args:
-        run_dir: the run's folder.
         config: the run's settings, as JSON, to be stored with every checkpoint.
-        keep: how many checkpoints remain.
+        folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
     """
 
-    def __init__(self, run_dir: Path, config: Mapping[str, Any], keep: int = 3):
-        self._checkpoints, self._config, self._keep = Path(run_dir) / CHECKPOINTS, config, keep
+    def __init__(self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS):
+        self._folder, self._config = Path(run_dir) / folder, config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
     def save(self, step: int, state: Any, log: Mapping[str, Any] | None = None) -> None:
         """Copy `state` to the host, and start to write it; on return `state` may be donated.
 
+        Args:
+            step: names the checkpoint; one of the same step is replaced, and KEPT up to this one remain.
+            state: any pytree of JAX or NumPy arrays.
+            log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
+
         Raises:
-            CheckpointError: the save before this one could not be written.
+            CheckpointError: the save before this one could not be written; the checkpoints before it are still there.
         """
         self.wait()
         copy = host_copy(state)
         if cluster.is_first():
             extra = {"config": self._config, "log": log or {}}
-            self._pending = self._thread.submit(_save, self._checkpoints, step, copy, extra, self._keep)
+            self._pending = self._thread.submit(_save, self._folder, step, copy, extra)
 
     def wait(self) -> None:
         """Wait until the last save is on disk; raise `CheckpointError` where it could not be written."""
@@ -269,14 +243,14 @@ def _steps(folder: Path) -> list[int]:
     return [int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()]
 
 
-def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any], keep: int) -> None:
+def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
     """Write a host copy, whole or not at all, and remove the oldest."""
     try:
         folder.mkdir(exist_ok=True)
         tidy(folder)
         with new_folder(folder / str(step)) as fresh:
             _write(fresh, step, state, extra)
-        for old in sorted(s for s in _steps(folder) if s <= step)[:-keep]:
+        for old in sorted(s for s in _steps(folder) if s <= step)[:-KEPT]:
             remove_folder(folder / str(old))
     except OSError as error:
         kept = max(_steps(folder), default=None)

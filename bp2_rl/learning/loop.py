@@ -25,7 +25,6 @@ from bp2_rl.learning.checkpoint import (
     Saver,
     latest_step,
     restore_checkpoint,
-    save_checkpoint,
     saved_steps,
 )
 from bp2_rl.learning.exports import POLICIES, POLICY, ExportedPolicies, Judge, judge_results, reaches
@@ -127,7 +126,8 @@ def _resume(run_dir: Path) -> str:
 def _keep_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
     """Save the state whose next train step is not finite, and stop."""
     step = int(state.step)
-    save_checkpoint(run_dir, step, state, config=to_json(config), folder=FAILED)
+    with Saver(run_dir, to_json(config), FAILED) as saver:
+        saver.save(step, state)
     raise RunStopped(
         f"train step {step + 1} is not finite and nothing was learned from it; kept step {latest_step(run_dir)} of "
         f"{train_steps(config)}; see what it was: python train.py --replay {run_dir}",

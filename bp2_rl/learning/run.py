@@ -20,12 +20,12 @@ from bp2_rl.learning.checkpoint import (
     FAILED,
     CheckpointError,
     Metadata,
+    Saver,
     latest_step,
     place,
     read_metadata,
     require_same,
     restore_checkpoint,
-    save_checkpoint,
 )
 from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
@@ -82,7 +82,8 @@ def start(
             state = learner.init(config.run.seed)
             if inherited is not None:
                 state = _adopt(state, inherited)
-        save_checkpoint(run_dir, 0, state, config=to_json(config))
+        with Saver(run_dir, to_json(config)) as saver:
+            saver.save(0, state)
         return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
 
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from aim import TINY, StandIn
 from aim_run import SMALL
+from killer import save_checkpoint
 
 from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
 from bp2_rl.learning import checkpoint, guards, loop, policy
 from bp2_rl.learning import run as training
-from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint
 from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.training import TrainConfig
@@ -214,7 +215,7 @@ def test_a_state_that_is_not_finite_is_named(faults, tmp_path, capsys, path):
     state = restore(run)
     leaves = {name: np.array(leaf) for name, leaf in leaves_by_path(state).items()}
     leaves[path].flat[5] = np.nan
-    save_checkpoint(run, 2, jax.tree.unflatten(jax.tree.structure(state), leaves.values()), config=to_json(longer))
+    save_checkpoint(run, 2, jax.tree.unflatten(jax.tree.structure(state), leaves.values()), to_json(longer))
     capsys.readouterr()
     assert command.main(["--resume", str(run)]) == 1
     assert "train step 3 is not finite" in capsys.readouterr().err

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 import slow_trot
+from killer import save_checkpoint
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
@@ -17,7 +18,7 @@ from bp2_rl.cli import train as command
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import run as training
-from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
