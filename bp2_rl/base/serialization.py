@@ -197,10 +197,7 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
         return value.as_posix()
     if get_origin(annotation) is tuple:
         _require(isinstance(value, tuple), annotation, value, path)
-        return [
-            _encode(item, entry, _item(path, index))
-            for index, (item, entry) in enumerate(_zip_items(annotation, value, path))
-        ]
+        return [_encode(*item) for item in _items(annotation, value, path)]
     if get_origin(annotation) is dict:
         _require(isinstance(value, Mapping), annotation, value, path)
         return {key: _encode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in value.items()}
@@ -228,10 +225,7 @@ def _decode(annotation: Any, data: Any, path: str) -> Any:
         return Path(data)
     if get_origin(annotation) is tuple:
         _require(isinstance(data, list | tuple), annotation, data, path)
-        return tuple(
-            _decode(item, entry, _item(path, index))
-            for index, (item, entry) in enumerate(_zip_items(annotation, data, path))
-        )
+        return tuple(_decode(*item) for item in _items(annotation, data, path))
     if get_origin(annotation) is dict:
         _require(isinstance(data, dict), annotation, data, path)
         return {key: _decode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in data.items()}
@@ -316,14 +310,14 @@ def _members(union: Any) -> list[Any]:
     return sorted((_bare(member) for member in get_args(union)), key=lambda member: member is float)
 
 
-def _zip_items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any]]:
-    """Pair a tuple's entries with their annotations; `tuple[X, ...]` takes any number."""
+def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
+    """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any number."""
     items = get_args(annotation)
     if len(items) == 2 and items[1] is Ellipsis:
-        return [(items[0], value) for value in values]
+        items = items[:1] * len(values)
     if len(items) != len(values):
         raise ConfigError(f"{path}: expected {len(items)} entries, got {len(values)}")
-    return list(zip(items, values, strict=True))
+    return [(item, value, f"{path}[{i}]") for i, (item, value) in enumerate(zip(items, values, strict=True))]
 
 
 def _bare(annotation: Any) -> Any:
@@ -378,7 +372,3 @@ def _name(annotation: Any) -> str:
 
 def _join(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
-
-
-def _item(path: str, index: int) -> str:
-    return f"{path}[{index}]"

@@ -118,12 +118,8 @@ def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: Policy
         statistic[POLICY_OBSERVATION] if isinstance(statistic, Mapping) else statistic
         for statistic in (normalizer.mean, normalizer.std)
     )
-    policy = Policy(
-        card=card,
-        mean=_float32(mean),
-        std=_float32(std),
-        layers=tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers),
-    )
+    pairs = tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers)
+    policy = Policy(card, _float32(mean), _float32(std), pairs)
     _check_shapes(policy)
     return policy
 
@@ -138,10 +134,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     """
     require_name(directory)
     _check_shapes(policy)
-    try:
-        _check_numbers(policy)
-    except PolicyError as error:
-        raise PolicyError(f"policy not exported to {directory}: {error}") from error
+    _check_numbers(policy, f"policy not exported to {directory}")
     try:
         place = Path(directory).resolve()
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
@@ -179,16 +172,9 @@ def load_policy(
         _check_layout(card, layout_of(card.env.control), directory)
     arrays = _read_weights(directory / WEIGHTS, card)
     count = len(card.hidden_layer_sizes) + 1
-    policy = Policy(
-        card=card,
-        mean=arrays["mean"],
-        std=arrays["std"],
-        layers=tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count)),
-    )
-    try:
-        _check_numbers(policy)
-    except PolicyError as error:
-        raise PolicyError(f"{directory / WEIGHTS}: {error}") from error
+    layers = tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count))
+    policy = Policy(card, arrays["mean"], arrays["std"], layers)
+    _check_numbers(policy, f"{directory / WEIGHTS}")
     return policy
 
 
@@ -263,22 +249,22 @@ def _check_shapes(policy: Policy) -> None:
             raise PolicyError(f"{name} has shape {arrays[name].shape}, its card says {shape}")
 
 
-def _check_numbers(policy: Policy) -> None:
-    """Raise where the weights are such that an action may not be finite; the array at fault is named."""
+def _check_numbers(policy: Policy, where: str) -> None:
+    """Raise where the weights are such that an action may not be finite; after `where` the array at fault is named."""
     for name, array in _to_arrays(policy).items():
         if not np.isfinite(array).all():
-            raise PolicyError(f"{name} is not finite")
+            raise PolicyError(f"{where}: {name} is not finite")
     if not (policy.std > 0.0).all():
-        raise PolicyError("std is not positive")
+        raise PolicyError(f"{where}: std is not positive")
     # No sum of products can be larger than that of the absolute values; no activation adds to |x| beyond 1.
     largest = float(np.finfo(np.float32).max)
     bound = (LARGEST_OBSERVATION + np.abs(policy.mean.astype(float))) / policy.std
     if not (bound < largest).all():
-        raise PolicyError("std is so small that an observation may overflow")
+        raise PolicyError(f"{where}: std is so small that an observation may overflow")
     for i, (kernel, bias) in enumerate(policy.layers):
         bound = np.maximum(bound, 1.0) @ np.abs(kernel.astype(float)) + np.abs(bias)
         if not (bound < largest).all():
-            raise PolicyError(f"layer_{i}/kernel is so large that an action may overflow")
+            raise PolicyError(f"{where}: layer_{i}/kernel is so large that an action may overflow")
 
 
 # --- Writing --------------------------------------------------------------------------------------------------
