@@ -79,23 +79,6 @@ def config_hash(config: Any) -> str:
     return _sha256(to_json(config))[:12]
 
 
-def seal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A JSON object with a checksum of all its values, under `name`."""
-    return {**data, name: _sha256(data)}
-
-
-def unseal(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """The object that `seal` was given. One without a checksum is taken as it is: made before there was any.
-
-    Raises:
-        ConfigError: it is not what was sealed.
-    """
-    rest = {key: value for key, value in data.items() if key != name}
-    if name in data and data[name] != _sha256(rest):
-        raise ConfigError(f"damaged or edited: {name} is the checksum of something else")
-    return rest
-
-
 def _sha256(data: Mapping[str, Any]) -> str:
     """The checksum of a JSON object, however it is laid out in a file."""
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
@@ -118,6 +101,43 @@ def load_config(cls: type[Config], path: Path) -> Config:
         raise ConfigError(str(error)) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def save_sealed(path: Path, card: Any, checksum: str) -> None:
+    """Write a dataclass as `save_config` does, with a checksum of all its values under the name `checksum`."""
+    data = to_json(card)
+    write_text(path, json.dumps(data | {checksum: _sha256(data)}, indent=2, allow_nan=False) + "\n")
+
+
+def load_sealed(cls: type[Config], path: Path, checksum: str, version: int) -> Config:
+    """Read the `cls` that `save_sealed` wrote to `path`; without a checksum the file is taken as it is.
+
+    Args:
+        cls: a dataclass with the fields `format_version` and `versions`.
+        path: of the file.
+        checksum: the name of the entry that is the checksum of the others.
+        version: the one format that is read.
+
+    Raises:
+        BadFileError: the file is missing or is not JSON.
+        ConfigError: the file is not ours, of another format, edited, or does not describe a `cls`.
+    """
+    data = read_json(path)
+    found = data.get("format_version") if isinstance(data, dict) else None
+    if type(found) is not int:
+        raise ConfigError(f"{path} is not of bp2_rl: it has no format_version")
+    versions = data.get("versions")
+    author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
+    if found != version:
+        mend = "update bp2_rl" if found > version else "use the bp2_rl that wrote it"
+        raise ConfigError(f"{path} has format {found}, of bp2_rl {author}; this one reads format {version}: {mend}")
+    rest = {key: value for key, value in data.items() if key != checksum}
+    try:
+        if checksum in data and data[checksum] != _sha256(rest):
+            raise ConfigError(f"damaged or edited: {checksum} is the checksum of something else")
+        return from_json(cls, rest)
+    except ConfigError as error:
+        raise ConfigError(f"{path} (written by bp2_rl {author}): {error}") from error
 
 
 def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
@@ -177,10 +197,7 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
         return value.as_posix()
     if get_origin(annotation) is tuple:
         _require(isinstance(value, tuple), annotation, value, path)
-        return [
-            _encode(item, entry, _item(path, index))
-            for index, (item, entry) in enumerate(_zip_items(annotation, value, path))
-        ]
+        return [_encode(*item) for item in _items(annotation, value, path)]
     if get_origin(annotation) is dict:
         _require(isinstance(value, Mapping), annotation, value, path)
         return {key: _encode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in value.items()}
@@ -208,10 +225,7 @@ def _decode(annotation: Any, data: Any, path: str) -> Any:
         return Path(data)
     if get_origin(annotation) is tuple:
         _require(isinstance(data, list | tuple), annotation, data, path)
-        return tuple(
-            _decode(item, entry, _item(path, index))
-            for index, (item, entry) in enumerate(_zip_items(annotation, data, path))
-        )
+        return tuple(_decode(*item) for item in _items(annotation, data, path))
     if get_origin(annotation) is dict:
         _require(isinstance(data, dict), annotation, data, path)
         return {key: _decode(get_args(annotation)[1], entry, _join(path, key)) for key, entry in data.items()}
@@ -296,14 +310,14 @@ def _members(union: Any) -> list[Any]:
     return sorted((_bare(member) for member in get_args(union)), key=lambda member: member is float)
 
 
-def _zip_items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any]]:
-    """Pair a tuple's entries with their annotations; `tuple[X, ...]` takes any number."""
+def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
+    """A tuple's entries, each as (annotation, value, path); `tuple[X, ...]` takes any number."""
     items = get_args(annotation)
     if len(items) == 2 and items[1] is Ellipsis:
-        return [(items[0], value) for value in values]
+        items = items[:1] * len(values)
     if len(items) != len(values):
         raise ConfigError(f"{path}: expected {len(items)} entries, got {len(values)}")
-    return list(zip(items, values, strict=True))
+    return [(item, value, f"{path}[{i}]") for i, (item, value) in enumerate(zip(items, values, strict=True))]
 
 
 def _bare(annotation: Any) -> Any:
@@ -351,14 +365,10 @@ def _name(annotation: Any) -> str:
     plain = {float: "a number", int: "an integer", bool: "true or false", str: "a string", Path: "a path"}
     if annotation in plain:
         return plain[annotation]
-    if dataclasses.is_dataclass(annotation):
-        return f"an object ({annotation.__name__})"  # pyright: ignore[reportAttributeAccessIssue]
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        return f"an object ({annotation.__name__})"
     return {tuple: "a list", dict: "an object"}.get(get_origin(annotation), str(annotation))
 
 
 def _join(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
-
-
-def _item(path: str, index: int) -> str:
-    return f"{path}[{index}]"

@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from bp2_rl.base.errors import UserError
 
 
-def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequence[str]) -> int:
+def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequence[str] | None) -> int:
     """Run the `main` of the command that `argv` begins with; the exit status.
 
     Args:
         program: what the user has typed so far, `bp2`.
         package: holds a module of each command's name.
         commands: what there is, by name, each with what it does.
-        argv: the rest of the line.
+        argv: the rest of the line; None for the process's own arguments.
     """
 
     def run(name: str, rest: Sequence[str]) -> int:
@@ -29,9 +29,10 @@ def dispatch(program: str, package: str, commands: Mapping[str, str], argv: Sequ
 
 
 def choose(
-    program: str, commands: Mapping[str, str], argv: Sequence[str], run: Callable[[str, Sequence[str]], int]
+    program: str, commands: Mapping[str, str], argv: Sequence[str] | None, run: Callable[[str, Sequence[str]], int]
 ) -> int:
     """Run the command that `argv` begins with, by its name and the rest of the line, or say what there is."""
+    argv = sys.argv[1:] if argv is None else argv
     listed = "\n".join(f"  {name:8} {what}" for name, what in commands.items())
     usage = f"usage: {program} COMMAND ...\n\ncommands:\n{listed}"
     if not argv:

@@ -5,9 +5,9 @@ import dataclasses
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -18,11 +18,6 @@ from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.robot.specs import RobotName
-
-if TYPE_CHECKING:
-    from bp2_rl.play.native import Window
-    from bp2_rl.play.session import Session
-    from bp2_rl.play.web import Page
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -93,29 +88,21 @@ def play(config: PlayConfig) -> None:
         )
     session = Session(policy, policy.card.env, hardware=robot)
     session.wish = Wish(config.speed)
-    with _stage(config, session, web) as (stage, place):
+    if web:
+        from bp2_rl.play.web import Page
+
+        stage = Page(session, host=config.host, port=config.port)
+        place = f"open {stage.url}"
+    else:
+        from bp2_rl.play.native import Window
+
+        stage, place = Window(session), "arrow keys change speed and turn"
+    with contextlib.closing(stage):
         print(f"{path} on the {name_of(robot)} robot: {place}; Ctrl-C ends it", flush=True)
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
             play_on(session.tick, lambda: stage.show(session, pace), pace, seconds=config.seconds)
         print(f"{pace} in {pace.elapsed:.1f} s", flush=True)
-
-
-@contextlib.contextmanager
-def _stage(config: PlayConfig, session: "Session", web: bool) -> "Iterator[tuple[Page | Window, str]]":
-    """Where it is played, and that in words."""
-    if web:
-        from bp2_rl.play.web import Page
-
-        page = Page(session, host=config.host, port=config.port)
-        with contextlib.closing(page):
-            yield page, f"open {page.url}"
-    else:
-        from bp2_rl.play.native import Window
-
-        window = Window(session)
-        with contextlib.closing(window):
-            yield window, "arrow keys change speed and turn"
 
 
 def has_display() -> bool:

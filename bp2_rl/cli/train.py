@@ -95,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_early(argv: list[str]) -> None:
-    arguments = refuse_early(argv, "train.py", TrainArguments, _arguments)
+    arguments = refuse_early(argv, "train.py", TrainArguments, train_arguments)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.launch.track, arguments.resume)
@@ -258,7 +258,8 @@ def use_processors(named: NamedDefaults) -> None:
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
 
 
-def _arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainArguments:
+def train_arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainArguments:
+    """Return the arguments of a command line without flags, whose defaults are these."""
     return TrainArguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)
 
 
@@ -272,7 +273,7 @@ def _parse(argv: list[str]) -> TrainArguments:
             parent = _newest_imitation_run()
         if parent is not None:
             defaults = _continue(defaults, preset, parent, named.robot)
-    arguments = app.parse(TrainArguments, argv, "train.py", default=_arguments(defaults, parent))
+    arguments = app.parse(TrainArguments, argv, "train.py", default=train_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 

@@ -13,10 +13,10 @@ from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli import app
-from bp2_rl.cli.train import TrainArguments, refuse_early
+from bp2_rl.cli.train import TrainArguments, refuse_early, train_arguments
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, TrainConfig, make_config
+from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, make_config
 from bp2_rl.tools.tuning.space import parse_dimension
 
 SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")
@@ -66,7 +66,7 @@ def _tune(arguments: TuneArguments) -> None:
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
-            refuse_early(words, "bp2 tune --search", TrainArguments, _with)
+            refuse_early(words, "bp2 tune --search", TrainArguments, train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()
@@ -90,7 +90,3 @@ def _tune(arguments: TuneArguments) -> None:
 
 def _speed(speed: float | None) -> str:
     return "-" if speed is None else f"{speed:.2f}"
-
-
-def _with(defaults: TrainConfig) -> TrainArguments:
-    return TrainArguments(impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)

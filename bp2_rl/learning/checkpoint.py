@@ -7,14 +7,13 @@
 A save is made by `folders.new_folder`: a folder named by a step is complete. Where a save of the same step was killed,
 every reader finds the one before it; other leftovers are passed over, and removed by the next save.
 
-With several processes every one calls `host_copy`, `save_checkpoint` and `Saver.save` (they gather what lies on the
-others' devices), the first writes, and all read: the run's folder is on a file system that they share.
+With several processes every one calls `host_copy` and `Saver.save` (they gather what lies on the others' devices), the
+first writes, and all read: the run's folder is on a file system that they share.
 """
 
 import dataclasses
 import datetime
 import hashlib
-import json
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -25,13 +24,15 @@ import numpy as np
 from jax.experimental import multihost_utils
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_json, read_npz, write_npz, write_text
+from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
 from bp2_rl.base.folders import find_folder, folder_names, new_folder, remove_folder, tidy
-from bp2_rl.base.serialization import ConfigError, from_json, package_versions, seal, to_json, unseal
+from bp2_rl.base.serialization import ConfigError, load_sealed, package_versions, save_sealed
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
 CHECKPOINTS, FAILED = "checkpoints", "failed"
+KEPT = 3
+"""Checkpoints of a run that remain when another one is saved."""
 METADATA = "metadata.json"
 STATE = "state.npz"
 CHECKSUM = "metadata_sha256"
@@ -83,64 +84,36 @@ def host_copy(state: Any) -> Any:
     return jax.tree.map(np.array, jax.device_get(jax.tree.map(gather, state)))
 
 
-def save_checkpoint(
-    run_dir: Path,
-    step: int,
-    state: Any,
-    *,
-    config: Mapping[str, Any] | None = None,
-    log: Mapping[str, Any] | None = None,
-    keep: int = 3,
-    folder: str = CHECKPOINTS,
-) -> Path:
-    """Save `state` as the run's checkpoint of `step`; afterwards it is on disk, whole.
+class Saver:
+    """Saves a run's training states in the background, one at a time; a context manager that waits for the last.
 
     Args:
         run_dir: the run's folder, which is never made anew: one that was deleted stays so.
-        step: names the checkpoint; one of the same step is replaced.
-        state: any pytree of JAX or NumPy arrays.
-        config: the run's settings, as JSON; `read_metadata` gives them back.
-        log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
-        keep: how many checkpoints up to this one remain; older ones are removed.
-        folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
-
-    Raises:
-        CheckpointError: it could not be written; the checkpoints that were there still are.
-    """
-    if step < 0 or keep < 1:
-        raise CheckpointError(f"a checkpoint needs step >= 0 and keep >= 1, got step {step} and keep {keep}")
-    copy = host_copy(state)
-    checkpoints = Path(run_dir) / folder
-    if cluster.is_first():
-        _save(checkpoints, step, copy, {"config": config or {}, "log": log or {}}, keep)
-    return checkpoints / str(step)
-
-
-class Saver:
-    """Saves a run's checkpoints in the background, one at a time; a context manager that waits for the last.
-
-    Args:
-        run_dir: the run's folder.
         config: the run's settings, as JSON, to be stored with every checkpoint.
-        keep: how many checkpoints remain.
+        folder: CHECKPOINTS, or FAILED for a state that is not to be resumed.
     """
 
-    def __init__(self, run_dir: Path, config: Mapping[str, Any], keep: int = 3):
-        self._checkpoints, self._config, self._keep = Path(run_dir) / CHECKPOINTS, config, keep
+    def __init__(self, run_dir: Path, config: Mapping[str, Any], folder: str = CHECKPOINTS):
+        self._folder, self._config = Path(run_dir) / folder, config
         self._thread = ThreadPoolExecutor(1, "checkpoint")
         self._pending: Future[None] | None = None
 
     def save(self, step: int, state: Any, log: Mapping[str, Any] | None = None) -> None:
         """Copy `state` to the host, and start to write it; on return `state` may be donated.
 
+        Args:
+            step: names the checkpoint; one of the same step is replaced, and KEPT up to this one remain.
+            state: any pytree of JAX or NumPy arrays.
+            log: what the run's log has not yet written, as JSON; `read_metadata` gives it back.
+
         Raises:
-            CheckpointError: the save before this one could not be written.
+            CheckpointError: the save before this one could not be written; the checkpoints before it are still there.
         """
         self.wait()
         copy = host_copy(state)
         if cluster.is_first():
             extra = {"config": self._config, "log": log or {}}
-            self._pending = self._thread.submit(_save, self._checkpoints, step, copy, extra, self._keep)
+            self._pending = self._thread.submit(_save, self._folder, step, copy, extra)
 
     def wait(self) -> None:
         """Wait until the last save is on disk; raise `CheckpointError` where it could not be written."""
@@ -199,7 +172,7 @@ def restore_checkpoint(
     directory = find_folder(Path(run_dir) / folder / str(step))
     content = _read_state(directory, metadata.files[STATE])
     wanted = leaves_by_path(template)
-    _compare_trees(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part)
+    require_same(metadata.tree, {path: _describe(leaf) for path, leaf in wanted.items()}, directory, part=part)
     specs = {path: ArraySpec(np.dtype(leaf.dtype), tuple(leaf.shape)) for path, leaf in wanted.items()}
     try:
         arrays = read_npz(directory / STATE, specs, content=content, largest=len(content))
@@ -223,25 +196,11 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
     if not path.exists():
         raise CheckpointError(f"{directory} has no {METADATA}: half-written, or not a checkpoint of bp2_rl")
     try:
-        data = read_json(path)
+        metadata = load_sealed(Metadata, path, CHECKSUM, FORMAT_VERSION)
     except BadFileError as error:
         raise CheckpointError(f"{error}; {_advice(directory)}") from error
-    version = data.get("format_version") if isinstance(data, dict) else None
-    if type(version) is not int:
-        raise CheckpointError(f"{path} is not of bp2_rl: it has no format_version")
-    if version != FORMAT_VERSION:
-        versions = data.get("versions")
-        theirs = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
-        raise CheckpointError(
-            f"{directory} has checkpoint format {version}, of bp2_rl {theirs}; this one reads format {FORMAT_VERSION}: "
-            + ("update bp2_rl" if version > FORMAT_VERSION else "resume it with the bp2_rl that wrote it")
-        )
-    try:
-        metadata = from_json(Metadata, unseal(data, CHECKSUM))
     except ConfigError as error:
-        raise CheckpointError(
-            f"{path} is damaged: it does not describe the checkpoint of step {step} ({error})"
-        ) from error
+        raise CheckpointError(str(error)) from error
     if metadata.step != step or STATE not in metadata.files:
         raise CheckpointError(f"{path} is damaged: it does not describe the checkpoint of step {step}")
     return metadata
@@ -259,12 +218,14 @@ def _describe(leaf: Any) -> str:
     return f"{np.dtype(leaf.dtype).name}[{','.join(map(str, leaf.shape))}]"
 
 
-def _compare_trees(saved: Mapping[str, str], wanted: Mapping[str, str], directory: Path, part: bool) -> None:
-    """Raise unless every leaf is there and fits; name the first that does not."""
-    for path in wanted if part else [*wanted, *saved]:
-        there, here = saved.get(path, "absent"), wanted.get(path, "absent")
+def require_same(
+    saved: Mapping[str, Any], wanted: Mapping[str, Any], directory: Path, *, part: bool = False, where: str = "here"
+) -> None:
+    """Raise `CheckpointError` unless a checkpoint holds what is wanted, or more with `part`; name what differs."""
+    for name in wanted if part else [*wanted, *saved]:
+        there, here = saved.get(name, "absent"), wanted.get(name, "absent")
         if there != here:
-            raise CheckpointError(f"{directory} is of another training: {path} is {there} there and {here} here")
+            raise CheckpointError(f"{directory} is of another training: {name} is {there} there and {here} {where}")
 
 
 def place(array: np.ndarray, leaf: Any) -> Any:
@@ -282,14 +243,14 @@ def _steps(folder: Path) -> list[int]:
     return [int(name) for name in names if (find_folder(folder / name) / METADATA).is_file()]
 
 
-def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any], keep: int) -> None:
+def _save(folder: Path, step: int, state: Any, extra: Mapping[str, Any]) -> None:
     """Write a host copy, whole or not at all, and remove the oldest."""
     try:
         folder.mkdir(exist_ok=True)
         tidy(folder)
         with new_folder(folder / str(step)) as fresh:
             _write(fresh, step, state, extra)
-        for old in sorted(s for s in _steps(folder) if s <= step)[:-keep]:
+        for old in sorted(s for s in _steps(folder) if s <= step)[:-KEPT]:
             remove_folder(folder / str(old))
     except OSError as error:
         kept = max(_steps(folder), default=None)
@@ -315,7 +276,7 @@ def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> 
         files={STATE: FileFacts(path.stat().st_size, digest)},
         **extra,
     )
-    write_text(directory / METADATA, json.dumps(seal(to_json(metadata), CHECKSUM), indent=1) + "\n")
+    save_sealed(directory / METADATA, metadata, CHECKSUM)
 
 
 def _read_state(directory: Path, expected: FileFacts) -> bytes:

@@ -40,9 +40,7 @@ def join(config: ClusterConfig) -> None:
         f"error: not all processes have met at {where or 'the coordinator'} within {config.patience:g} s: start each, "
         "and let them reach that port\n"
     )
-    deadline = threading.Timer(config.patience, _leave, (2, alone))
-    deadline.daemon = True
-    deadline.start()
+    deadline = _leave_after(config.patience, 2, alone)
     try:
         jax.distributed.initialize(
             where, config.processes, config.process, initialization_timeout=int(config.patience) + 60
@@ -98,15 +96,20 @@ def leave(status: int) -> int:
     They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).
     """
     if status and jax.distributed.is_initialized():
-        farewell = threading.Timer(FAREWELL, _leave, (status,))
-        farewell.daemon = True
-        farewell.start()
+        _leave_after(FAREWELL, status)
     return status
 
 
-def _leave(status: int, line: str = "") -> None:
-    """End the process from any thread, without JAX's farewell to the others."""
-    sys.stdout.flush()
-    sys.stderr.write(line)
-    sys.stderr.flush()
-    os._exit(status)
+def _leave_after(seconds: float, status: int, line: str = "") -> threading.Timer:
+    """End the process after so many seconds, without JAX's farewell to the others, unless the timer is cancelled."""
+
+    def leave_now() -> None:
+        sys.stdout.flush()
+        sys.stderr.write(line)
+        sys.stderr.flush()
+        os._exit(status)
+
+    timer = threading.Timer(seconds, leave_now)
+    timer.daemon = True
+    timer.start()
+    return timer

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from bp2_rl.base.files import BadFileError, parse_json
 from bp2_rl.base.folders import find_folder, folder_names
-from bp2_rl.learning.monitor import METRICS, Monitor, count, run_began
+from bp2_rl.learning.monitor import Monitor, count, run_began
 from bp2_rl.learning.policy import Policy, PolicyError, load_policy, save_policy
+from bp2_rl.learning.writers import read_metrics
 from bp2_rl.settings.training import CONFIG
 
 POLICY, POLICIES = "policy", "policies"
@@ -215,15 +215,12 @@ def judge_results(run_dir: Path, kept: int) -> dict[int, JudgeResult]:
 
 def read_judge_results(run_dir: Path) -> Iterator[tuple[dict[str, Any], JudgeResult]]:
     """Yield the lines of a run's metrics that hold a judge's result, each with that result, in the order written."""
-    path = Path(run_dir) / METRICS
-    for line in path.read_bytes().split(b"\n")[:-1] if path.is_file() else ():
+    for record in read_metrics(run_dir):
         try:
-            record = parse_json(line, METRICS)
             speed, falls, launches, mean = (record[f"judged/{field.name}"] for field in dataclasses.fields(JudgeResult))
             result = JudgeResult(float(speed), int(falls), int(launches), float(mean))
-            record["step"] = int(record["step"])
-        except (BadFileError, KeyError, TypeError, ValueError):
-            continue  # a line of other metrics, or a damaged one
+        except (KeyError, TypeError, ValueError):
+            continue  # a line of other metrics
         yield record, result
 
 

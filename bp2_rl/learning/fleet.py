@@ -44,10 +44,8 @@ class Fleet:
 
     def bank(self, state: envs.State, keys: Array) -> envs.State:
         """One fresh episode for every robot of `state`; where that is not finite, its `state` stands in for it."""
-        if hasattr(self.env, "restart"):
-            fresh = jax.vmap(self.env.restart)(state, keys)  # pyright: ignore[reportAttributeAccessIssue]
-        else:
-            fresh = jax.vmap(self.env.reset)(keys)
+        restart = getattr(self.env, "restart", None)
+        fresh = jax.vmap(self.env.reset)(keys) if restart is None else jax.vmap(restart)(state, keys)
         fresh = _with_clock(fresh, jnp.zeros(keys.shape[:1], jnp.int32))
         sound = _finite(_episode(fresh))
         pipeline_state, obs, info = _where(sound, _episode(fresh), _episode(state))

@@ -61,19 +61,6 @@ def warnings(metrics: Mapping[str, float], config: PPOConfig) -> dict[str, str]:
     return {name: words for name, (present, words) in signs.items() if present}
 
 
-class Watch:
-    """Repeats a warning only when it comes back after it had gone."""
-
-    def __init__(self) -> None:
-        self._present: set[str] = set()
-
-    def news(self, present: Mapping[str, str]) -> list[str]:
-        """Return the words of the warnings that were not present at the last call."""
-        fresh = [words for name, words in present.items() if name not in self._present]
-        self._present = set(present)
-        return fresh
-
-
 def explain(learner: PPO, state: TrainState) -> str:
     """Repeat the train step that `state` could not leave, piece by piece; say what was not finite first."""
     if found := _not_finite(state):

@@ -37,11 +37,8 @@ class Log:
 
     def __init__(self, monitor: Monitor, ppo: PPOConfig, unlogged: Unlogged):
         self._monitor, self._ppo = monitor, ppo
-        self._watch = guards.Watch()
-        self._interval = Interval()
-        if unlogged.count:
-            self._interval.sums = {name: np.float32(value) for name, value in unlogged.sums.items()}
-            self._interval.count = unlogged.count
+        self._warned: set[str] = set()  # the signs that the last line showed: each is told once while it lasts
+        self._interval = Interval({name: np.float32(value) for name, value in unlogged.sums.items()}, unlogged.count)
         self._pending: tuple[int, Interval] | None = None
         self._since = time.monotonic()  # what is being timed began then
         self.stuck = False  # a train step was not finite
@@ -49,14 +46,12 @@ class Log:
     def add(self, metrics: dict[str, jax.Array]) -> None:
         """Take in one train step's metrics, which may still be under computation."""
         interval = self._interval
-        interval.sums = metrics if interval.sums is None else _add(interval.sums, metrics)
+        interval.sums = _add(interval.sums, metrics) if interval.sums else metrics
         interval.count += 1
         interval.timed += 1
 
     def open(self) -> Unlogged:
         """What has been added since the last interval was closed."""
-        if self._interval.sums is None:
-            return Unlogged()
         sums = jax.device_get(self._interval.sums)
         return Unlogged(self._interval.count, {name: float(value) for name, value in sums.items()})
 
@@ -79,15 +74,17 @@ class Log:
         now = time.monotonic()
         rate, self._since = interval.timed * per_step / (now - self._since), now
         self._monitor.log(done * per_step, summarize(means) | {"steps_per_second": rate})
-        for words in self._watch.news(guards.warnings(means, self._ppo)):
-            self._monitor.note(f"warning: {words}")
+        signs = guards.warnings(means, self._ppo)
+        for name in [name for name in signs if name not in self._warned]:
+            self._monitor.note(f"warning: {signs[name]}")
+        self._warned = set(signs)
 
 
 @dataclasses.dataclass
 class Interval:
     """Train steps that become one line of the log."""
 
-    sums: Any = None  # of their metrics
+    sums: dict[str, Any] = dataclasses.field(default_factory=dict)  # of their metrics
     count: int = 0
     timed: int = 0  # those of them that this process did
 

@@ -25,12 +25,11 @@ from bp2_rl.learning.checkpoint import (
     Saver,
     latest_step,
     restore_checkpoint,
-    save_checkpoint,
     saved_steps,
 )
 from bp2_rl.learning.exports import POLICIES, POLICY, ExportedPolicies, Judge, judge_results, reaches
 from bp2_rl.learning.log import Log, Unlogged
-from bp2_rl.learning.monitor import Monitor, SilentMonitor, run_began
+from bp2_rl.learning.monitor import Monitor, run_began
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
@@ -69,10 +68,8 @@ def train(
     total, per_step = train_steps(config), config.ppo.steps_per_train_step
     started, first = time.monotonic(), int(state.step)
     devices = f"{mesh.size} x {mesh.devices.flat[0].device_kind}"
-    title = f"{config.stage} on {devices}"
-    monitor = SilentMonitor()
-    if cluster.is_first():
-        monitor = Monitor(run_dir, total * per_step, start_step=first * per_step, title=title, writers=run.writers)
+    title, shown = f"{config.stage} on {devices}", run_dir if cluster.is_first() else None
+    monitor = Monitor(shown, total * per_step, start_step=first * per_step, title=title, writers=run.writers)
     with monitor, _stopping_in_one_line(monitor, run_dir, total):
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
@@ -129,7 +126,8 @@ def _resume(run_dir: Path) -> str:
 def _keep_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
     """Save the state whose next train step is not finite, and stop."""
     step = int(state.step)
-    save_checkpoint(run_dir, step, state, config=to_json(config), folder=FAILED)
+    with Saver(run_dir, to_json(config), FAILED) as saver:
+        saver.save(step, state)
     raise RunStopped(
         f"train step {step + 1} is not finite and nothing was learned from it; kept step {latest_step(run_dir)} of "
         f"{train_steps(config)}; see what it was: python train.py --replay {run_dir}",

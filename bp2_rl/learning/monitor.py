@@ -6,11 +6,12 @@ The only place of the learner with side effects besides the checkpoint; nothing 
 import collections
 import contextlib
 import datetime
+import io
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from rich.console import Console
 from rich.live import Live
@@ -52,14 +53,14 @@ class Monitor:
     On a terminal two or three lines are kept up to date; elsewhere a plain line is printed about every ten seconds.
 
     Args:
-        run_dir: the run's folder; made if absent.
+        run_dir: the run's folder, made if absent; None in a cluster's further processes, for which process 0 speaks:
+            nothing is recorded or shown.
         total_steps: where the run will end.
         start_step: where it starts. On resume, metrics logged past it are of work that was lost: they are dropped.
             Lines that cannot be read are moved to a file of their own, which log.txt names.
         title: stands before the progress bar.
         writers: further ones of the metrics, beside metrics.jsonl and TensorBoard's events; closed with the monitor.
-        console: where to show it; standard output by default.
-        clock: seconds, for the throughput.
+        console: where to show it, with the clock for the throughput; standard output by default.
 
     Raises:
         UserError: the run's folder cannot be written.
@@ -67,31 +68,35 @@ class Monitor:
 
     def __init__(
         self,
-        run_dir: Path,
+        run_dir: Path | None,
         total_steps: int,
         *,
         start_step: int = 0,
         title: str = "training",
         writers: Sequence[LogWriter] = (),
         console: Console | None = None,
-        clock: Callable[[], float] = time.monotonic,
     ):
         self._total, self._step, self._title = total_steps, start_step, title
-        self._console = console or Console()
-        self._clock, self._began = clock, clock()
+        self._console = console or Console(quiet=run_dir is None)
+        self._clock = self._console.get_time
+        self._began = self._clock()
         self._metrics: dict[str, float] = {}
         self._remark, self._said = "", ""  # below the progress line, and what of it has been printed
         self._history: collections.deque[tuple[float, int]] = collections.deque()  # (time, step) of recent logs
         self._shown, self._next_line = start_step, -math.inf  # step of the last plain line, time of the next
-        run_dir = Path(run_dir)
+        on_terminal = self._console.is_terminal and not self._console.quiet
+        self._live = Live(self, console=self._console, refresh_per_second=4) if on_terminal else None
+        self._writers: list[LogWriter] = []
+        self._log_file: IO[str] = io.StringIO()
+        if run_dir is None:
+            return
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
             lines = MetricsFile(run_dir, start_step)
             self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
-            self._writers: list[LogWriter] = [lines, EventsFile(run_dir, start_step), *writers]
+            self._writers = [lines, EventsFile(run_dir, start_step), *writers]
         except OSError as error:
             raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
-        self._live = Live(self, console=self._console, refresh_per_second=4) if self._console.is_terminal else None
         if lines.damaged:
             self.note(f"warning: {METRICS} held lines that cannot be read, now in {lines.damaged}")
 
@@ -217,36 +222,6 @@ class Monitor:
             return None
         (t0, step0), (t1, step1) = self._history[0], self._history[-1]
         return (step1 - step0) / (t1 - t0) if t1 > t0 and step1 > step0 else None
-
-
-class SilentMonitor(Monitor):
-    """The monitor of a cluster's further processes, for which process 0 speaks: it records and shows nothing."""
-
-    def __init__(self) -> None:
-        pass
-
-    def __enter__(self) -> "SilentMonitor":
-        """Open no file and no display."""
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Close no file."""
-
-    def release_terminal(self) -> None:
-        """Leave the terminal alone."""
-
-    def add(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Record no metrics."""
-
-    log = add
-
-    def show(self, remark: str) -> None:
-        """Show no remark."""
-
-    def record(self, text: str) -> None:
-        """Log no line."""
-
-    note = record
 
 
 def run_began(run_dir: Path) -> float:

@@ -172,13 +172,11 @@ def _symmetric_networks(mirrors: Mapping[str, Mirror], config: PPOConfig) -> net
         empty = jnp.zeros((1, len(mirrors[key].order)))
         return brax_networks.FeedForwardNetwork(init=lambda random: module.init(random, empty), apply=apply)
 
-    # A dataclass, though pyright does not follow Brax's way to `flax.struct`.
-    return networks.PPONetworks(
-        policy_network=network(actor, POLICY, lambda out: out),  # pyright: ignore[reportCallIssue]
-        value_network=network(critic, seen, lambda out: out[..., 0]),  # pyright: ignore[reportCallIssue]
-        parametric_action_distribution=distribution.NormalDistribution(  # pyright: ignore[reportCallIssue]
-            event_size=len(mirrors["action"].order)
-        ),
+    make: Any = networks.PPONetworks  # a dataclass, though pyright does not follow Brax's way to `flax.struct`
+    return make(
+        policy_network=network(actor, POLICY, lambda out: out),
+        value_network=network(critic, seen, lambda out: out[..., 0]),
+        parametric_action_distribution=distribution.NormalDistribution(event_size=len(mirrors["action"].order)),
     )
 
 

@@ -11,7 +11,6 @@ No pickles: a policy from a stranger is safe to load, and one from another proje
 import dataclasses
 import hashlib
 import itertools
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,18 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import (
-    ArraySpec,
-    BadFileError,
-    read_bytes,
-    read_json,
-    read_npz,
-    require_name,
-    write_npz,
-    write_text,
-)
+from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
-from bp2_rl.base.serialization import ConfigError, from_json, seal, to_json, unseal
+from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
@@ -128,12 +118,8 @@ def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: Policy
         statistic[POLICY_OBSERVATION] if isinstance(statistic, Mapping) else statistic
         for statistic in (normalizer.mean, normalizer.std)
     )
-    policy = Policy(
-        card=card,
-        mean=_float32(mean),
-        std=_float32(std),
-        layers=tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers),
-    )
+    pairs = tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers)
+    policy = Policy(card, _float32(mean), _float32(std), pairs)
     _check_shapes(policy)
     return policy
 
@@ -148,10 +134,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     """
     require_name(directory)
     _check_shapes(policy)
-    try:
-        _check_numbers(policy)
-    except PolicyError as error:
-        raise PolicyError(f"policy not exported to {directory}: {error}") from error
+    _check_numbers(policy, f"policy not exported to {directory}")
     try:
         place = Path(directory).resolve()
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
@@ -160,8 +143,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
             write_npz(fresh / WEIGHTS, _to_arrays(policy))
             digest = hashlib.sha256((fresh / WEIGHTS).read_bytes()).hexdigest()
             card = dataclasses.replace(policy.card, weights_sha256=digest)
-            text = json.dumps(seal(to_json(card), CHECKSUM), indent=2, allow_nan=False) + "\n"
-            write_text(fresh / CARD, text)
+            save_sealed(fresh / CARD, card, CHECKSUM)
     except OSError as error:
         raise PolicyError(f"cannot write policy {directory}: {error.strerror or error}") from error
     return dataclasses.replace(policy, card=card)
@@ -190,16 +172,9 @@ def load_policy(
         _check_layout(card, layout_of(card.env.control), directory)
     arrays = _read_weights(directory / WEIGHTS, card)
     count = len(card.hidden_layer_sizes) + 1
-    policy = Policy(
-        card=card,
-        mean=arrays["mean"],
-        std=arrays["std"],
-        layers=tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count)),
-    )
-    try:
-        _check_numbers(policy)
-    except PolicyError as error:
-        raise PolicyError(f"{directory / WEIGHTS}: {error}") from error
+    layers = tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count))
+    policy = Policy(card, arrays["mean"], arrays["std"], layers)
+    _check_numbers(policy, f"{directory / WEIGHTS}")
     return policy
 
 
@@ -219,24 +194,10 @@ def _find(path: Path) -> Path:
 
 
 def _read_card(directory: Path) -> PolicyCard:
-    path = directory / CARD
     try:
-        data = read_json(path)
-    except BadFileError as error:
+        return load_sealed(PolicyCard, directory / CARD, CHECKSUM, FORMAT_VERSION)
+    except UserError as error:
         raise PolicyError(str(error)) from error
-    version = data.get("format_version") if isinstance(data, dict) else None
-    if type(version) is not int:
-        raise PolicyError(f"{path} is not a BP2 policy card: it has no format_version")
-    if version > FORMAT_VERSION:
-        raise PolicyError(
-            f"{path} has policy format {version}; this bp2_rl reads up to {FORMAT_VERSION}: update bp2_rl"
-        )
-    try:
-        return from_json(PolicyCard, unseal(data, CHECKSUM))
-    except ConfigError as error:
-        versions = data.get("versions")
-        author = versions.get("bp2_rl", "unknown") if isinstance(versions, dict) else "unknown"
-        raise PolicyError(f"{path} (exported by bp2_rl {author}): {error}") from error
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
@@ -288,22 +249,22 @@ def _check_shapes(policy: Policy) -> None:
             raise PolicyError(f"{name} has shape {arrays[name].shape}, its card says {shape}")
 
 
-def _check_numbers(policy: Policy) -> None:
-    """Raise where the weights are such that an action may not be finite; the array at fault is named."""
+def _check_numbers(policy: Policy, where: str) -> None:
+    """Raise where the weights are such that an action may not be finite; after `where` the array at fault is named."""
     for name, array in _to_arrays(policy).items():
         if not np.isfinite(array).all():
-            raise PolicyError(f"{name} is not finite")
+            raise PolicyError(f"{where}: {name} is not finite")
     if not (policy.std > 0.0).all():
-        raise PolicyError("std is not positive")
+        raise PolicyError(f"{where}: std is not positive")
     # No sum of products can be larger than that of the absolute values; no activation adds to |x| beyond 1.
     largest = float(np.finfo(np.float32).max)
     bound = (LARGEST_OBSERVATION + np.abs(policy.mean.astype(float))) / policy.std
     if not (bound < largest).all():
-        raise PolicyError("std is so small that an observation may overflow")
+        raise PolicyError(f"{where}: std is so small that an observation may overflow")
     for i, (kernel, bias) in enumerate(policy.layers):
         bound = np.maximum(bound, 1.0) @ np.abs(kernel.astype(float)) + np.abs(bias)
         if not (bound < largest).all():
-            raise PolicyError(f"layer_{i}/kernel is so large that an action may overflow")
+            raise PolicyError(f"{where}: layer_{i}/kernel is so large that an action may overflow")
 
 
 # --- Writing --------------------------------------------------------------------------------------------------

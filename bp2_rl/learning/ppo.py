@@ -33,6 +33,7 @@ from bp2_rl.learning.fleet import Fleet
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
+make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
 RUN_ONCE: Any = {"xla_backend_optimization_level": 0}
 """For XLA, of a program that is run once on a CPU: half the time to compile it."""
 STUCK = "stuck"
@@ -139,10 +140,9 @@ class PPO:
 
     def _init(self, key: Array) -> TrainState:
         key, key_policy, key_value, key_fleet = jax.random.split(key, 4)
-        # A dataclass, though pyright does not follow Brax's way to `flax.struct`.
-        params = losses.PPONetworkParams(
-            policy=self.network.policy_network.init(key_policy),  # pyright: ignore[reportCallIssue]
-            value=self.network.value_network.init(key_value),  # pyright: ignore[reportCallIssue]
+        network_params: Any = losses.PPONetworkParams  # a dataclass, though pyright does not follow Brax's way to it
+        params = network_params(
+            policy=self.network.policy_network.init(key_policy), value=self.network.value_network.init(key_value)
         )
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
         # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
@@ -152,7 +152,7 @@ class PPO:
             params=params,
             average=jax.tree.map(jnp.copy, params.policy),
             normalizer=normalizer,
-            optimizer=self._optimizer.init(params),  # pyright: ignore[reportArgumentType]
+            optimizer=self._optimizer.init(params),
             fleet=fleet,
             key=key,
             step=jnp.zeros((), jnp.int32),
@@ -226,19 +226,9 @@ class PPO:
             noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(split[:, 1])
             action, policy_extras = act(fleet.obs, noise)
             after = self.fleet.step(fleet, action, bank)
-            # Brax annotates these trees as if they were arrays.
-            transition = Transition(
-                observation=fleet.obs,  # pyright: ignore[reportArgumentType]
-                action=action,
-                reward=after.reward,
-                discount=1.0 - after.done,
-                next_observation=(),  # pyright: ignore[reportArgumentType]
-                extras={  # pyright: ignore[reportArgumentType]
-                    "policy_extras": policy_extras,
-                    "state_extras": {"truncation": after.info["truncation"]},
-                },
-            )
-            return (after, jax.tree.map(jnp.add, sums, _step_metrics(after))), transition
+            extras = {"policy_extras": policy_extras, "state_extras": {"truncation": after.info["truncation"]}}
+            data = make_transition(fleet.obs, action, after.reward, 1.0 - after.done, (), extras)
+            return (after, jax.tree.map(jnp.add, sums, _step_metrics(after))), data
 
         sums = jax.tree.map(jnp.zeros_like, _step_metrics(fleet))
         length = self.config.unroll_length
@@ -306,14 +296,14 @@ class PPO:
     ) -> tuple[Array, dict[str, Array]]:
         """Brax's PPO loss with this learner's hyperparameters in train step `step`; `data` has axes (robot, time)."""
         config = self.config
-        entropy_cost: Any = config.entropy_cost / (1.0 + step / config.entropy_decay)  # Brax asks for a float
-        return losses.compute_ppo_loss(  # pyright: ignore[reportReturnType]
+        compute_loss: Any = losses.compute_ppo_loss  # annotated as if it took and gave floats
+        return compute_loss(
             params,
             normalizer,
             data,
             key,
             ppo_network=self.network,
-            entropy_cost=entropy_cost,
+            entropy_cost=config.entropy_cost / (1.0 + step / config.entropy_decay),
             discounting=config.discounting,
             reward_scaling=config.reward_scaling,
             gae_lambda=config.gae_lambda,

@@ -20,11 +20,12 @@ from bp2_rl.learning.checkpoint import (
     FAILED,
     CheckpointError,
     Metadata,
+    Saver,
     latest_step,
     place,
     read_metadata,
+    require_same,
     restore_checkpoint,
-    save_checkpoint,
 )
 from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
@@ -82,7 +83,8 @@ def start(
             state = learner.init(config.run.seed)
             if inherited is not None:
                 state = _adopt(state, inherited)
-        save_checkpoint(run_dir, 0, state, config=to_json(config))
+        with Saver(run_dir, to_json(config)) as saver:
+            saver.save(0, state)
         return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
 
 
@@ -194,11 +196,5 @@ def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECK
         there = flatten(to_json(from_json(TrainConfig, metadata.config)))
     except ConfigError as error:
         raise CheckpointError(f"{directory} is of another training: {error}") from error
-    here = flatten(to_json(config))
-    for name in [*here, *there]:
-        if there.get(name) != here.get(name):
-            raise CheckpointError(
-                f"{directory} is of another training: {name} is {there.get(name, 'absent')} there and "
-                f"{here.get(name, 'absent')} in {CONFIG}"
-            )
+    require_same(there, flatten(to_json(config)), directory, where=f"in {CONFIG}")
     return metadata

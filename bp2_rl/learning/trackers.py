@@ -61,7 +61,7 @@ class _Wandb:
     """Weights & Biases; WANDB_MODE=offline keeps all on disk for `wandb sync`."""
 
     def __init__(self, run_dir: Path, config: TrainConfig, had: Tracked | None):
-        import wandb  # pyright: ignore[reportMissingImports]
+        import wandb
 
         project = had.place if had else os.environ.get("WANDB_PROJECT", PROJECT)
         self._run = wandb.init(
@@ -91,8 +91,8 @@ class _Mlflow:
     """MLflow, by its client alone: nothing of it is global."""
 
     def __init__(self, run_dir: Path, config: TrainConfig, had: Tracked | None):
-        from mlflow import MlflowClient  # pyright: ignore[reportMissingImports]
-        from mlflow.entities import Param  # pyright: ignore[reportMissingImports]
+        from mlflow import MlflowClient
+        from mlflow.entities import Param
 
         logging.getLogger("mlflow").setLevel(logging.ERROR)
         here = (run_dir.resolve().parent / "mlruns").as_uri()
@@ -115,7 +115,7 @@ class _Mlflow:
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`; finite numbers alone, as MLflow's databases take no others."""
-        from mlflow.entities import Metric  # pyright: ignore[reportMissingImports]
+        from mlflow.entities import Metric
 
         when = round(1000 * wall_time)
         # Its folders cannot hold `reward` and `reward/tracking`: one is a file, the other within it.

@@ -91,7 +91,7 @@ def read_metrics(run_dir: Path) -> list[dict[str, Any]]:
     """The lines of metrics.jsonl that can be read; none where it is not there."""
     path = run_dir / METRICS
     lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
-    return [parse_json(line, METRICS) for line in lines if _step_of(line) is not None]  # pyright: ignore[reportReturnType]
+    return [record for line in lines if (record := _record_of(line)) is not None]
 
 
 def _truncate(path: Path, last_step: int) -> Path | None:
@@ -104,10 +104,10 @@ def _truncate(path: Path, last_step: int) -> Path | None:
     kept, damaged = [], []
     *lines, _ = path.read_bytes().split(b"\n")
     for line in lines:
-        step = _step_of(line)
-        if step is None:
+        record = _record_of(line)
+        if record is None:
             damaged.append(line)
-        elif step <= last_step:
+        elif record["step"] <= last_step:
             kept.append(line)
     aside = None
     if damaged:
@@ -118,11 +118,10 @@ def _truncate(path: Path, last_step: int) -> Path | None:
     return aside
 
 
-def _step_of(line: bytes) -> int | None:
-    """The step of a line of metrics; None if it cannot be read."""
+def _record_of(line: bytes) -> dict[str, Any] | None:
+    """The step and the metrics in a line; None if it cannot be read."""
     try:
         record = parse_json(line, METRICS)
     except BadFileError:
         return None
-    step = record.get("step") if isinstance(record, dict) else None
-    return step if type(step) is int else None
+    return record if isinstance(record, dict) and type(record.get("step")) is int else None

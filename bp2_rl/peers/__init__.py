@@ -1,7 +1,7 @@
 """BP2 among other projects' environments. Nothing here is imported unless its package asks for it."""
 
+import functools
 import sys
-from typing import Any
 
 from bp2_rl.base.errors import not_installed
 
@@ -30,15 +30,13 @@ def register_gymnasium() -> None:
 def register_playground() -> None:
     """Register `BP2` and the others with MuJoCo Playground's locomotion suite; raises `UserError` where it is not."""
     try:
-        from mujoco_playground import locomotion  # pyright: ignore[reportMissingImports]
+        from mujoco_playground import locomotion
     except ImportError as missing:
         raise not_installed("registering with MuJoCo Playground", "playground", "playground") from missing
-    from bp2_rl.peers.playground_env import maker_of
+    from bp2_rl.peers.playground_env import BP2Playground, default_config
 
     for name, theirs in PLAYGROUND.items():
-        make: Any  # no class, but like Playground's own it is only called
-        make, config = maker_of(name)
-        locomotion.register_environment(theirs, make, config)
+        locomotion.register_environment(theirs, BP2Playground, functools.partial(default_config, name))
 
 
 if "gymnasium" in sys.modules:  # so that `gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0")` finds it, in any process

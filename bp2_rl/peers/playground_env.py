@@ -7,7 +7,7 @@ as it once began.
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from brax import envs
 from ml_collections import config_dict
 from mujoco import mjx
-from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+from mujoco_playground._src import mjx_env
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -40,11 +40,6 @@ def default_config(name: str) -> config_dict.ConfigDict:
         impl="jax",
         env=config_dict.ConfigDict(_swap(to_json(CONFIGS[name]()), "inf", math.inf)),
     )
-
-
-def maker_of(name: str) -> tuple[Callable[..., "BP2Playground"], Callable[[], config_dict.ConfigDict]]:
-    """(What makes the environment, what its config is unless one is given): as Playground registers them."""
-    return BP2Playground, functools.partial(default_config, name)
 
 
 class BP2Playground(mjx_env.MjxEnv):

@@ -81,7 +81,7 @@ def cut_off(monkeypatch):
     monkeypatch.setattr(run, "make_learner", lambda config: PPO(StandIn(), config.ppo))
     for place in (
         "bp2_rl.learning.loop.train",
-        "bp2_rl.learning.run.save_checkpoint",
+        "bp2_rl.learning.run.Saver",
         "bp2_rl.evaluation.report.folder.open_folder",
         "bp2_rl.optimiser.verify.verify",
         "bp2_rl.paper.trajectories.decomposition.decompose",

@@ -19,11 +19,11 @@ from bp2_rl.base.serialization import (
     config_hash,
     from_json,
     load_config,
+    load_sealed,
     merge,
     save_config,
-    seal,
+    save_sealed,
     to_json,
-    unseal,
 )
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.settings.env import EnvConfig
@@ -240,14 +240,32 @@ def test_whatever_a_config_file_holds_it_is_read_or_refused(tmp_path: Path):
             load_config(TrainConfig, path)
 
 
-def test_what_was_sealed_comes_back_and_nothing_else_does():
-    data = {"a": 1.5, "b": {"c": [None, "x"]}}
-    sealed = seal(data, "sum")
-    assert unseal(json.loads(json.dumps(sealed, indent=3, sort_keys=True)), "sum") == data
-    assert unseal(data, "sum") == data
+@dataclasses.dataclass(frozen=True)
+class Card:
+    versions: dict[str, str]
+    a: float = 1.5
+    b: tuple[int, ...] = ()
+    format_version: int = 3
+
+
+def test_what_was_sealed_comes_back_and_nothing_else_does(tmp_path: Path):
+    path, card = tmp_path / "card.json", Card({"bp2_rl": "0.1"}, b=(1, 2))
+    save_sealed(path, card, "sum")
+    sealed = json.loads(path.read_text())
+    plain = {key: value for key, value in sealed.items() if key != "sum"}
+    for same in (sealed, dict(reversed(sealed.items())), plain):
+        path.write_text(json.dumps(same, indent=3))
+        assert load_sealed(Card, path, "sum", 3) == card
     for changed in ({**sealed, "a": 1.25}, {**sealed, "d": 0}, {**sealed, "sum": None}):
-        with pytest.raises(ConfigError, match="damaged or edited"):
-            unseal(changed, "sum")
+        path.write_text(json.dumps(changed))
+        with pytest.raises(ConfigError, match=r"card\.json \(written by bp2_rl 0\.1\): damaged or edited"):
+            load_sealed(Card, path, "sum", 3)
+    path.write_text(json.dumps(plain | {"a": "x"}))
+    with pytest.raises(ConfigError, match="a: expected a number, got 'x'"):
+        load_sealed(Card, path, "sum", 3)
+    path.write_text(json.dumps(plain))
+    with pytest.raises(ConfigError, match=r"has format 3, of bp2_rl 0\.1; this one reads format 2: update bp2_rl"):
+        load_sealed(Card, path, "sum", 2)
 
 
 def test_a_folder_is_claimed_once_and_says_what_is_another(tmp_path):

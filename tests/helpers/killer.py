@@ -10,14 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from bp2_rl.learning.checkpoint import save_checkpoint
+from bp2_rl.learning import checkpoint
 from bp2_rl.learning.policy import load_policy, save_policy
 
 OPERATIONS = ("replace", "rename", "fsync", "mkdir", "rmdir", "unlink", "open")
 
 
+def save_checkpoint(run, step, state, config=None, log=None):
+    """Save, and wait until that is on disk."""
+    with checkpoint.Saver(run, config or {}) as saver:
+        saver.save(step, state, log)
+
+
 def save_step(run, step):
-    save_checkpoint(run, int(step), {"x": np.full(1000, 7.0)}, keep=2)
+    checkpoint.KEPT = 2
+    save_checkpoint(run, int(step), {"x": np.full(1000, 7.0)})
 
 
 def save_card(run):

@@ -5,21 +5,21 @@ from aim import TINY, Aim
 from jax.experimental.compilation_cache import compilation_cache
 
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.tools.throughput.measure import Compilations
+from bp2_rl.tools.throughput.measure import COMPILED, FROM_CACHE, compilations
 
 
 def test_nothing_is_compiled_after_the_first_two_iterations():
     learner = PPO(Aim(), TINY)
-    with Compilations() as first:
+    with compilations() as first:
         state = learner.init(0)
         for _ in range(2):
             state, metrics = learner.train_step(state)
-    assert first.count >= 2  # init and the train step: the listener hears
-    with Compilations() as later:
+    assert first[COMPILED] >= 2  # init and the train step: the listener hears
+    with compilations() as later:
         for _ in range(3):
             state, metrics = learner.train_step(state)
     jax.block_until_ready(metrics)
-    assert later.count == 0
+    assert later[COMPILED] == 0
     assert int(state.step) == 5
 
 
@@ -27,9 +27,9 @@ def test_the_train_step_is_compiled_beside_the_first_state():
     learner = PPO(Aim(), TINY)
     with learner.compiling():
         state = learner.init(0)
-    with Compilations() as later:
+    with compilations() as later:
         learner.train_step(state)
-    assert later.count == 0
+    assert later[COMPILED] == 0
 
 
 def test_programs_are_counted_once_each_and_only_within():
@@ -37,13 +37,13 @@ def test_programs_are_counted_once_each_and_only_within():
     def double(x):
         return 2 * x
 
-    with Compilations() as outer:
+    with compilations() as outer:
         double(1.0)
-        with Compilations() as inner:
+        with compilations() as inner:
             double(2.0)
         double(1)  # another type is another program
     double(True)
-    assert (outer.count, inner.count) == (2, 0)
+    assert (outer[COMPILED], inner[COMPILED]) == (2, 0)
 
 
 def test_what_the_cache_on_disk_holds_is_told_apart(tmp_path):
@@ -55,16 +55,16 @@ def test_what_the_cache_on_disk_holds_is_told_apart(tmp_path):
         for name, value in SETTINGS.items():
             jax.config.update(name, str(tmp_path) if value is None else value)
         compilation_cache.reset_cache()
-        with Compilations() as cold:
+        with compilations() as cold:
             make()(2.0)
-        with Compilations() as warm:
+        with compilations() as warm:
             make()(2.0)
     finally:
         for name, value in old.items():
             jax.config.update(name, value)
         compilation_cache.reset_cache()
-    assert (cold.count, cold.from_cache) == (1, 0)
-    assert (warm.count, warm.from_cache) == (1, 1)
+    assert (cold[COMPILED], cold[FROM_CACHE]) == (1, 0)
+    assert (warm[COMPILED], warm[FROM_CACHE]) == (1, 1)
 
 
 SETTINGS = {

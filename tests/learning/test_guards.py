@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 from aim import TINY, StandIn
 from aim_run import SMALL
+from killer import save_checkpoint
 
 from bp2_rl.base.serialization import to_json
 from bp2_rl.cli import train as command
-from bp2_rl.learning import checkpoint, guards, loop, policy
+from bp2_rl.learning import checkpoint, guards, log, loop, policy
 from bp2_rl.learning import run as training
-from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint
 from bp2_rl.learning.fleet import FAULTS, Fleet
-from bp2_rl.learning.ppo import PPO
+from bp2_rl.learning.monitor import Monitor
+from bp2_rl.learning.ppo import PPO, STUCK
 from bp2_rl.settings.training import TrainConfig
 
 STEPS = 12
@@ -214,7 +216,7 @@ def test_a_state_that_is_not_finite_is_named(faults, tmp_path, capsys, path):
     state = restore(run)
     leaves = {name: np.array(leaf) for name, leaf in leaves_by_path(state).items()}
     leaves[path].flat[5] = np.nan
-    save_checkpoint(run, 2, jax.tree.unflatten(jax.tree.structure(state), leaves.values()), config=to_json(longer))
+    save_checkpoint(run, 2, jax.tree.unflatten(jax.tree.structure(state), leaves.values()), to_json(longer))
     capsys.readouterr()
     assert command.main(["--resume", str(run)]) == 1
     assert "train step 3 is not finite" in capsys.readouterr().err
@@ -357,7 +359,16 @@ def test_the_limits_of_a_warning_are_those_of_the_config():
     assert guards.warnings(FINE | change, config) == {}
 
 
-def test_a_warning_is_said_once_until_it_has_been_away():
-    watch = guards.Watch()
+def test_a_warning_is_said_once_until_it_has_been_away(monkeypatch):
     kl, falls = {"kl": "jumps"}, {"falls": "fall"}
-    assert [watch.news(present) for present in (kl, kl | falls, kl, {}, kl)] == [["jumps"], ["fall"], [], [], ["jumps"]]
+    monitor, said, heard = Monitor(None, 1), [], []
+    monkeypatch.setattr(monitor, "note", said.append)
+    monkeypatch.setattr(log, "summarize", lambda means: means)
+    lines = log.Log(monitor, TINY, log.Unlogged())
+    for step, present in enumerate((kl, kl | falls, kl, {}, kl)):
+        monkeypatch.setattr(guards, "warnings", lambda means, ppo, present=present: present)
+        lines.add({STUCK: jnp.zeros(())})
+        lines.close(step)
+        lines.flush()
+        heard.append([said.pop() for _ in list(said)])
+    assert heard == [["warning: jumps"], ["warning: fall"], [], [], ["warning: jumps"]]

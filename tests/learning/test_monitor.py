@@ -2,6 +2,8 @@ import io
 import json
 import math
 import struct
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +25,12 @@ class Clock:
         return self.now
 
 
-def pipe() -> Console:
-    return Console(file=io.StringIO(), width=80)
+def pipe(clock: Callable[[], float] = time.monotonic) -> Console:
+    return Console(file=io.StringIO(), width=80, get_time=clock)
 
 
-def terminal() -> Console:
-    return Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+def terminal(clock: Callable[[], float]) -> Console:
+    return Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None, get_time=clock)
 
 
 def shown(console: Console) -> str:
@@ -76,6 +78,17 @@ def test_tensorboard_gets_every_finite_scalar(tmp_path: Path):
     assert scalars(tmp_path) == [("reward", 10, 1.5), ("loss/value", 10, 0.25), ("loss/value", 20, 0.5)]
 
 
+def test_the_monitor_of_a_clusters_further_process_leaves_no_trace(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with Monitor(None, 100, title="imitation") as monitor:
+        monitor.log(10, {"reward": 1.5})
+        monitor.add(5, {"judged/speed": 1.0})
+        monitor.show("a remark")
+        monitor.note("a note")
+    assert capsys.readouterr().out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_resuming_drops_what_was_logged_after_the_checkpoint(tmp_path: Path):
     with Monitor(tmp_path, 100, console=pipe()) as monitor:
         for step in (10, 20, 30, 40):
@@ -95,8 +108,9 @@ def test_a_line_torn_by_a_kill_is_dropped_even_if_its_step_is_early(tmp_path: Pa
 
 
 def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 50_000_000, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 50_000_000, console=console) as monitor:
         for second in range(25):
             clock.now = float(second)
             monitor.log((second + 1) * 500_000, HEADLINES)
@@ -109,16 +123,18 @@ def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end
 
 
 def test_the_last_plain_line_is_not_said_twice(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 10, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 10, console=console) as monitor:
         clock.now = 83.0
         monitor.log(10, HEADLINES)
     assert shown(console).splitlines()[1:] == ["100% 10/10 in 1:23 reward 12.3 falls 3.1% error 0.41 level 0.62"]
 
 
 def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
-    console, clock = terminal(), Clock()
-    with Monitor(tmp_path, 50_000_000, title="imitation", console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = terminal(clock)
+    with Monitor(tmp_path, 50_000_000, title="imitation", console=console) as monitor:
         assert "waiting for the first step" in shown(console)
         for second in range(26):
             clock.now = float(second)
@@ -131,8 +147,9 @@ def test_on_a_terminal_two_lines_fit_eighty_columns(tmp_path: Path):
 
 
 def test_throughput_is_of_the_last_half_minute(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 10_000, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 10_000, console=console) as monitor:
         for second in range(0, 101, 10):
             clock.now = float(second)
             monitor.log(second * (1 if second <= 50 else 10), HEADLINES)
@@ -140,8 +157,9 @@ def test_throughput_is_of_the_last_half_minute(tmp_path: Path):
 
 
 def test_a_resumed_run_counts_from_where_it_was(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 1000, start_step=500, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 1000, start_step=500, console=console) as monitor:
         monitor.log(510, HEADLINES)
         clock.now = 10.0
         monitor.log(520, HEADLINES)
@@ -199,10 +217,11 @@ def test_a_full_disk_is_an_error_of_the_writing_and_not_of_the_closing(tmp_path:
 
 
 def test_a_failing_run_still_leaves_its_last_line(tmp_path: Path):
-    console, clock = pipe(), Clock()
+    clock = Clock()
+    console = pipe(clock)
 
     def train() -> None:
-        with Monitor(tmp_path, 10, console=console, clock=clock) as monitor:
+        with Monitor(tmp_path, 10, console=console) as monitor:
             monitor.log(1, HEADLINES)
             monitor.log(2, HEADLINES)
             raise RuntimeError
@@ -262,8 +281,9 @@ def test_a_damaged_line_is_set_aside_and_the_readable_ones_after_it_are_kept(tmp
 
 
 def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alone(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 1000, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 1000, console=console) as monitor:
         monitor.log(500, HEADLINES)
         monitor.add(300, {"judged/speed": 12.5, "judged/falls": math.nan})
     late = records(tmp_path)[-1]
@@ -272,8 +292,9 @@ def test_what_is_known_late_is_recorded_at_its_step_and_leaves_the_progress_alon
 
 
 def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
-    console, clock = pipe(), Clock()
-    with Monitor(tmp_path, 1000, console=console, clock=clock) as monitor:
+    clock = Clock()
+    console = pipe(clock)
+    with Monitor(tmp_path, 1000, console=console) as monitor:
         for second in (0, 10, 20):
             clock.now = float(second)
             monitor.show("judged: 12.3 m/s at 300")
@@ -286,8 +307,8 @@ def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
     ]
     assert lines[1] == "judged: 12.3 m/s at 300"
     assert lines[-1] == "judged: 12.9 m/s at 300"
-    console = terminal()
-    with Monitor(tmp_path / "seen", 1000, console=console, clock=clock) as monitor:
+    console = terminal(clock)
+    with Monitor(tmp_path / "seen", 1000, console=console) as monitor:
         monitor.log(100, HEADLINES)
         monitor.show("judged: 12.3 m/s at 300")
     assert shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-1].strip() == "judged: 12.3 m/s at 300"

@@ -360,18 +360,18 @@ def test_a_truncated_card(policy_dir: Path):
 @pytest.mark.parametrize("content", ["[1, 2]", '{"model": "gpt"}', '{"format_version": "1"}'])
 def test_a_foreign_card(policy_dir: Path, content: str):
     (policy_dir / "card.json").write_text(content)
-    assert "is not a BP2 policy card: it has no format_version" in refusal(policy_dir)
+    assert "card.json is not of bp2_rl: it has no format_version" in refusal(policy_dir)
 
 
 def test_a_newer_card(policy_dir: Path):
     edit_card(policy_dir, format_version=2)
-    assert "has policy format 2; this bp2_rl reads up to 1: update bp2_rl" in refusal(policy_dir)
+    assert "card.json has format 2, of bp2_rl 0.1.0; this one reads format 1: update bp2_rl" in refusal(policy_dir)
 
 
 def test_a_card_whose_environment_we_do_not_know(policy_dir: Path):
     card = json.loads((policy_dir / "card.json").read_text())
     edit_card(policy_dir, env=card["env"] | {"gravity": 1.62})
-    assert "card.json (exported by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
+    assert "card.json (written by bp2_rl 0.1.0): env.gravity: unknown key" in refusal(policy_dir)
 
 
 @pytest.mark.attack

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 import slow_trot
+from killer import save_checkpoint
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
@@ -17,13 +18,13 @@ from bp2_rl.cli import train as command
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import run as training
-from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint, save_checkpoint
+from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_checkpoint
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.tracking import tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
-from bp2_rl.tools.throughput.measure import Compilations
+from bp2_rl.tools.throughput.measure import COMPILED, compilations
 
 CLOCKS = ("wall_time", "steps_per_second")
 """What two equal runs differ in."""
@@ -156,9 +157,9 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     np.testing.assert_array_equal(adopted.fleet.info["curriculum"], levels)
     np.testing.assert_array_equal(adopted.key, key)
     assert int(adopted.step) == 0
-    with Compilations() as later:
+    with compilations() as later:
         learner.train_step(adopted)
-    assert later.count == 0
+    assert later[COMPILED] == 0
 
 
 def test_a_child_counts_its_parents_steps(run, tmp_path):

@@ -24,7 +24,14 @@ from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
+from bp2_rl.tools.throughput.measure import (
+    OUT_OF_MEMORY,
+    BenchOptions,
+    Case,
+    PartName,
+    measure_case,
+    measure_gymnasium,
+)
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
@@ -136,8 +143,6 @@ def measure_gymnasium_rates(arguments: BenchArguments) -> dict[str, float]:
     """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
         raise not_installed("--peer gymnasium", "gymnasium", "gym")
-    from bp2_rl.tools.throughput.gymnasium_rate import measure_gymnasium
-
     numbers = dict.fromkeys((1, arguments.main_robots))
     return {str(robots): measure_gymnasium(arguments.env, robots, arguments.seconds) for robots in numbers}
 

@@ -3,10 +3,24 @@
 A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
 """
 
-import sys
+import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
 
-from bp2_rl.cli.dispatch import dispatch
+import tyro
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import make_folder
+from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import choose
+from bp2_rl.cli.trajopt import output
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
+from bp2_rl.cli.trajopt.solutions import load_solutions, save_family
+from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
+from bp2_rl.optimiser.problem import Problem, Starts
+from bp2_rl.optimiser.solution import save_solution, speed_name
 
 COMMANDS = {
     "solve": "find the best trajectory at one speed, verify it, and keep it with its picture",
@@ -15,6 +29,124 @@ COMMANDS = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class SolveArguments:
+    """Find the best trajectory at one speed, verify it, and keep it with its picture."""
+
+    problem: Annotated[Problem, Flat] = Problem()
+    robot: Robot = "ideal"
+    starts: Starts = 3
+    """guesses to start from; the cheapest solution is kept"""
+    refine: Annotated[int, Within(0, 500)] = 32
+    """intervals a segment on which that one is solved again; 0 for not"""
+    out: Folder = OUT / "solve"
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if self.refine == 1:
+            raise UserError("refine must be 0 or at least 2 intervals, got 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class VerifyArguments:
+    """Judge solutions by a model that shares no code with the one they were found with."""
+
+    path: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="SOLUTION_OR_LIBRARY")] = None
+    """a solution's .json or .npz, a folder of solutions, or a library; by default the library that ships"""
+
+
+@dataclasses.dataclass(frozen=True)
+class LibraryArguments:
+    """Build the library of reference motions: solve the family, verify it, write the file.
+
+    Interrupted, it goes on where it stopped when run again.
+    """
+
+    action: Annotated[Literal["build"], tyro.conf.Positional]
+    family: Annotated[FamilyConfig, Flat] = FamilyConfig()
+    workers: Workers = 2
+    """processes; more than two do not help"""
+    out: Folder = OUT / "library"
+    """folder of the solutions"""
+    to: Annotated[Path, tyro.conf.arg(metavar="FILE")] = OUT / "bp2_trot.npz"
+    """the library"""
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        check_bounds(self)
+        if self.to.suffix != ".npz":
+            raise UserError(f"--to {self.to}: a library is an .npz file")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command that `argv` (the process's arguments by default) names; its exit status."""
-    return dispatch("bp2 trajopt", "bp2_rl.cli.trajopt", COMMANDS, list(sys.argv[1:] if argv is None else argv))
+    return choose("bp2 trajopt", COMMANDS, argv, lambda name, words: app.run(lambda: _run(name, words)))
+
+
+def _run(name: str, words: Sequence[str]) -> None:
+    program = f"bp2 trajopt {name}"
+    if name == "solve":
+        _solve(parse_on_robot(SolveArguments, words, program))
+    elif name == "verify":
+        _verify(app.parse(VerifyArguments, words, program))
+    else:
+        _build(app.parse(LibraryArguments, words, program))
+
+
+def _solve(arguments: SolveArguments) -> None:
+    """Leave a solution, named after its speed, in the output folder."""
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.optimiser.collocation import refine, solve_best
+    from bp2_rl.optimiser.figure import trajectory_figure
+    from bp2_rl.optimiser.verify import verify
+
+    solving = f"solving at {arguments.problem.speed:g} m/s from {arguments.starts} starts"
+    with output.own_folder(arguments.out), output.spinner(solving):
+        found = solve_best(arguments.problem, arguments.starts)
+        if arguments.refine:
+            found = refine(found, arguments.refine)
+        found = dataclasses.replace(found, checks=verify(found))
+        path = arguments.out / speed_name(found.problem.speed)
+        save_solution(path, found)
+        save_figure(trajectory_figure(found), path.with_name(path.name + ".png"))
+    output.describe([found])
+    output.judge([found])
+    print(f"solution and picture: {path}.*")
+
+
+def _verify(arguments: VerifyArguments) -> None:
+    """Print every figure and its limit; a figure beyond its limit is a user's mistake like any other."""
+    solutions = load_solutions(arguments.path)
+
+    from bp2_rl.optimiser.verify import verify
+
+    checked = []
+    with output.progress() as progress:
+        for solution in progress.track(solutions, description="verifying"):
+            checked.append(dataclasses.replace(solution, checks=verify(solution)))
+    output.describe(checked)
+    output.judge(checked, strict=True)
+
+
+def _build(arguments: LibraryArguments) -> None:
+    """Leave the solutions in their folder and the library in its file."""
+    with output.own_folder(arguments.out):
+        make_folder(arguments.to.parent)
+        with output.progress() as progress:
+            task = progress.add_task("speeds", total=len(arguments.family.speeds))
+            family = build_family(
+                arguments.family,
+                arguments.out,
+                workers=arguments.workers,
+                report=lambda done, total: progress.update(task, completed=done, total=total),
+            )
+    output.describe(family)
+    steps = steps_of(family)
+    print(
+        f"largest step between neighbours: period {max(abs(step.period) for step in steps):.1%}, "
+        f"joint angles {max(step.joints for step in steps):.3f} rad"
+    )
+    output.judge(family, strict=True)
+    save_family(arguments.to, family, arguments.family)
+    print(f"library: {arguments.to}")

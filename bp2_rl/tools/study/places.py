@@ -169,7 +169,10 @@ class Here:
         try:
             if self._stopped.is_set():  # since it was looked at above
                 process.terminate()
-            return process.wait() == 0
+            ended = process.wait() == 0
+            if self._stopped.is_set() and not ended:
+                self._say(f"{run_dir.name} stopped: see {run_dir}.txt")
+            return ended
         finally:
             self._processes.discard(process)
             self._gpus.put(gpu)
@@ -230,6 +233,7 @@ class Jobs:
                 if failure is not None:
                     self._say(f"{run_dir.name}: {' '.join(str(failure).split())[-300:]}")
                 return failure is None and job.result()
+        self._say(f"{run_dir.name} stopped: see {run_dir}.txt")
         return False
 
     def stop(self) -> None:

@@ -4,10 +4,9 @@ A study is a folder of runs, VARIANT-SEED-STAGE. What is finished is not done ag
 gone on with.
 """
 
-import concurrent.futures
 import dataclasses
-import queue
 from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,16 @@ from bp2_rl.tools.study.places import Place, Resources
 from bp2_rl.tools.study.plan import STAGES, Plan, Training
 
 RECIPE = "recipe.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Recipe:
+    """What all runs of a study have in common."""
+
+    preset: Preset
+    steps: tuple[int, int]
+    settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
+    robot: RobotName
 
 
 def run(
@@ -45,69 +54,33 @@ def run(
         settings = tuple(config_hash(make_config(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
         claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings, plan.robot), "a study")
         with resources.open(folder, lock) as (place, measuring, threads):
-            news: queue.SimpleQueue[Training | concurrent.futures.Future[Any]] = queue.SimpleQueue()
-            results: dict[concurrent.futures.Future[Any], Training] = {}
-            trainer = _Trainer(plan, folder, place, resources.say, news.put)
-            try:
-                chains = [threads.submit(trainer.follow, chain) for chain in plan.chains]
-                for chain in chains:
-                    chain.add_done_callback(news.put)
-                ends = len(chains)  # of chains and of measurements, to come
-                while ends:
-                    one = news.get()
-                    if isinstance(one, Training):
-                        resources.say(f"{one.name} trained")
-                        result = measuring.submit(measure_policies, folder / one.name)
-                        results[result] = one
-                        result.add_done_callback(news.put)
-                        ends += 1
+            waiting, failed = plan.chains, []
+            trainings: dict[Future[bool], list[Training]] = {}  # at work -> what is left of its chain, itself included
+            measurements: dict[Future[Any], Training] = {}
+            while waiting or trainings or measurements:
+                while waiting and len(trainings) < place.slots:
+                    chain = waiting.pop(0)
+                    trainings[threads.submit(_train, plan, folder, place, chain[0])] = chain
+                for one in wait([*trainings, *measurements], return_when=FIRST_COMPLETED).done:
+                    if one in measurements:
+                        one.result()
+                        measured(measurements.pop(one))
                         continue
-                    ends -= 1
-                    one.result()
-                    if one in results:
-                        measured(results.pop(one))
-            except BaseException:
-                trainer.stopped = True
-                raise
-    return trainer.failed
+                    this, *later = trainings.pop(one)
+                    if one.result():
+                        resources.say(f"{this.name} trained")
+                        measurements[measuring.submit(measure_policies, folder / this.name)] = this
+                    else:
+                        resources.say(f"{this.name} failed: see {folder / this.name}.txt")
+                        failed.append(this)
+                        if this.stage == "imitation":  # the others of its chain go on from it
+                            failed, later = failed + later, []
+                    if later:
+                        waiting.insert(0, later)
+    return failed
 
 
-class _Trainer:
-    """Follows chains of trainings, each in a thread."""
-
-    def __init__(
-        self,
-        plan: Plan,
-        folder: Path,
-        place: Place,
-        say: Callable[[str], None],
-        trained: Callable[[Training], None],
-    ):
-        self.failed: list[Training] = []
-        self._plan, self._folder, self._place, self._say, self._trained = plan, folder, place, say, trained
-        self.stopped = False  # an interruption has ended the trainings
-
-    def follow(self, chain: list[Training]) -> None:
-        """Train a chain's runs one after the other."""
-        for this in chain:
-            if chain[0] in self.failed:  # all the others go on from it
-                self.failed.append(this)
-            elif is_finished(self._folder / this.name) or self._train(this):
-                self._trained(this)
-            else:
-                outcome = "stopped" if self.stopped else "failed"
-                self._say(f"{this.name} {outcome}: see {self._folder / this.name}.txt")
-                self.failed.append(this)
-
-    def _train(self, training: Training) -> bool:
-        return self._place.train(self._plan.command(training, self._folder), self._folder / training.name)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Recipe:
-    """What all runs of a study have in common."""
-
-    preset: Preset
-    steps: tuple[int, int]
-    settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
-    robot: RobotName
+def _train(plan: Plan, folder: Path, place: Place, training: Training) -> bool:
+    """Train a run, unless it is finished already; return whether it came to its end."""
+    run_dir = folder / training.name
+    return is_finished(run_dir) or place.train(plan.command(training, folder), run_dir)

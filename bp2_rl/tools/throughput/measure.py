@@ -5,6 +5,8 @@ gradient steps take adds up to a train step, but for the bookkeeping between the
 compiles on first use; here each call is waited for, and compilation is timed apart.
 """
 
+import collections
+import contextlib
 import dataclasses
 import re
 import statistics
@@ -16,6 +18,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax import envs
 from brax.envs.wrappers import training as brax_training
 from brax.training import acting
@@ -25,8 +28,9 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.ppo import PPO, TrainState, make_transition
 from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
@@ -40,6 +44,8 @@ and its `generate_unroll`. training: the whole train step.
 """
 
 OUT_OF_MEMORY = "out of memory"
+COMPILED, FROM_CACHE = "/jax/core/compile/backend_compile_duration", "/jax/compilation_cache/cache_hits"
+"""JAX's events for each program that is compiled, and for those of them that are only read from the disk."""
 EVERYWHERE, ROBOTS, TIMES_ROBOTS = PartitionSpec(), PartitionSpec("robots"), PartitionSpec(None, "robots")
 
 WARM_UP = 2  # calls: all that compiles must have compiled by then
@@ -51,7 +57,7 @@ class BenchPart(NamedTuple):
     """A program to measure: `program(carry, *fixed) -> (carry, anything)`, called again and again."""
 
     name: PartName
-    program: jax.stages.Wrapped
+    program: Any  # jitted
     carry: Any
     fixed: tuple[Any, ...]
 
@@ -94,31 +100,21 @@ class Case:
         return next((m.control_steps_per_second for m in self.measurements if m.part == part), None)
 
 
-class Compilations:
-    """Counts what JAX compiles between entering and leaving; a context manager."""
+@contextlib.contextmanager
+def compilations() -> Iterator[collections.Counter[str]]:
+    """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among them."""
+    counts: collections.Counter[str] = collections.Counter()
 
-    def __init__(self) -> None:
-        self.count = 0
-        self.from_cache = 0  # those of them that only read the disk
+    def count(event: str, *_: Any, **__: Any) -> None:
+        counts[event] += 1
 
-    def __enter__(self) -> "Compilations":
-        """Listen."""
-        monitoring.register_event_duration_secs_listener(self._on_duration)
-        monitoring.register_event_listener(self._on_event)
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Listen no more."""
-        monitoring.unregister_event_duration_listener(self._on_duration)
-        monitoring.unregister_event_listener(self._on_event)
-
-    def _on_duration(self, event: str, duration_secs: float, **details: Any) -> None:
-        del duration_secs, details
-        self.count += event == "/jax/core/compile/backend_compile_duration"
-
-    def _on_event(self, event: str, **details: Any) -> None:
-        del details
-        self.from_cache += event == "/jax/compilation_cache/cache_hits"
+    monitoring.register_event_duration_secs_listener(count)
+    monitoring.register_event_listener(count)
+    try:
+        yield counts
+    finally:
+        monitoring.unregister_event_duration_listener(count)
+        monitoring.unregister_event_listener(count)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,7 +186,7 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
     """Compile a part of `learner`, warm it up, and time its calls for so many seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
-    with Compilations() as compilation:
+    with compilations() as before:
         began = time.perf_counter()
         lowered = program.lower(carry, *fixed)
         traced = time.perf_counter()
@@ -200,7 +196,7 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
     for _ in range(WARM_UP):
         carry, _ = jax.block_until_ready(program(carry, *fixed))
     times: list[float] = []
-    with Compilations() as late:
+    with compilations() as late:
         while len(times) < FEWEST or (sum(times) < seconds and len(times) < MOST):
             start = time.perf_counter()
             carry, _ = jax.block_until_ready(program(carry, *fixed))
@@ -221,13 +217,38 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
         best_seconds=min(times),
         spread=(high - low) / median,
         repeats=len(times),
-        compilations=late.count,
+        compilations=late[COMPILED],
         trace_seconds=traced - began,
         compile_seconds=compiled - traced,
-        from_cache=compilation.from_cache > 0,
+        from_cache=before[FROM_CACHE] > 0,
         program_bytes=size,
         bytes_per_robot=None if size is None else size * devices / robots,
     )
+
+
+def measure_gymnasium(config: EnvConfig, robots: int, seconds: float) -> float:
+    """Control steps a second, all robots together, on C MuJoCo, with actions of zero and episodes that begin anew.
+
+    Args:
+        config: of the environment.
+        robots: 1: the single environment, else the vector environment.
+        seconds: to step for.
+    """
+    from bp2_rl.peers.gymnasium_env import BP2GymEnv
+    from bp2_rl.peers.gymnasium_vector import BP2VectorEnv
+
+    env: Any = BP2GymEnv(config=config) if robots == 1 else BP2VectorEnv(robots, config=config)
+    action = np.zeros(env.action_space.shape, np.float32)
+    env.reset(seed=0)
+    for _ in range(FEWEST):  # in which all compiles
+        env.step(action)
+    steps, began = 0, time.perf_counter()
+    while (passed := time.perf_counter() - began) < seconds:
+        _, _, terminated, _, _ = env.step(action)
+        if robots == 1 and terminated:
+            env.reset()
+        steps += robots
+    return steps / passed
 
 
 # --- The parts -----------------------------------------------------------------------------------------------
@@ -250,7 +271,7 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
-        yield BenchPart("training", learner.train_step, state, ())  # pyright: ignore[reportArgumentType]
+        yield BenchPart("training", learner.train_step, state, ())
 
 
 def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[BenchPart]:
@@ -348,14 +369,9 @@ def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> T
     def build(observations: Any, actions: jax.Array, extras: Any) -> Transition:
         observations, actions, extras = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (observations, actions, extras))
         zeros = jnp.zeros(actions.shape[:2])
-        return Transition(
-            observation=observations,
-            action=actions,
-            reward=zeros,
-            discount=jnp.ones_like(zeros),
-            next_observation=jax.tree.map(lambda x: x[:, -1:], observations),
-            extras={"policy_extras": extras, "state_extras": {"truncation": zeros}},  # pyright: ignore[reportArgumentType]
-        )
+        last = jax.tree.map(lambda x: x[:, -1:], observations)
+        extras = {"policy_extras": extras, "state_extras": {"truncation": zeros}}
+        return make_transition(observations, actions, zeros, jnp.ones_like(zeros), last, extras)
 
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
 

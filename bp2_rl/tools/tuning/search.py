@@ -6,7 +6,7 @@ the way goes on where it stands.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from bp2_rl.base.serialization import claim_folder, config_hash
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import Preset, make_config
 from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
-from bp2_rl.tools.study.places import Place, Resources
+from bp2_rl.tools.study.places import Resources
 from bp2_rl.tools.tuning.space import Dimension
 
 SETTINGS, STORAGE = "search.json", "tune.db"
@@ -74,53 +74,42 @@ def run(search: Search, folder: Path, trials: int, resources: Resources) -> list
         claim_folder(folder, SETTINGS, _Settings(search, settings), "a search")
         study = _study(search, folder)
         with resources.open(folder, lock) as (place, measuring, threads):
-            searcher = _Searcher(study, search, folder, resources.say)
-            searcher.search(trials, place, measuring, threads)
+            known = study.get_trials(deepcopy=False)
+            waiting, asked = (
+                [trial for trial in known if trial.state.name == "RUNNING"],
+                len(known),
+            )  # stopped ones first
+            at_work: dict[Future[Any], int] = {}  # trainings and measurements -> number of the trial
+            while at_work or waiting or asked < trials:
+                while len(at_work) < place.slots and (waiting or asked < trials):
+                    if not waiting:
+                        waiting, asked = [study.ask(_distributions(search.space))], asked + 1
+                    trial = waiting.pop(0)
+                    flags, run_dir = search.flags(trial.params), folder / run_name(trial.number)
+                    resources.say(f"{run_dir.name}: {' '.join(flags)}")
+                    at_work[threads.submit(place.train, search.command(flags, run_dir), run_dir)] = trial.number
+                for one in wait(at_work, return_when=FIRST_COMPLETED).done:
+                    number, result = at_work.pop(one), one.result()
+                    if result is True:  # trained
+                        at_work[measuring.submit(measure_policies, folder / run_name(number))] = number
+                    else:
+                        _tell(study, folder / run_name(number), number, result or [], resources.say)
         return _ranked(study, search)
 
 
-class _Searcher:
-    """Asks Optuna for trials, and tells it their results, from one thread; other threads wait for the trainings."""
+def _tell(
+    study: Any, run_dir: Path, number: int, measured: list[PolicyMeasurement], say: Callable[[str], None]
+) -> None:
+    """Tell Optuna how a trial ended: with measured policies, or with a training that failed."""
+    from optuna.trial import TrialState
 
-    def __init__(self, study: Any, search: Search, folder: Path, say: Callable[[str], None]):
-        self._study, self._search, self._folder, self._say = study, search, folder, say
-
-    def search(self, trials: int, place: Place, measuring: Executor, threads: Executor) -> None:
-        """Go on with trials that were stopped, then ask for more; run as many at a time as `place` has slots."""
-        known = self._study.get_trials(deepcopy=False)
-        waiting = [(trial.number, trial.params) for trial in known if trial.state.name == "RUNNING"]
-        asked = len(known)
-        at_work: dict[Future[Any], int] = {}  # trainings and measurements -> number of the trial
-        while at_work or waiting or asked < trials:
-            while len(at_work) < place.slots and (waiting or asked < trials):
-                if waiting:
-                    number, values = waiting.pop(0)
-                else:
-                    trial = self._study.ask(_distributions(self._search.space))
-                    number, values, asked = trial.number, trial.params, asked + 1
-                flags, run_dir = self._search.flags(values), self._folder / run_name(number)
-                self._say(f"{run_name(number)}: {' '.join(flags)}")
-                at_work[threads.submit(place.train, self._search.command(flags, run_dir), run_dir)] = number
-            done, _ = wait(at_work, return_when=FIRST_COMPLETED)
-            for one in done:
-                number, result = at_work.pop(one), one.result()
-                if result is True:
-                    at_work[measuring.submit(measure_policies, self._folder / run_name(number))] = number
-                else:
-                    self._tell(number, result)
-
-    def _tell(self, number: int, measured: bool | list[PolicyMeasurement]) -> None:
-        """Tell Optuna how a trial ended: with measured policies, or with a training that failed."""
-        from optuna.trial import TrialState
-
-        name = run_name(number)
-        if not isinstance(measured, list) or not measured:
-            self._say(f"{name} failed: see {self._folder / name}.txt")
-            self._study.tell(number, state=TrialState.FAIL)
-        else:
-            speed = max(one.top_speed for one in measured)
-            self._say(f"{name}: {speed:.2f} m/s")
-            self._study.tell(number, speed)
+    if measured:
+        speed = max(one.top_speed for one in measured)
+        say(f"{run_dir.name}: {speed:.2f} m/s")
+        study.tell(number, speed)
+    else:
+        say(f"{run_dir.name} failed: see {run_dir}.txt")
+        study.tell(number, state=TrialState.FAIL)
 
 
 def run_name(number: int) -> str:

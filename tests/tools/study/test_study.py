@@ -112,11 +112,10 @@ def trained(tmp_path, monkeypatch, make_card):
     """A folder for a study in which trainings take no time; `started` names those that were run."""
     started: list[str] = []
 
-    def run_train(self, training):
-        started.append(training.name)
-        if training.name in failing:
+    def run_train(self, arguments, run_dir):
+        started.append(run_dir.name)
+        if run_dir.name in failing:
             return False
-        run_dir = self._folder / training.name
         config = dataclasses.replace(make_config("imitation", "smoke"), run=RunConfig(steps=2048))
         for steps in (1024, 2048):
             card = make_card(physics_steps=5 * steps, results={"wall_time": 60.0})
@@ -133,13 +132,10 @@ def trained(tmp_path, monkeypatch, make_card):
         return PolicyMeasurement(steps, policy.card.weights_sha256, wall, steps / 128, 0, 10.0, 0.5)
 
     failing: set[str] = set()
-    monkeypatch.setattr(training._Trainer, "_train", run_train)
+    monkeypatch.setattr(places.Here, "train", run_train)
     monkeypatch.setattr(places, "spawned", lambda count, initializer: ThreadPoolExecutor(count))
     monkeypatch.setattr(measuring, "_measure", measure)
     return tmp_path / "study", started, failing
-
-
-REAL_TRAIN = training._Trainer._train
 
 
 def run(folder, plan=PLAN):
@@ -245,8 +241,8 @@ def test_a_mistake_is_one_line(tmp_path, monkeypatch, capsys, flags, words):
 
 
 @pytest.fixture
-def trainer(tmp_path, monkeypatch):
-    """A trainer whose train.py prints what it is told and then does what `code` says."""
+def here(tmp_path, monkeypatch):
+    """A place of one GPU, whose train.py prints what it is told and then does what `code` says."""
 
     lock = (tmp_path / ".lock").open("w")
 
@@ -258,7 +254,7 @@ def trainer(tmp_path, monkeypatch):
         )
         script.chmod(0o755)
         monkeypatch.setattr(places.sys, "executable", str(script))
-        return training._Trainer(PLAN, tmp_path, places.Here(("3",), lock.fileno(), print), print, print)
+        return places.Here(("3",), lock.fileno(), print)
 
     yield make
     lock.close()
@@ -267,40 +263,64 @@ def trainer(tmp_path, monkeypatch):
 RUN, PYTHON = PLAN.chains[0][0], sys.executable
 
 
+def begin(place, folder):
+    return place.train(PLAN.command(RUN, folder), folder / RUN.name)
+
+
 @pytest.mark.parametrize(("code", "ended"), [("", True), ("raise SystemExit(2)", False)])
-def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, trainer, code, ended):
+def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, here, code, ended):
     killed_early = tmp_path / RUN.name
     killed_early.mkdir()
     output = killed_early.with_suffix(".txt")
-    assert trainer(code)._train(RUN) is ended
+    assert begin(here(code), tmp_path) is ended
     assert "3 ['-m', 'bp2_rl', 'train', '--stage', 'imitation'" in output.read_text()
     assert not killed_early.exists()
     (killed_early / "checkpoints" / "2").mkdir(parents=True)
     (killed_early / "checkpoints" / "2" / "metadata.json").touch()
-    trainer(code)._train(RUN)
+    begin(here(code), tmp_path)
     assert f"'--resume', '{killed_early}'" in output.read_text()
 
 
-def test_a_run_that_has_policies_is_never_deleted(tmp_path, trainer):
+def test_a_run_that_has_policies_is_never_deleted(tmp_path, here):
     policy = tmp_path / RUN.name / POLICIES / "1024"
     policy.mkdir(parents=True)
-    trainer()._train(RUN)
+    begin(here(), tmp_path)
     assert policy.is_dir()
 
 
-def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, trainer):
-    running = trainer("time.sleep(60)")
+def test_stopping_ends_what_runs_and_begins_nothing_else(tmp_path, here, capsys):
+    place = here("time.sleep(60)")
+    output = (tmp_path / RUN.name).with_suffix(".txt")
     with ThreadPoolExecutor(1) as threads:
-        chain = threads.submit(running.follow, PLAN.chains[0])
-        output = (tmp_path / RUN.name).with_suffix(".txt")
+        training = threads.submit(begin, place, tmp_path)
         while not (output.is_file() and "-m" in output.read_text()):
             time.sleep(0.01)
-        running.stopped = True
-        running._place.stop()
-        chain.result(timeout=30.0)
-    assert running.failed == PLAN.chains[0]
-    running.follow(PLAN.chains[1])
-    assert not (tmp_path / PLAN.chains[1][0].name).with_suffix(".txt").exists()
+        place.stop()
+        assert training.result(timeout=30.0) is False
+    assert capsys.readouterr().out == f"{RUN.name} stopped: see {output}\n"
+    output.unlink()
+    assert begin(place, tmp_path) is False
+    assert not output.exists()
+
+
+def test_an_interrupted_study_ends_its_trainings_and_goes_on_later(trained, monkeypatch):
+    folder, started, _ = trained
+    train, stopped = places.Here.train, []
+
+    def interrupt(self, arguments, run_dir):
+        if run_dir.name == "ours-1-relaxed":
+            raise KeyboardInterrupt
+        return train(self, arguments, run_dir)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(places.Here, "train", interrupt)
+        patch.setattr(places.Here, "stop", lambda self: stopped.append(True))
+        with pytest.raises(KeyboardInterrupt):
+            run(folder)
+    assert stopped == [True]
+    before = len(started)
+    assert run(folder)[0] == []
+    assert len(set(started)) == len(started) == 6 > before
 
 
 STUDY = """
@@ -388,7 +408,6 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
     run(folder, plan)
     monkeypatch.setenv("PREPARED", str(folder.rename(tmp_path / "prepared")))
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
-    monkeypatch.setattr(training._Trainer, "_train", REAL_TRAIN)
     monkeypatch.setattr(places, "TRAIN", ("-c", JOB))
     gathered: list[str] = []
     jobs = JobsConfig(executor="local", gpus=0, cpus=1)

@@ -17,11 +17,12 @@ from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.training import make_config
 from bp2_rl.tools.throughput import measure as bench
 from bp2_rl.tools.throughput.measure import (
+    COMPILED,
     OUT_OF_MEMORY,
     PARTS,
     BenchOptions,
     BenchPart,
-    Compilations,
+    compilations,
     make_parts,
     measure,
     measure_case,
@@ -114,9 +115,9 @@ def test_nothing_compiles_while_it_is_timed(sleepy):
 def test_a_program_is_compiled_once_to_be_timed_and_called():
     add = jax.jit(lambda x: (x + 1.0, ()))
     learner, x = PPO(Aim(), TINY, ONE), jnp.zeros(3)
-    with Compilations() as compiled:
+    with compilations() as compiled:
         measure(BenchPart("policy", add, x, ()), learner, 1e-9)
-    assert compiled.count == 1
+    assert compiled[COMPILED] == 1
 
 
 def test_a_program_that_compiles_at_every_call_is_caught():
