@@ -42,8 +42,8 @@ def docstrings():
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("all", SOURCES, 40_750),
-        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 26_050),
+        ("all", SOURCES, 39_600),
+        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 25_250),
     ],
 )
 def test_the_house_does_not_grow_unseen(what, paths, most):
@@ -52,7 +52,7 @@ def test_the_house_does_not_grow_unseen(what, paths, most):
 
 def test_one_training_and_one_evaluation_can_be_read():
     known = modules(PACKAGE)
-    assert count([known[name] for name in closure(known)]) <= 13_300
+    assert count([known[name] for name in closure(known)]) <= 13_000
 
 
 def test_a_class_name_means_one_thing():
@@ -69,4 +69,4 @@ def test_types_are_rarely_ignored():
     ignored = [
         path for path in SOURCES for _ in re.findall(r"(?:type|pyright): *ignore", path.read_text(encoding="utf-8"))
     ]
-    assert len(ignored) <= 34, ignored
+    assert len(ignored) <= 10, ignored

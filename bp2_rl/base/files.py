@@ -15,7 +15,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -40,7 +40,7 @@ class BadFileError(UserError):
 
 
 @contextlib.contextmanager
-def new_file(path: Path) -> Iterator[IO[bytes]]:
+def new_file(path: Path) -> Generator[IO[bytes]]:
     """A file to fill, which takes the place of `path` when the block ends, whole and on disk, or not at all.
 
     Raises:

@@ -5,7 +5,7 @@ import errno
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import IO
 
@@ -20,7 +20,7 @@ LOCK = ".lock"
 
 
 @contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
+def new_folder(path: Path) -> Generator[Path]:
     """A folder to fill, which takes the place of `path` when the block ends, whole or not at all.
 
     Killed at any moment, either the old folder or the new one is there under its name, or the old one is complete
@@ -102,7 +102,7 @@ _ASIDE = re.compile(r"\.(.+)\.(new|old|gone)")
 
 
 @contextlib.contextmanager
-def lock_folder(folder: Path, busy: str) -> Iterator[int]:
+def lock_folder(folder: Path, busy: str) -> Generator[int]:
     """Keep other processes from working in an existing folder meanwhile; gives the lock's file descriptor.
 
     A child that inherits the descriptor (`subprocess.Popen(pass_fds=...)`) holds the lock as well, so that it is not

@@ -367,7 +367,8 @@ def _name(annotation: Any) -> str:
         return plain[annotation]
     if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
         return f"an object ({annotation.__name__})"
-    return {tuple: "a list", dict: "an object"}.get(get_origin(annotation), str(annotation))
+    kinds: dict[Any, str] = {tuple: "a list", dict: "an object"}
+    return kinds.get(get_origin(annotation), str(annotation))
 
 
 def _join(path: str, name: str) -> str:

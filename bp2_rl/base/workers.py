@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 from bp2_rl.base.errors import UserError
 
@@ -22,7 +22,7 @@ _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the lat
 @contextlib.contextmanager
 def spawned(
     count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
-) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+) -> Generator[concurrent.futures.ProcessPoolExecutor]:
     """A pool of `count` processes, spawned: one forked beside JAX's threads can hang. Each begins with `initializer`.
 
     They are killed when this process ends, however that ends. Linux counts the end of the thread that submitted the

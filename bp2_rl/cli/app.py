@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,7 +46,7 @@ def run(command: Callable[[], None]) -> int:
 
 
 @contextlib.contextmanager
-def _terminable() -> Iterator[None]:
+def _terminable() -> Generator[None]:
     """Let SIGTERM end a command tidily, as Ctrl-C does; a training replaces the handler."""
 
     def stop(number: int, _: object) -> None:
@@ -63,7 +63,7 @@ def _terminable() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _without_reader() -> Iterator[None]:
+def _without_reader() -> Generator[None]:
     """Go on where the reader of standard output ends early, as `head` does: the results are on disk."""
     stream = sys.stdout
     sys.stdout = _ClosableStream(stream)
@@ -116,7 +116,7 @@ class LoggedError(Exception):
 
 
 @contextlib.contextmanager
-def failures_into(folder: Path) -> Iterator[None]:
+def failures_into(folder: Path) -> Generator[None]:
     """The traceback of a failure within goes into `folder`, if it is there by then."""
     try:
         yield

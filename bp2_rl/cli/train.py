@@ -6,7 +6,7 @@ import dataclasses
 import datetime
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
@@ -174,7 +174,7 @@ def _train(argv: list[str]) -> None:
 
 
 @contextlib.contextmanager
-def _judge(config: TrainConfig) -> Iterator[Any]:
+def _judge(config: TrainConfig) -> Generator[Any]:
     """Start the judge, if this process is to have one; the judge warms up while the training compiles."""
     from bp2_rl.learning import cluster
 
@@ -231,7 +231,7 @@ def read_named(argv: list[str]) -> NamedDefaults:
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
         preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
         weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
-        robot=cast(RobotName, words["robot"]) if words["robot"] in ROBOTS else None,
+        robot=words["robot"] if words["robot"] in ROBOTS else None,
         parent=Path(words["from"]) if words["from"] else None,
         goes_on=None if run is None else Path(run),
         impl=words["impl"],

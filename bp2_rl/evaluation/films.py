@@ -7,7 +7,7 @@ other, with the time that everybody else leaves: results never wait for films, a
 import contextlib
 import html
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -26,7 +26,7 @@ EVER = 10**18  # control steps
 
 
 @contextlib.contextmanager
-def filming(workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None) -> Iterator["Filmed"]:
+def filming(workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None) -> Generator["Filmed"]:
     """The judge who films, too. Films are waited for at the end, but not when the training is stopped.
 
     Args:

@@ -9,7 +9,7 @@ import functools
 import math
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
@@ -100,7 +100,7 @@ def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
 
 
 @contextlib.contextmanager
-def open_judge(env: EnvConfig, cache: str | None) -> Iterator["JudgeProcesses"]:
+def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]:
     """Start the judge of a training in this environment; launches that still run when the block ends are killed.
 
     Args:

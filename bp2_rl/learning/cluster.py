@@ -10,7 +10,7 @@ import hashlib
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import jax
 import numpy as np
@@ -75,7 +75,7 @@ def largest(number: int) -> int:
 
 
 @contextlib.contextmanager
-def together() -> Iterator[None]:
+def together() -> Generator[None]:
     """All processes get through this block, or none does. The block itself must not call the others.
 
     Raises:

@@ -7,7 +7,7 @@ import errno
 import shlex
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +98,7 @@ def train(
 
 
 @contextlib.contextmanager
-def _stopping_in_one_line(monitor: Monitor, run_dir: Path, total: int) -> Iterator[None]:
+def _stopping_in_one_line(monitor: Monitor, run_dir: Path, total: int) -> Generator[None]:
     """Log why a run stops early; a file that cannot be written, on a full disk say, is such a reason too."""
     try:
         try:

@@ -12,7 +12,7 @@ within blocks of robots, so the result does not depend on how many devices hold 
 import concurrent.futures
 import contextlib
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 import jax
@@ -110,7 +110,7 @@ class PPO:
         return jax.jit(self._init, out_shardings=self.shardings(), compiler_options=options)(key)
 
     @contextlib.contextmanager
-    def compiling(self) -> Iterator[None]:
+    def compiling(self) -> Generator[None]:
         """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
         shape = self.shape
         with concurrent.futures.ThreadPoolExecutor(1) as beside:

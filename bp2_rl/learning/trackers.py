@@ -4,7 +4,7 @@ import contextlib
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Generator, Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +132,7 @@ class _Mlflow:
 
 
 @contextlib.contextmanager
-def _dispensable(tracker: Tracker) -> Iterator[None]:
+def _dispensable(tracker: Tracker) -> Generator[None]:
     """Turn any failure in the block into a `TrackerError`: a server that is gone must not stop a training."""
     try:
         yield

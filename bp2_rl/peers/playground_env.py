@@ -87,7 +87,7 @@ class BP2Playground(mjx_env.MjxEnv):
         return self.env.mj_model
 
     @functools.cached_property
-    def mjx_model(self) -> mjx.Model:
+    def mjx_model(self) -> mjx.Model:  # pyright: ignore[reportIncompatibleMethodOverride]  # a property there
         """Return the model for MJX, to look at: `BP2Env` itself draws each robot's friction and masses."""
         return mjx.put_model(self.env.mj_model)
 

@@ -61,10 +61,10 @@ class KinematicGait(KinematicConfig):
             command, s, (q[..., 1, :, :], qd[..., 1, :, :]), (q[..., 2, :, :], qd[..., 2, :, :])
         )
 
-        def choose(stance, swing):
+        def choose(stance: Array, swing: Array | float) -> Array:
             return jnp.where(in_stance.reshape(in_stance.shape + (1,) * (stance.ndim - in_stance.ndim)), stance, swing)
 
-        def flat(q):
+        def flat(q: Array) -> Array:
             return q.reshape(*q.shape[:-2], 12)
 
         height, height_rate = jax.jvp(

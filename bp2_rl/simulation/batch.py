@@ -27,8 +27,6 @@ from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Schedule
 
-Array = Any  # numpy or jax array
-
 
 @dataclasses.dataclass(frozen=True)
 class BatchRun:
@@ -79,15 +77,15 @@ def rollout_batch(
     commands = sampled_commands(schedule)
     keys = jax.random.split(jax.random.PRNGKey(seed), robots)
 
-    def control_step(state, command):
+    def control_step(state: Any, command: jax.Array) -> tuple[Any, tuple[jax.Array, ...]]:
         actions = jax.vmap(policy)(state.obs["state"])
 
-        def step(state, action):
+        def step(state: Any, action: jax.Array) -> Any:
             qpos = state.pipeline_state.physics.qpos
             return env.step(state, action, command=operator.steer(command, qpos[1], yaw_of(qpos[3:7])))
 
         state = jax.vmap(step)(state, actions)
-        after: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
+        after: PipelineState = state.pipeline_state
         physics = after.physics
         speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
         joints = physics.qpos[:, MOTOR_QPOS].reshape(-1, 4, 3)
@@ -95,7 +93,7 @@ def rollout_batch(
         return state, (speed, physics.qpos[:, 1], state.done, room)
 
     @jax.jit
-    def run(keys, commands):
+    def run(keys: jax.Array, commands: jax.Array) -> tuple[Any, Any]:
         start = jax.vmap(env.reset)(keys)
         robots: Any = start.pipeline_state
         return robots.randomization, jax.lax.scan(control_step, start, commands[1:])[1]

@@ -5,7 +5,7 @@ import contextlib
 import functools
 import pickle
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import TypeVar
 
 import jax
@@ -24,7 +24,7 @@ _kept: list[concurrent.futures.ProcessPoolExecutor] = []
 
 
 @contextlib.contextmanager
-def keep_workers() -> Iterator[None]:
+def keep_workers() -> Generator[None]:
     """Within it the workers stay, with all that they have compiled, for one benchmark after the other."""
     with _workers(processors()) as pool:
         _kept.append(pool)

@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -16,7 +16,7 @@ from bp2_rl.optimiser.solution import Solution
 
 
 @contextlib.contextmanager
-def own_folder(folder: Path) -> Iterator[None]:
+def own_folder(folder: Path) -> Generator[None]:
     """A folder for results, made if need be, in which no other command works meanwhile.
 
     Raises:

@@ -268,10 +268,11 @@ def robots_figure(metrics: RobustnessMetrics) -> Figure:
     robots = [(r.friction, r.mean_speed, 1e3 * r.latency) for r in metrics.robots if r.mean_speed is not None]
     fallen = [r.friction for r in metrics.robots if r.fell_at is not None]
     latencies = [1e3 * robot.latency for robot in metrics.robots]
-    shades = {"cmap": "cividis", "vmin": min(latencies), "vmax": max(latencies)}
     if robots:
         friction, speed, latency = zip(*robots, strict=True)
-        points = axes.scatter(friction, speed, c=latency, s=26, linewidths=0, **shades)
+        points = axes.scatter(
+            friction, speed, c=latency, s=26, linewidths=0, cmap="cividis", vmin=min(latencies), vmax=max(latencies)
+        )
         figure.colorbar(points, ax=axes, label="Latency [ms]", pad=0.02).outline.set_visible(False)
     axes.axhline(metrics.commanded_speed, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="command")
     if fallen:

@@ -361,8 +361,8 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
     legend_above(axes)
     if run.fell_at is not None:
         axes.plot(along[-1], forward[-1], "X", ms=9, color=FALL, clip_on=False)
-        place = {"xytext": (8, 4), "textcoords": "offset points", "annotation_clip": False}
-        axes.annotate("fell", (along[-1], forward[-1]), color=FALL, **place)
+        end = along[-1], forward[-1]
+        axes.annotate("fell", end, (8, 4), color=FALL, textcoords="offset points", annotation_clip=False)
 
 
 def _draw_lane(axes: Axes, run: Trajectory) -> None:

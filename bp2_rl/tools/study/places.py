@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -97,7 +97,7 @@ class Resources:
     jobs: JobsConfig = JobsConfig()  # whether the trainings are jobs of a cluster; its machines then measure, too
 
     @contextlib.contextmanager
-    def open(self, folder: Path, lock: int) -> Iterator[tuple["Place", Executor, ThreadPoolExecutor]]:
+    def open(self, folder: Path, lock: int) -> Generator[tuple["Place", Executor, ThreadPoolExecutor]]:
         """Open the place of the trainings, the processes that measure policies, and a thread for each slot.
 
         An exception in the block stops the trainings, which save what they have. The processes end with the thread

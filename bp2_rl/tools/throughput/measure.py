@@ -11,7 +11,7 @@ import dataclasses
 import re
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
@@ -101,7 +101,7 @@ class Case:
 
 
 @contextlib.contextmanager
-def compilations() -> Iterator[collections.Counter[str]]:
+def compilations() -> Generator[collections.Counter[str]]:
     """Count JAX's events in the block by their names, COMPILED and FROM_CACHE among them."""
     counts: collections.Counter[str] = collections.Counter()
 

@@ -66,7 +66,7 @@ def all_manoeuvres(
     def of(
         group: str, asked: str, rule: str, judge: Callable[[Trajectory], Judged[Any]], schedule: Schedule, **other: Any
     ) -> Manoeuvre:
-        run = {"hardware": hardware, "operator": operator} | other
+        run: dict[str, Any] = {"hardware": hardware, "operator": operator} | other
         return Manoeuvre(schedule, group=group, asked=asked, rule=rule, judge=judge, **run)
 
     speed = top.target[0]

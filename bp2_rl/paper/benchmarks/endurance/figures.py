@@ -1,6 +1,7 @@
 """The endurance benchmark in pictures."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.specs import ENDURANCE_TIME, HEATING_RATE, HardwareSpec
 
-DASHES = {"hip": "-", "knee": (0, (5, 1.6)), "abad": (0, (1, 1.4))}
+DASHES: dict[str, Any] = {"hip": "-", "knee": (0, (5, 1.6)), "abad": (0, (1, 1.4))}
 PAPER = LEG_COLORS["FL"]
 GROUPS = {"rear hips": ("RR_hip", "RL_hip"), "front hips": ("FR_hip", "FL_hip"), "rear knees": ("RR_knee", "RL_knee"),
           "front knees": ("FR_knee", "FL_knee")}  # fmt: skip

@@ -134,6 +134,7 @@ class RobotGroup:
         count, steps = len(state), len(commands)
         simulator, runner = self._continued(state)
         fell, recording = np.zeros(count, bool), self._recording(count, specs.SUBSTEPS * steps if record else 0)
+        samples = recording.samples
         drawn = () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
         keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
         cycles = state.phase
@@ -143,7 +144,6 @@ class RobotGroup:
             rate = (np.asarray(runner.state.phase, np.float64) - before) % 1.0 / specs.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
                 if record:
-                    samples = recording.samples
                     samples.qpos[:, i], samples.qvel[:, i] = simulator.qpos, simulator.qvel
                     samples.target[:, i], samples.command[:, i] = position, runner.command
                     recording.clock[:, i] = cycles

@@ -156,8 +156,8 @@ def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
         axes.plot(time, place, "o", ms=6.5, color=color, zorder=3)
         if racer.reaction:
             axes.plot(time - racer.reaction, place, "o", ms=6.5, markerfacecolor="white", color=color, zorder=3)
-        at = {"xytext": (8, 0), "textcoords": "offset points", "va": "center"}
-        axes.annotate(f"{time:.2f}", (time, place), path_effects=[HALO], **at)
+        words = f"{time:.2f}"
+        axes.annotate(words, (time, place), (8, 0), textcoords="offset points", va="center", path_effects=[HALO])
     for standard in read_standards():
         men = standard.category == "male"
         axes.axvline(standard.time, color=LEG_COLORS["FR" if men else "RL"], linewidth=0.9, linestyle=(0, (4, 2)))

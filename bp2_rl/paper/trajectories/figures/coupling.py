@@ -4,6 +4,7 @@ Colours say the source: blue the main torque, vermilion shades the leg's own par
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -232,7 +233,7 @@ def _velocity_force(axes: Axes, terms: Decomposition) -> None:
     shade_stance(axes, terms.cycle, terms.legs)
     axes.plot(share, over_weight, color=TERM_COLORS["centrifugal"])
     axes.plot(*PAPER_C_Z, "D", ms=5, color=PARTNER)
-    at = {"textcoords": "offset points", "ha": "center", "color": PARTNER, "fontsize": 8}
+    at: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "color": PARTNER, "fontsize": 8}
     axes.annotate("paper, at 10 m/s", PAPER_C_Z, (0, 6), **at)
     axes.axvline(PAPER_INSTANT, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
     axes.annotate(

@@ -116,8 +116,8 @@ def _mean_panel(axes: Axes, trends: Trends, kind: int) -> None:
     for i, term in enumerate(TERMS):
         if np.any(trends.average[:, i, kind]):
             dashes = (0, (2.0, 1.0)) if term == "ground reaction" else "-"  # lets the gravity below show through
-            style = {"linestyle": dashes, "marker": "o", "ms": 2.5, "color": TERM_COLORS[term], "clip_on": False}
-            axes.plot(trends.speeds, trends.average[:, i, kind], **style)
+            [line] = axes.plot(trends.speeds, trends.average[:, i, kind], "o", ms=2.5, color=TERM_COLORS[term])
+            line.set(linestyle=dashes, clip_on=False)
     name = KINDS[kind]
     axes.set(title=f"{KIND_TITLES[name]} [{_unit(name)}]")
     axes.set_ylim(bottom=0.0)

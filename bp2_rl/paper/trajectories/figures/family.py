@@ -32,7 +32,7 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
     panels = figure.subplots(4, 2, sharex=True).ravel().tolist()
 
     def line(axes: Axes, values: Sequence[float], **style: Any) -> None:
-        axes.plot(speeds, values, "o-", ms=3.5, **{"color": LEFT, **style})
+        axes.plot(speeds, values, "o-", ms=3.5, color=style.pop("color", LEFT), **style)
 
     line(panels[0], [1e3 * solution.period for solution in solutions])
     line(panels[1], [solution.duty for solution in solutions])
