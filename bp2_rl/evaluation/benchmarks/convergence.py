@@ -37,7 +37,7 @@ MEANINGS = {
     "solver x 2": "twice the iterations, tolerance 1e-12",
     "0.5 ms": "two physics steps a millisecond",
     "0.25 ms": "four physics steps a millisecond",
-    "0.25 ms, motors too": "four physics steps a millisecond, torques at each",
+    "0.25 ms, motors too": "four steps a ms, torques at each",
 }
 TILES = "Greatest change", "Mean speed", "Top speed"
 

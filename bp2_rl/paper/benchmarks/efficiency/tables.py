@@ -47,7 +47,7 @@ def efficiency_rows(metrics: EfficiencyMetrics) -> tuple[Row, ...]:
         Row("Braking", f"{e.braking:.3f}", "negative motor work / (m g distance)"),
         Row("Net cost", f"{e.net:.3f}", "positive less negative: what is lost"),
         Row("Electrical cost", f"{e.electrical.nothing:.3f}", "no braking returned, copper heat included"),
-        Row("Half returned", f"{e.electrical.half:.3f}", "half of braking returned, copper heat included"),
+        Row("Half returned", f"{e.electrical.half:.3f}", "half of braking returned"),
         Row("All returned", f"{e.electrical.everything:.3f}", "net cost and copper heat"),
         Row("Shared by motors", f"{e.electrical.bus:.3f}", "brakes feed drives, battery takes none"),
         Row("Costliest", f"{e.lost[costliest]:.3f}", f"of what resists: {costliest}"),
