@@ -1,9 +1,53 @@
-"""The open training stack for BP2: robot model, reference motion, MDP, learner, policy, evidence."""
+"""The open training stack for BP2: robot model, reference motion, MDP, learner, policy, evidence.
 
+    import bp2_rl
+
+    policy = bp2_rl.load_policy("assets/policies/built")
+    [run] = bp2_rl.simulate(policy, [bp2_rl.RunRequest(bp2_rl.Ramp((10.0, 0.0, 0.0)))])
+    print(bp2_rl.measure(run).best_speed)
+
+`bp2_rl.env` registers the environment `bp2` with Brax.
+"""
+
+import importlib
 import importlib.util
 import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bp2_rl.env.bp2_env import BP2Env as BP2Env
+    from bp2_rl.learning.policy import load_policy as load_policy
+    from bp2_rl.simulation.metrics import measure as measure
+    from bp2_rl.simulation.rollout import RunRequest as RunRequest
+    from bp2_rl.simulation.rollout import simulate as simulate
+    from bp2_rl.simulation.schedule import Course as Course
+    from bp2_rl.simulation.schedule import Ramp as Ramp
+    from bp2_rl.simulation.world import World as World
 
 __version__ = "0.1.0"
+HOMES = {
+    "BP2Env": "env.bp2_env",
+    "load_policy": "learning.policy",
+    "measure": "simulation.metrics",
+    "RunRequest": "simulation.rollout",
+    "simulate": "simulation.rollout",
+    "Course": "simulation.schedule",
+    "Ramp": "simulation.schedule",
+    "World": "simulation.world",
+}
+"""Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name of the package."""
+    if name not in HOMES:
+        raise AttributeError(f"bp2_rl has no {name}; its public names are {', '.join(HOMES)}")
+    return getattr(importlib.import_module(f"bp2_rl.{HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *HOMES])
+
 
 # On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
 # the pool for help from inside the pool. One thread cannot. It must be set before JAX starts; trainings in which C

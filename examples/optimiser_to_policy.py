@@ -44,7 +44,7 @@ def played(speed: float) -> Stride:
 def run(speed: float, hold: float) -> Stride:
     """The policy that learnt from that library, in C MuJoCo, in three dimensions."""
     policy = load_policy(asset_path("policies/built"))
-    [found] = simulate(policy, policy.card.env, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold))])
+    [found] = simulate(policy, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold))])
     leg = measure(found).legs[0]
     return Stride(1.0 / (leg.stride_frequency or math.inf), leg.duty_factor)
 

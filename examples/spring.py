@@ -35,7 +35,7 @@ def try_spring(stiffness: float, speed: float, hold: float, policy: Path = POLIC
     chosen = load_policy(policy)
     robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
     # `hardware` is the robot that runs; controller and policy still take it for the one that they were trained on.
-    [run] = simulate(chosen, chosen.card.env, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold), robot)])
+    [run] = simulate(chosen, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold), robot)])
     metrics = measure(run)
     sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
     return Tried(sag, metrics.mean_speed, metrics.peak_compression, metrics.fell_at)

@@ -24,7 +24,7 @@ def watch(policy_or_run: Path, speed: float, hold: float, out: Path) -> RunMetri
     policy = load_policy(policy_or_run)
     # A schedule says the command over time; the policy's card says on which robot it was trained.
     schedule = Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold)
-    [run] = simulate(policy, policy.card.env, [RunRequest(schedule)])
+    [run] = simulate(policy, [RunRequest(schedule)])
     out.mkdir(parents=True, exist_ok=True)
     run.save(out / "trajectory.npz")  # every millisecond: states, torques, targets, forces of the ground
     save_figure(gait_figure(run), out / "gait.png")

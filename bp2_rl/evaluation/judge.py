@@ -84,7 +84,7 @@ def measure_launch(
 
     Where `kept` names a file, the last `length` seconds of the run are saved there.
     """
-    [run] = simulate(policy, env, [RunRequest(launch.ramp(env), launch.robot(env.hardware))])
+    [run] = simulate(policy, [RunRequest(launch.ramp(env), launch.robot(env.hardware))], env)
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     if kept is not None:

@@ -100,7 +100,7 @@ _unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
 
 def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, requests: Sequence[One]) -> list[Result]:
     policy = _unpickled(pickled)
-    return [measure(one, run) for one, run in zip(requests, simulate(policy, policy.card.env, requests), strict=True)]
+    return [measure(one, run) for one, run in zip(requests, simulate(policy, requests), strict=True)]
 
 
 def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bp2_rl.env.termination import fall
+from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import NQ, NU, NV
 from bp2_rl.robot.specs import HardwareSpec
@@ -56,17 +57,23 @@ class RunRequest:
         return RobotSetup(config, self.world, self.numerics)
 
 
-def simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest]) -> Iterator[Trajectory]:
+def simulate(
+    policy: Policy | ActionFunction, requests: Sequence[RunRequest], config: EnvConfig | None = None
+) -> Iterator[Trajectory]:
     """Run a policy from a settled stand in C MuJoCo, many runs side by side; yield the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot.
 
     Args:
-        policy: observation -> action, for one robot.
-        config: the environment that the policy was trained in.
+        policy: a loaded policy, or a function from an observation to an action, for one robot.
         requests: the runs.
+        config: the environment that the policy was trained in; that of a loaded policy's card by default.
     """
+    if config is None:
+        if not isinstance(policy, Policy):
+            raise TypeError("simulate() needs the config of a policy that has no card")
+        config = policy.card.env
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
         yield from _simulate(policy, config, [requests[i] for i in part])

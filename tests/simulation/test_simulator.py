@@ -54,7 +54,7 @@ def answering(observation):
 
 @pytest.fixture(scope="module")
 def together():
-    return list(simulate(answering, CONFIG, REQUESTS))
+    return list(simulate(answering, REQUESTS, CONFIG))
 
 
 @pytest.mark.parametrize("i", range(len(REQUESTS)), ids=[one.name for one in REQUESTS])
@@ -127,8 +127,13 @@ def test_they_do_end_in_different_ways(together):
 
 def test_more_than_fit_beside_each_other_run_in_turn():
     requests = [RunRequest(Course().hold(0.005 * (2 + i % 5)), IDEAL, name=f"{i}") for i in range(MOST + 3)]
-    runs = list(simulate(answering, CONFIG, requests))
+    runs = list(simulate(answering, requests, CONFIG))
     assert [run.name for run in runs] == [one.name for one in requests]
     assert [len(run) for run in runs] == [5 * (2 + i % 5) for i in range(MOST + 3)]
     np.testing.assert_allclose(runs[-1].qpos, runs[1].qpos, atol=1e-9)
-    assert list(simulate(answering, CONFIG, [])) == []
+    assert list(simulate(answering, [], CONFIG)) == []
+
+
+def test_a_function_alone_does_not_say_what_it_was_trained_in():
+    with pytest.raises(TypeError, match="needs the config"):
+        next(simulate(answering, REQUESTS))

@@ -24,7 +24,7 @@ def run_once(policy: Policy, request: RunRequest, setup: Setup) -> Trajectory:
     """Run a policy once, in the simulator that was asked for."""
     if setup.backend == "mjx":
         return simulate_in_mjx(policy, policy.card.env, request)
-    [run] = simulate(policy, policy.card.env, [request])
+    [run] = simulate(policy, [request])
     return run
 
 

@@ -96,7 +96,7 @@ def _cruise(policy: Policy, speed: float) -> RunMetrics:
     """Run a policy at a commanded speed, m/s, at most the fastest command of its training."""
     env = policy.card.env
     ramp = Ramp((min(speed, env.commands.max_forward), 0.0, 0.0), hold=HELD).under(env.control)
-    [run] = simulate(policy, env, [RunRequest(ramp)])
+    [run] = simulate(policy, [RunRequest(ramp)])
     return measure(run)
 
 

@@ -19,8 +19,8 @@ def asked(monkeypatch, make_run):
     """What the simulators were asked for, instead of running them."""
     calls = []
 
-    def simulate(policy, config, requests):
-        calls.append(("mujoco", config, requests[0]))
+    def simulate(policy, requests):
+        calls.append(("mujoco", policy.card.env, requests[0]))
         return [make_run(duration=3.0)]
 
     def simulate_in_mjx(policy, config, request):

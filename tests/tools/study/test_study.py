@@ -427,7 +427,7 @@ def test_on_a_cluster_each_training_is_a_job_that_outlives_preemption(trained, t
 def test_the_top_speed_is_the_best_under_any_command_that_the_robot_survives(monkeypatch, make_policy, make_run):
     """At 15.5 and 12.4 m/s this robot falls; told 9.3 it runs 9."""
 
-    def simulate(policy, config, requests):
+    def simulate(policy, requests, config=None):
         speed = requests[0].schedule.target[0]
         return [make_run(speed=9.0, acceleration=5.0, fell_at=7.9 if speed > 10.0 else None)]
 
@@ -451,7 +451,7 @@ def test_the_cost_of_cruising_is_that_at_10_m_s_of_a_policy_that_runs_slower_tha
 ):
     told: list[float] = []
 
-    def simulate(policy, config, requests):
+    def simulate(policy, requests, config=None):
         told.append(requests[0].schedule.target[0])
         return [make_run(speed=0.8001 * told[-1], acceleration=5.0)]
 

@@ -92,7 +92,7 @@ def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
     """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
-    [run] = simulate(policy, policy.card.env, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)])
+    [run] = simulate(policy, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)])
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 

@@ -121,7 +121,7 @@ def test_work_is_what_is_lost_and_stored():
     """A shipped policy at 3 m/s: C MuJoCo's own energies at both ends leave what steps of 1 ms lose."""
     policy = load_policy(asset_path("policies/ideal"), layout_of=layout_of)
     ramp = Ramp((3.0, 0.0, 0.0), acceleration=5.0, hold=1.4)
-    at = account(ramp, next(simulate(policy, policy.card.env, [RunRequest(ramp, BUILT)])))
+    at = account(ramp, next(simulate(policy, [RunRequest(ramp, BUILT)])))
     energy = at.energy
     assert energy is not None
     assert at.fell_at is None

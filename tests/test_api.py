@@ -1,0 +1,28 @@
+"""The public names of the package."""
+
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+import bp2_rl
+
+
+@pytest.mark.parametrize("name", bp2_rl.HOMES)
+def test_a_public_name_is_what_its_home_defines(name):
+    home = importlib.import_module(f"bp2_rl.{bp2_rl.HOMES[name]}")
+    assert getattr(bp2_rl, name) is getattr(home, name)
+    assert name in dir(bp2_rl)
+    assert getattr(bp2_rl, name).__module__ == home.__name__
+
+
+def test_a_wrong_name_is_answered_with_the_right_ones():
+    with pytest.raises(AttributeError, match=r"bp2_rl has no sprint; its public names are BP2Env, load_policy"):
+        bp2_rl.sprint  # noqa: B018
+
+
+def test_importing_the_package_imports_neither_jax_nor_mujoco():
+    code = "import sys, bp2_rl; print(sorted({'jax', 'mujoco', 'brax'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
