@@ -56,7 +56,7 @@ class EvalConfig:
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
     backend: Backend = "mujoco"
-    """mujoco: C MuJoCo, the judge. mjx: the simulator of training."""
+    """mujoco: C MuJoCo. mjx: MJX, the reference engine of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
     """Speed to command; by default the one at which the card's result was measured (robustness: 10.74)."""
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None

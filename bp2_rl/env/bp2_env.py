@@ -60,7 +60,7 @@ class BP2Env(envs.Env):
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
                 f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
-                "are remembered for so long; more is the judge's alone"
+                "are remembered for so long; more is for C MuJoCo alone"
             )
         self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)

@@ -1,4 +1,4 @@
-"""What a fall is: in training, in the judge's runs, and wherever else a robot may be down."""
+"""What a fall is: in training, in benchmarks, and wherever else a robot may be down."""
 
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ class Fall(NamedTuple):
 
 
 def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: TerminationConfig) -> Fall:
-    """Judge a state in MuJoCo's coordinates; NumPy and JAX alike."""
+    """Return whether and why a robot in this state, in MuJoCo's coordinates, is down; NumPy and JAX alike."""
     xp = qpos.__array_namespace__()
     # Every comparison is one that NaN fails.
     sound = xp.all(xp.isfinite(qpos), axis=-1) & xp.all(xp.abs(qvel) <= config.max_speed, axis=-1)
@@ -37,7 +37,7 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
 def tangled(qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec) -> Bool[Any, "..."] | None:
     """Whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
 
-    It stands for the contacts that training leaves out; the judge, who has them, lets legs run into each other.
+    It stands for the contacts that training leaves out; C MuJoCo, which has them, lets legs run into each other.
     """
     if not hardware.solid_legs:
         return None

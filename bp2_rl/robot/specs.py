@@ -182,7 +182,7 @@ class HardwareSpec:
     fore_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = FORE_TRACK  # m, between the fore legs' planes
     hind_track: Annotated[float, Within(2.0 * THIGH_LATERAL, 10.0)] = HIND_TRACK  # m, between the hind feet
     solid_legs: bool = False
-    """legs collide with each other and with the trunk in the judge; in training they end the episode instead"""
+    """legs collide with each other and with the trunk in C MuJoCo; in training they end the episode instead"""
     spring_stiffness: Annotated[float, Within(100.0, 1e7)] = SPRING_STIFFNESS  # N/m
     spring_damping: Annotated[float, Within(0.0, 1e5)] = SPRING_DAMPING  # N s/m
     spring_travel: Annotated[float, Within(0.0, 10.0)] = SPRING_TRAVEL  # m, at which the stop begins to push

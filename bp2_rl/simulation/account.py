@@ -1,6 +1,6 @@
 """Where a run's energy goes, and what happens under its feet: C MuJoCo looks at every recorded sample again.
 
-For a run on flat ground that was judged at 1 ms. Powers are means over a millisecond: a force times the mean of the
+For a run on flat ground in steps of 1 ms. Powers are means over a millisecond: a force times the mean of the
 velocities at its ends, which for MuJoCo's Euler integrator is the exact change of the kinetic energy. What the battery
 gives is what is lost, by cause, plus what is stored:
 

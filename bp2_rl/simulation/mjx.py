@@ -1,4 +1,4 @@
-"""Runs of a policy in MJX, the simulator of training: the same start, controller and motors as in C MuJoCo."""
+"""Runs of a policy in MJX, the reference engine of training, with start, controller and motors as in C MuJoCo."""
 
 import functools
 from collections.abc import Callable

@@ -160,7 +160,7 @@ def _range(bounds: tuple[float, float]) -> str:
 
 
 def measure_fleet(run: BatchRun) -> RobustnessMetrics:
-    """All that a fleet is judged by."""
+    """All figures of merit of a fleet."""
     upright = np.isinf(run.fell_at)
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
     offsets = np.max(np.abs(run.offset), axis=0)

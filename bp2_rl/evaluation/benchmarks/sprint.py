@@ -153,7 +153,7 @@ def describe_race(ramp: Ramp) -> str:
 
 
 def measure_sprint(run: Trajectory, acceleration: float) -> SprintMetrics:
-    """All that a race is judged by; `acceleration` is the command's, m/s2."""
+    """All figures of merit of a race; `acceleration` is the command's, m/s2."""
     splits = measure_splits(run)
     return SprintMetrics(
         time=splits[-1].time if splits and splits[-1].distance == TRACK else None,
