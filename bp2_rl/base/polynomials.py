@@ -2,10 +2,6 @@
 
 `s` is the share of an interval that has gone by, from 0 to 1; `left` and `right` are values at its ends, `middle` the
 one halfway, `out` and `into` the rates at the ends, and `h` the interval's length.
-
-Hermite's cubic is evaluated in three ways that differ in the last bit. Each stays as it is, because solved trajectories
-and trained policies repeat to the last bit only if it does: `hermite` is the optimiser's and the reader's of its
-solutions, `hermite_and_rate` a swing foot's in the gait, `hermite_coefficients` the table's that a gait looks up.
 """
 
 from typing import Any
@@ -21,15 +17,6 @@ def line(s: Number, left: Number, right: Number) -> Any:
 def parabola(s: Number, left: Number, middle: Number, right: Number) -> Any:
     """Lagrange's polynomial through three points."""
     return left * (1 - s) * (1 - 2 * s) + middle * 4 * s * (1 - s) + right * s * (2 * s - 1)
-
-
-def hermite(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> Any:
-    """Hermite's cubic through two values and their rates."""
-    return (
-        left * (1 + 2 * s) * (1 - s) ** 2
-        + right * s**2 * (3 - 2 * s)
-        + h * (out * s * (1 - s) ** 2 - into * s**2 * (1 - s))
-    )
 
 
 def hermite_and_rate(s: Number, h: Number, left: Number, right: Number, out: Number, into: Number) -> tuple[Any, Any]:

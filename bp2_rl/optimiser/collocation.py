@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.polynomials import hermite, parabola
+from bp2_rl.base.polynomials import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem, Scheme, Stride, contact_rows, motor_coordinates
@@ -346,7 +346,7 @@ def _motor_states(problem: Problem, T: ca.MX, qd: ca.MX, qdd: ca.MX, tau: ca.MX)
         h = T / problem.intervals
         left, middle, right = tau[:, :-1:2], tau[:, 1::2], tau[:, 2::2]
         for s in (0.25, 0.75):
-            speed = hermite(s, h, qd[:, :-1:2], qd[:, 2::2], qdd[:, :-1:2], qdd[:, 2::2])
+            speed, _ = hermite_and_rate(s, h, qd[:, :-1:2], qd[:, 2::2], qdd[:, :-1:2], qdd[:, 2::2])
             states.append((speed, parabola(s, left, middle, right)))
     return states
 

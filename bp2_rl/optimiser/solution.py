@@ -15,7 +15,7 @@ from jaxtyping import Float
 from bp2_rl.base import serialization as config
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, read_bytes, read_json, read_npz, write_npz
-from bp2_rl.base.polynomials import hermite, line, parabola
+from bp2_rl.base.polynomials import hermite_and_rate, line, parabola
 from bp2_rl.optimiser.problem import Problem
 
 FORMAT = 1
@@ -132,7 +132,7 @@ def sample(problem: Problem, motion: Motion, segment: int, share: Float[np.ndarr
         return parabola(s, left, x[segment, 2 * k + 1], right)
 
     def cubic(x: Points, rate: Points) -> Instants:
-        return hermite(s, h, *ends(x), *ends(rate))
+        return hermite_and_rate(s, h, *ends(x), *ends(rate))[0]
 
     rule = {"hermite-simpson": quadratic, "trapezoid": linear, "paper": held}[problem.scheme]
     return Moment(
