@@ -2,21 +2,25 @@
 
     import bp2_rl
 
-    policy = bp2_rl.load_policy("assets/policies/built")
+    policy = bp2_rl.load_policy("built")  # one that ships, or the folder of a run
     [run] = bp2_rl.simulate(policy, [bp2_rl.RunRequest(bp2_rl.Ramp((10.0, 0.0, 0.0)))])
     print(bp2_rl.measure(run).best_speed)
 
 `bp2_rl.env` registers the environment `bp2` with Brax.
 """
 
-import importlib
 import importlib.util
 import os
+import pkgutil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bp2_rl.env.bp2_env import BP2Env as BP2Env
     from bp2_rl.learning.policy import load_policy as load_policy
+    from bp2_rl.learning.run import resume as resume
+    from bp2_rl.learning.run import start as train  # noqa: F401
+    from bp2_rl.settings.env import EnvConfig as EnvConfig
+    from bp2_rl.settings.training import make_config as make_config
     from bp2_rl.simulation.metrics import measure as measure
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
     from bp2_rl.simulation.rollout import simulate as simulate
@@ -26,14 +30,18 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 HOMES = {
-    "BP2Env": "env.bp2_env",
-    "load_policy": "learning.policy",
-    "measure": "simulation.metrics",
-    "RunRequest": "simulation.rollout",
-    "simulate": "simulation.rollout",
-    "Course": "simulation.schedule",
-    "Ramp": "simulation.schedule",
-    "World": "simulation.world",
+    "BP2Env": "env.bp2_env:BP2Env",
+    "EnvConfig": "settings.env:EnvConfig",
+    "make_config": "settings.training:make_config",
+    "train": "learning.run:start",
+    "resume": "learning.run:resume",
+    "load_policy": "learning.policy:load_policy",
+    "simulate": "simulation.rollout:simulate",
+    "RunRequest": "simulation.rollout:RunRequest",
+    "Ramp": "simulation.schedule:Ramp",
+    "Course": "simulation.schedule:Course",
+    "World": "simulation.world:World",
+    "measure": "simulation.metrics:measure",
 }
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 
@@ -42,7 +50,7 @@ def __getattr__(name: str) -> Any:
     """Return a public name of the package."""
     if name not in HOMES:
         raise AttributeError(f"bp2_rl has no {name}; its public names are {', '.join(HOMES)}")
-    return getattr(importlib.import_module(f"bp2_rl.{HOMES[name]}"), name)
+    return pkgutil.resolve_name(f"bp2_rl.{HOMES[name]}")
 
 
 def __dir__() -> list[str]:

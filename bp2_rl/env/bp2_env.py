@@ -156,7 +156,7 @@ class BP2Env(envs.Env):
 
     @property
     def backend(self) -> str:
-        """The physics engine, for Brax."""
+        """Brax's name for the family of physics engines; `impl` names the engine in use."""
         return "mjx"
 
     @property
@@ -267,7 +267,7 @@ class BP2Env(envs.Env):
     ) -> tuple[dict[str, Array], PipelineState]:
         """Both observations, and the state in which the controller remembers its own."""
         config, physics, command = self.config.randomization, state.physics, state.command
-        measurement = observations.measure(physics.qpos, physics.qvel)
+        measurement = observations.sense(physics.qpos, physics.qvel)
         clean = self.controller.frame(state.controller, command.current, measurement)
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)

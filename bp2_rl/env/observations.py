@@ -78,7 +78,7 @@ class Measurement(struct.PyTreeNode):
     angular_velocity: Float[Array, "... 3"]  # rad/s, body frame
 
 
-def measure(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
+def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
     """The noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
     return Measurement(
         joint_position=qpos[MOTOR_QPOS],
@@ -196,7 +196,7 @@ class Soles(struct.PyTreeNode):
 
 def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
     """Over flat ground."""
-    now = measure(qpos, qvel)
+    now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), qpos[SPRING_QPOS]
     rates = now.joint_velocity.reshape(4, 3), qvel[SPRING_QVEL]
     feet, relative = jax.jvp(lambda angles, springs: foot_position(angles, springs, hardware), joints, rates)

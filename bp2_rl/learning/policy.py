@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
@@ -26,6 +27,8 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
+SHIPPED = ("built", "fastest", "ideal")
+"""Names of the policies that ship."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"
 CHECKSUM = "card_sha256"
@@ -155,13 +158,15 @@ def load_policy(
     """Load an exported policy, or a run's.
 
     Args:
-        path: a policy directory (it holds card.json), or a run directory (it holds policy/).
+        path: a policy directory (it holds card.json), a run directory (it holds policy/), or the name of a policy that
+            ships, such as `built`.
         layout_of: the observation's (name, size) pairs that the caller will feed under a controller; None takes any.
 
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we know, how to mend it.
     """
-    directory = _find(Path(path))
+    shipped = asset_path(f"policies/{path}")
+    directory = _find(shipped if str(path) in SHIPPED and not Path(path).exists() else Path(path))
     card = _read_card(directory)
     if card.library_sha256 and card.library_sha256 != card.env.library.sha256:
         raise PolicyError(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bp2_rl.env.controller import Controller, ControllerState
-from bp2_rl.env.observations import add_noise, measure
+from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.physics.interface import ages, in_force
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
@@ -135,7 +135,7 @@ def control_step(
     def control(
         state: ControllerState, command: Array, qpos: Array, qvel: Array, asked: Array, *drawn: Array
     ) -> tuple[Any, ...]:
-        measured = measure(qpos, qvel)
+        measured = sense(qpos, qvel)
         if noise is not None:
             key, share = drawn
             noisy = add_noise(measured, noise, key)

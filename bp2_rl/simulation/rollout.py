@@ -60,7 +60,7 @@ class RunRequest:
 def simulate(
     policy: Policy | ActionFunction, requests: Sequence[RunRequest], config: EnvConfig | None = None
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand in C MuJoCo, many runs side by side; yield the trajectories in order.
+    """Run a policy from a settled stand in C MuJoCo, many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot.
@@ -74,6 +74,11 @@ def simulate(
         if not isinstance(policy, Policy):
             raise TypeError("simulate() needs the config of a policy that has no card")
         config = policy.card.env
+    return _in_parts(policy, requests, config)
+
+
+def _in_parts(policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig) -> Iterator[Trajectory]:
+    """Yield the trajectories in order, of at most `MOST` runs at a time."""
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
         yield from _simulate(policy, config, [requests[i] for i in part])

@@ -48,7 +48,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
         seen = observations.actor_observation(
-            jnp.asarray(command), jnp.asarray(phase), observations.measure(qpos, qvel), jnp.asarray(action)
+            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action)
         )
         heading = observations.heading(qpos, qvel)
         return observations.critic_observation(

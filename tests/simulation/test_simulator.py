@@ -136,4 +136,4 @@ def test_more_than_fit_beside_each_other_run_in_turn():
 
 def test_a_function_alone_does_not_say_what_it_was_trained_in():
     with pytest.raises(TypeError, match="needs the config"):
-        next(simulate(answering, REQUESTS))
+        simulate(answering, REQUESTS)

@@ -10,7 +10,7 @@ import pytest
 from runs import run_one
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.observations import measure
+from bp2_rl.env.observations import sense
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import GRAVITY, IDEAL, STAND_JOINTS, Losses
@@ -63,7 +63,7 @@ def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction)
 def test_sensors_on_a_slope_know_the_true_vertical():
     level = np.zeros(23)
     level[3] = 1.0
-    up = measure(jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)).up
+    up = sense(jnp.asarray(sensed_pose(level, World(slope=SLOPE), 0.0, 0.0)), jnp.zeros(22)).up
     np.testing.assert_allclose(up, (math.sin(SLOPE), 0.0, math.cos(SLOPE)), atol=1e-6)
 
 
@@ -155,7 +155,7 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
     qpos[3:7] = np.array([0.9, 0.1, 0.2, 0.3]) / math.sqrt(0.95)
     sensed = sensed_pose(qpos, LEVEL, math.radians(0.5), 8.0)
     assert yaw_of(sensed[3:7]) - yaw_of(qpos[3:7]) == pytest.approx(math.radians(4.0))
-    up, seen = (measure(jnp.asarray(pose), jnp.zeros(22)).up for pose in (qpos, sensed))
+    up, seen = (sense(jnp.asarray(pose), jnp.zeros(22)).up for pose in (qpos, sensed))
     np.testing.assert_allclose(up, seen, atol=1e-6)  # float32
     assert sensed_pose(qpos, LEVEL, 0.0, 8.0) is qpos
 

@@ -25,7 +25,7 @@ from bp2_rl.simulation.batch import BatchRun, rollout_batch
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.schedule import Ramp
 
-ROBOTS = 200
+NUM_ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
@@ -74,7 +74,7 @@ class RobustnessMetrics:
 
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
-    robots, seed, robot = setup.robots or ROBOTS, setup.seed or 0, robot_of(policy, setup)
+    robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
     name = name_of(robot)
     drawn = on_robot(EnvConfig(), name).randomization if name in specs.ROBOTS else RandomizationConfig()
     run = rollout_batch(

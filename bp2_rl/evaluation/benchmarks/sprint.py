@@ -159,7 +159,7 @@ def measure_sprint(run: Trajectory, acceleration: float) -> SprintMetrics:
         time=splits[-1].time if splits and splits[-1].distance == TRACK else None,
         sprint_acceleration=acceleration,
         splits=splits,
-        launch=measure_launch(run),
+        launch=measure_first_metres(run),
         lane=measure_lane(run),
         run=measure(run),
     )
@@ -193,7 +193,7 @@ def measure_splits(run: Trajectory) -> tuple[Split, ...]:
     return tuple(splits)
 
 
-def measure_launch(run: Trajectory) -> SprintLaunch | None:
+def measure_first_metres(run: Trajectory) -> SprintLaunch | None:
     """The first metres; None if the run ends less than half of `RIPPLE` after them."""
     time = time_at(run, LAUNCH)
     if time is None or time + RIPPLE / 2 > run.time[-1]:

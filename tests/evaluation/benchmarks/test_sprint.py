@@ -15,7 +15,7 @@ from bp2_rl.evaluation.benchmarks.sprint import (
     SprintMetrics,
     foot_centres,
     foot_edges,
-    measure_launch,
+    measure_first_metres,
     measure_sprint,
     race,
     sprint,
@@ -76,7 +76,7 @@ def test_times_and_splits_of_a_constant_acceleration(make_race, acceleration, sp
 
 @pytest.mark.parametrize("acceleration", [2.38, 5.0])
 def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(make_race, acceleration):
-    launch = measure_launch(make_race(acceleration, speed=10.0))
+    launch = measure_first_metres(make_race(acceleration, speed=10.0))
     assert launch is not None
     assert launch.time == pytest.approx((10.0 / acceleration) ** 0.5, abs=1e-6)
     assert launch.speed == pytest.approx((10.0 * acceleration) ** 0.5, rel=1e-5)
@@ -86,7 +86,7 @@ def test_both_accelerations_of_a_launch_are_that_of_a_constant_one(make_race, ac
 
 def test_accelerations_of_a_launch_at_constant_speed_differ(make_race):
     """Off at 5 m/s: 1 s for 5 m, at 5 m/s; but 10 m/s2 would have been needed to take as long from rest."""
-    launch = measure_launch(make_race(acceleration=1e6, speed=5.0))
+    launch = measure_first_metres(make_race(acceleration=1e6, speed=5.0))
     assert launch is not None
     assert launch.mean_acceleration == pytest.approx(5.0, rel=1e-4)
     assert launch.equivalent_acceleration == pytest.approx(10.0, rel=1e-4)
@@ -103,7 +103,7 @@ def test_a_race_not_run_to_its_end_has_no_time(make_race):
 
 
 def test_a_fall_before_five_metres_has_no_launch(make_race):
-    assert measure_launch(make_race(acceleration=5.0, duration=1.0)) is None
+    assert measure_first_metres(make_race(acceleration=5.0, duration=1.0)) is None
     assert measure_sprint(make_race(acceleration=5.0, duration=1.0), 5.0).splits == ()
 
 
