@@ -107,8 +107,10 @@ def actor_observation(
     last_action: Float[Array, "12"],
     hand: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "47"]:
-    """The vector that `LAYOUT` describes: joint positions relative to the standing pose, the phase as a clock's hand
-    of this length."""
+    """Return the observation that `LAYOUT` describes.
+
+    Joint positions are relative to the standing pose; the phase is encoded as `hand` x (sin, cos).
+    """
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
         [

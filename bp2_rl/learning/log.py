@@ -30,9 +30,9 @@ class Log:
     So the device never waits for the console, and a line stands for all of its interval's steps.
 
     Args:
-        monitor: where to.
+        monitor: writes the averages.
         ppo: the learner's settings.
-        unlogged: what `open` gave, where the run goes on within an interval.
+        unlogged: metrics added but not yet written before a resume (`unwritten`); empty for a new run.
     """
 
     def __init__(self, monitor: Monitor, ppo: PPOConfig, unlogged: Unlogged):
@@ -50,7 +50,7 @@ class Log:
         interval.count += 1
         interval.timed += 1
 
-    def open(self) -> Unlogged:
+    def unwritten(self) -> Unlogged:
         """What has been added since the last interval was closed."""
         sums = jax.device_get(self._interval.sums)
         return Unlogged(self._interval.count, {name: float(value) for name, value in sums.items()})

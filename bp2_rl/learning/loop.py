@@ -58,7 +58,7 @@ def train(
     Args:
         run: what is trained.
         state: where to begin.
-        unlogged: what `Log.open` gave to the checkpoint that `state` is from.
+        unlogged: metrics that were added but not yet written when the checkpoint of `state` was saved (`Log.unwritten`).
         unexported: the checkpoints that `find_unexported` found; their policies are exported first.
 
     Raises:
@@ -172,7 +172,7 @@ class _Loop:
                         saver.wait()
                         if not (self._run.run_dir / CONFIG).is_file():
                             raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
-                    saver.save(done, state, to_json(log.open()))
+                    saver.save(done, state, to_json(log.unwritten()))
                     self._monitor.record(f"saving step {done}")
                 self._export(state)
         return state, done
