@@ -58,7 +58,7 @@ def train(
     Args:
         run: what is trained.
         state: where to begin.
-        unlogged: metrics that were added but not yet written when the checkpoint of `state` was saved (`Log.unwritten`).
+        unlogged: metrics added but not yet written when the checkpoint of `state` was saved (`Log.unwritten`).
         unexported: the checkpoints that `find_unexported` found; their policies are exported first.
 
     Raises:

@@ -28,9 +28,14 @@ from bp2_rl.simulation.trajectory import Trajectory
 def simulate_in_mjx(policy: ActionFunction, config: EnvConfig, request: RunRequest) -> Trajectory:
     """Run a policy in MJX with the solver settings and the float32 of training, on JAX's default device.
 
-    Schedule, hardware, operator and finish of the request count. Foot forces are C MuJoCo's for the recorded states and
-    torques: MJX keeps its own in private fields.
+    Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
+
+    Raises:
+        ValueError: the request has another world than level ground, a watch, a gyro's bias or other numerics.
     """
+    plain = RunRequest(request.schedule, request.hardware, request.operator, finish=request.finish, name=request.name)
+    if request != plain:
+        raise ValueError("MJX runs on level ground, without a watch, a gyro's bias or other numerics")
     robot = request.robot(config)
     start = settled([robot])
     state = Controller(config).init()

@@ -43,7 +43,7 @@ class PolicyRunner:
         next_command: (N, 3), what the policy is told in the next control step.
         position: (N, D, 12), rad, the joint targets issued last that may still come into force, newest last.
         velocity: (N, D, 12), rad/s, the rates of these targets.
-        reference: the reference motion at the end of the last control step, a row for each robot.
+        reference: the reference motion at the end of the last control step; its first N rows are the robots'.
     """
 
     def __init__(
@@ -76,11 +76,18 @@ class PolicyRunner:
     @property
     def state(self) -> ControllerState:
         """What the controllers remember, a row for each robot."""
-        return jax.tree.map(lambda x: x[: len(self._each)], self._state)
+        with jax.default_device(self._device):
+            return jax.tree.map(lambda x: x[: len(self._each)], self._state)
 
     @state.setter
     def state(self, state: ControllerState) -> None:
-        self._state = jax.tree.map(lambda x: x[self._filled], state)
+        with jax.default_device(self._device):
+            self._state = jax.tree.map(lambda x: x[self._filled], state)
+
+    @property
+    def phase(self) -> Float[np.ndarray, " N"]:
+        """The phases of the controllers' clocks, cycles."""
+        return np.asarray(self._state.phase, np.float64)[self._each]
 
     def tick(
         self,

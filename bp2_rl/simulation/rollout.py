@@ -189,7 +189,7 @@ class Recording:
         """
         return Trajectory(
             time=np.arange(length) * DT,
-            **{name: array[:length] for name, array in vars(self).items()},
+            **{name: array[:length].copy() for name, array in vars(self).items()},  # not the whole batch
             dt=DT,
             steady_from=request.schedule.steady_from,
             fell_at=round(length * DT, 6) if fell else None,

@@ -92,7 +92,7 @@ class Simulator:
         qpos: (N, 23), the robots' positions.
         qvel: (N, 22), the robots' velocities.
         torque: (N, 12), Nm, last applied.
-        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame.
+        foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame; 0 before it.
         motors: each robot's motors; `set_motors` changes them.
     """
 
@@ -140,6 +140,7 @@ class Simulator:
     def set_state(self, robot: int, state: Float[np.ndarray, " S"]) -> None:
         """Put a robot into a state that `state` has returned."""
         mujoco.mj_setState(self.models[robot], self.data[robot], state, STATE)
+        self.data[robot].sensordata[:] = 0.0  # no step has been taken from here
         self.read(robot)
 
     def set_motors(self, robot: int, motors: Actuator) -> None:

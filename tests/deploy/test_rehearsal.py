@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from plain_simulation import PlainRobot
 
+from bp2_rl.robot.actuator import bus_power
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation.simulator import RobotSetup
@@ -26,15 +27,27 @@ def test_the_robot_of_a_bundle_moves_as_the_benchmarks_does(robots, onboard, shi
     start_only = dataclasses.replace(hardware, envelope="start")
     plain = PlainRobot(RobotSetup(dataclasses.replace(shipped.card.env, hardware=start_only)))
     plain.data[0].qpos[:], plain.data[0].ctrl[:] = robot.data.qpos, robot.data.ctrl
-    for _ in range(10):
+    for data in (robot.data, plain.data[0]):
+        data.qvel[:] = np.random.default_rng(1).normal(0.0, 3.0, 22)
+        data.qvel[MOTOR_QVEL] *= 4.0
+    powers = []
+    for kick in range(18):
         position, velocity = STAND + rng.uniform(-0.6, 0.6, 12), rng.uniform(-3.0, 3.0, 12)
+        if kick % 3 < 2:  # drive with some 90 Nm, then brake with 54 Nm, so that power flows out and back
+            qd = robot.data.qvel[MOTOR_QVEL]
+            position, velocity = robot.data.qpos[MOTOR_QPOS].copy(), qd + (30.0, -18.0)[kick % 3] * np.sign(qd)
         for _ in range(5):
+            qd = robot.data.qvel[MOTOR_QVEL].copy()
             torque = plain.millisecond(position, velocity)
             robot.millisecond(onboard.controller.DriveTargets(position, velocity))
-            assert robot.data.ctrl == pytest.approx(torque, abs=1e-3)  # its MJCF has numbers to six digits
+            assert robot.data.ctrl == pytest.approx(torque, abs=1e-8)
             hardest = max(hardest, float(np.max(np.abs(torque))))
+            powers.append(float(bus_power(plain.motors[0], torque, qd)))
     assert hardest > 100.0
-    assert robot.data.qpos == pytest.approx(plain.data[0].qpos, abs=1e-6)
+    assert robot.data.qpos == pytest.approx(plain.data[0].qpos, abs=1e-10)
+    if hardware is BUILT:  # both limits of its bus were reached
+        assert max(powers) == pytest.approx(BUILT.losses.bus_power_out, rel=1e-6)
+        assert min(powers) == pytest.approx(-BUILT.losses.bus_power_in, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["built", "ideal"])

@@ -265,6 +265,11 @@ def test_both_simulators_know_the_same_facts(trot_in_both):
     assert (c.backend, mjx.backend) == ("C MuJoCo", "MJX")
 
 
+def test_mjx_refuses_what_it_does_not_run():
+    with pytest.raises(ValueError, match="MJX runs on level ground"):
+        run_in_mjx(no_action, SCHEDULE, TROTTING, world=World(slope=0.1))
+
+
 def test_mjx_keeps_to_the_envelope(trot_in_both):
     assert np.sum(envelope_use(trot_in_both[1]).outside) == 0
 

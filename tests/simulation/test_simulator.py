@@ -63,6 +63,7 @@ def test_each_runs_as_it_would_alone(together, i):
     alone, fell = plain_run(answering, CONFIG, one)
     assert (len(run), run.fell_at is not None, run.name) == (len(alone["qpos"]), fell, one.name)
     assert run.hardware == one.hardware
+    assert run.mass == pytest.approx(float(np.sum(one.robot(CONFIG).model().body_mass)))
     # A batch rounds otherwise than one robot, in the controller's float32: 1e-7 rad at each control step.
     np.testing.assert_allclose(run.qpos, alone["qpos"], atol=5e-5)
     np.testing.assert_allclose(run.command, alone["command"], atol=1e-5)
@@ -111,6 +112,7 @@ def test_a_state_can_be_kept_and_gone_back_to():
     kept = simulator.state(0)
     first = [simulator.millisecond(target, still) for _ in range(10)]
     simulator.set_state(0, kept)
+    np.testing.assert_array_equal(simulator.foot_force, 0.0)
     np.testing.assert_array_equal([simulator.millisecond(target, still) for _ in range(10)], first)
 
 

@@ -26,7 +26,7 @@ from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 
 from .motion import Pose, load_motion
 
-FORMAT = 1
+FORMAT = 2
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
 

@@ -139,9 +139,9 @@ class RobotGroup:
         keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
         cycles = state.phase
         for k, scheduled in enumerate(commands):
-            before = np.asarray(runner.state.phase, np.float64)
+            before = runner.phase
             targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *((keys[k], *drawn) if drawn else ()))
-            rate = (np.asarray(runner.state.phase, np.float64) - before) % 1.0 / specs.SUBSTEPS
+            rate = (runner.phase - before) % 1.0 / specs.SUBSTEPS
             for i, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
                 if record:
                     samples.qpos[:, i], samples.qvel[:, i] = simulator.qpos, simulator.qvel
@@ -168,7 +168,8 @@ class RobotGroup:
             simulator.read(i)
         runner = self._runner(state.command)
         remembered = state.phase, state.action, state.seen, state.steps
-        runner.state = ControllerState(*(jnp.asarray(x, jnp.float32) for x in remembered))
+        with jax.default_device(jax.devices("cpu")[0]):
+            runner.state = ControllerState(*(jnp.asarray(x, jnp.float32) for x in remembered))
         runner.position[:, 1:], runner.velocity[:, 1:] = state.position, state.velocity
         return simulator, runner
 
