@@ -7,6 +7,9 @@ import sys
 import pytest
 
 import bp2_rl
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.learning.policy import SHIPPED
 
 
 @pytest.mark.parametrize("name", bp2_rl.HOMES)
@@ -27,3 +30,16 @@ def test_importing_the_package_imports_neither_jax_nor_mujoco():
     code = "import sys, bp2_rl; print(sorted({'jax', 'mujoco', 'brax'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_shipped_policy_is_found_by_its_name():
+    shipped = asset_path("policies")
+    assert sorted(SHIPPED) == sorted(entry.name for entry in shipped.iterdir() if entry.is_dir())
+    assert bp2_rl.load_policy("built").card == bp2_rl.load_policy(shipped / "built").card
+
+
+def test_a_folder_of_that_name_goes_before_the_shipped_policy(tmp_path, monkeypatch):
+    (tmp_path / "built").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match="built"):
+        bp2_rl.load_policy("built")

@@ -56,11 +56,11 @@ class Session:
         hardware: HardwareSpec | None = None,
         operator: HeadingHold = HEADING_HOLD,
     ):
-        self.config, self.hardware = config, hardware or config.hardware
+        robot = RobotSetup.of(config, hardware)
+        self.config, self.hardware = config, robot.config.hardware
         self.wish = Wish()
         self._policy, self._operator = policy, operator
-        robot = dataclasses.replace(config, hardware=self.hardware)
-        self._simulator = settled([RobotSetup(robot)])
+        self._simulator = settled([robot])
         self.data = self._simulator.data[0]
         self._model, self._start = self._simulator.models[0], self._simulator.state(0)
         self._feet = foot_geom_ids(self._model)

@@ -53,8 +53,7 @@ class RunRequest:
 
     def robot(self, config: EnvConfig) -> RobotSetup:
         """Return the robot of this run, under a policy that was trained in an environment."""
-        config = dataclasses.replace(config, hardware=self.hardware or config.hardware)
-        return RobotSetup(config, self.world, self.numerics)
+        return dataclasses.replace(RobotSetup.of(config, self.hardware), world=self.world, numerics=self.numerics)
 
 
 def simulate(
@@ -86,7 +85,8 @@ def _in_parts(policy: ActionFunction, requests: Sequence[RunRequest], config: En
 
 def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest]) -> list[Trajectory]:
     count = len(requests)
-    simulator = settled([request.robot(config) for request in requests])
+    robots = [request.robot(config) for request in requests]
+    simulator = settled(robots)
     schedules = [sampled_commands(request.schedule) for request in requests]
     ticks = np.array([len(commands) - 1 for commands in schedules])
     longest = int(np.max(ticks))
@@ -95,7 +95,7 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
         policy,
         config,
         operators=[request.operator for request in requests],
-        latencies=[request.robot(config).config.hardware.losses.latency for request in requests],
+        latencies=[robot.config.hardware.losses.latency for robot in robots],
         commands=scheduled[:, 0],
     )
     recording = Recording.empty(count, longest * specs.SUBSTEPS)

@@ -16,6 +16,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NV, foot_forces, let_converge, load_model
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.world import LEVEL, World
@@ -66,6 +67,11 @@ class RobotSetup:
     config: EnvConfig
     world: World = LEVEL
     numerics: Numerics = CONVERGED
+
+    @classmethod
+    def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
+        """Return the robot under a policy's environment, with other hardware where it is not that environment's."""
+        return cls(dataclasses.replace(config, hardware=hardware or config.hardware))
 
     def model(self) -> mujoco.MjModel:
         """Return the robot's MuJoCo model, which reports the forces on its feet."""

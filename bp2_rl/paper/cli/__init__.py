@@ -3,7 +3,6 @@
 A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
 """
 
-import sys
 from collections.abc import Sequence
 
 from bp2_rl.cli.dispatch import dispatch
@@ -18,4 +17,4 @@ COMMANDS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
-    return dispatch("bp2 paper", "bp2_rl.paper.cli", COMMANDS, list(sys.argv[1:] if argv is None else argv))
+    return dispatch("bp2 paper", "bp2_rl.paper.cli", COMMANDS, argv)

@@ -5,7 +5,6 @@ A command imports SciPy and Matplotlib only when its flags are right: a mistake 
 
 import dataclasses
 import pkgutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -79,8 +78,7 @@ class PendulumReport:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
-    words = sys.argv[1:] if argv is None else argv
-    return choose("bp2 paper pendulum", {name: command.what for name, command in COMMANDS.items()}, words, _run)
+    return choose("bp2 paper pendulum", {name: command.what for name, command in COMMANDS.items()}, argv, _run)
 
 
 def _run(name: str, argv: Sequence[str]) -> int:

@@ -98,7 +98,7 @@ class RobotGroup:
         operator: HeadingHold = HEADING_HOLD,
         noise: RandomizationConfig | None = None,
     ):
-        self.robot = RobotSetup(dataclasses.replace(config, hardware=hardware or config.hardware))
+        self.robot = RobotSetup.of(config, hardware)
         self.memory = max(control_steps_behind(self.robot.config.hardware.losses.latency))
         """number of control steps whose targets are still on their way to the joints"""
         self._policy, self._config, self._operator, self._noise = policy, config, operator, noise
@@ -133,7 +133,7 @@ class RobotGroup:
         """
         count, steps = len(state), len(commands)
         simulator, runner = self._continued(state)
-        fell, recording = np.zeros(count, bool), self._recording(count, specs.SUBSTEPS * steps if record else 0)
+        fell, recording = np.zeros(count, bool), self._recording(simulator, specs.SUBSTEPS * steps if record else 0)
         samples = recording.samples
         drawn = () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
         keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
@@ -184,13 +184,13 @@ class RobotGroup:
             noise=self._noise,
         )
 
-    def _recording(self, robots: int, samples: int) -> GroupRecording:
+    def _recording(self, simulator: Simulator, samples: int) -> GroupRecording:
         return GroupRecording(
-            Recording.empty(robots, samples),
-            clock=np.zeros((robots, samples)),
-            lasted=np.full(robots, float(samples)),
+            Recording.empty(len(simulator), samples),
+            clock=np.zeros((len(simulator), samples)),
+            lasted=np.full(len(simulator), float(samples)),
             config=self.robot.config,
-            mass=float(np.sum(self._model.body_mass)),
+            mass=simulator.mass(0),
         )
 
     @staticmethod

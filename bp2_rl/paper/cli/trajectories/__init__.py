@@ -3,7 +3,6 @@
 A command imports CasADi, MuJoCo and Matplotlib only when its flags are right: a mistake is answered at once.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -57,8 +56,7 @@ COMMANDS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
-    words = sys.argv[1:] if argv is None else argv
-    return choose("bp2 paper trajectories", {name: command.what for name, command in COMMANDS.items()}, words, _run)
+    return choose("bp2 paper trajectories", {name: command.what for name, command in COMMANDS.items()}, argv, _run)
 
 
 def _run(name: str, argv: Sequence[str]) -> int:
