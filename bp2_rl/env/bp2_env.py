@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.controller import Controller, motors_of
-from bp2_rl.env.episode import DRAWS, PipelineState, Starts
+from bp2_rl.env.episode import NUM_KEYS, EpisodeStarts, PipelineState
 from bp2_rl.env.metrics import StepOutcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.named import CONFIGS, DEFAULT
@@ -53,7 +53,7 @@ class BP2Env(envs.Env):
         *,
         impl: Impl = "jax",
         num_robots: int = 1,
-        rows: Mapping[str, rewards.Row] = rewards.ROWS,
+        rows: Mapping[str, rewards.RewardRow] = rewards.ROWS,
     ):
         self.config = config = config or CONFIGS[DEFAULT]()
         self.rows = rows
@@ -64,19 +64,19 @@ class BP2Env(envs.Env):
             )
         self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)
-        self.simulate = _simulator(impl, self.mj_model, config, num_robots)
-        self.starts = Starts(config, self.controller, self.mj_model)
+        self.engine = _make_engine(impl, self.mj_model, config, num_robots)
+        self.starts = EpisodeStarts(config, self.controller, self.mj_model)
         self.trunk = int(self.mj_model.body("trunk").id)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
     def reset(self, rng: Array) -> envs.State:
         """A new robot at curriculum level 0; `rng` is one PRNG key."""
-        return self._begin(rng, jnp.zeros(()))
+        return self._start_episode(rng, jnp.zeros(()))
 
     def restart(self, state: envs.State, rng: Array) -> envs.State:
         """A new episode for the robot of `state`, which keeps its curriculum level."""
-        return self._begin(rng, state.info["curriculum"])
+        return self._start_episode(rng, state.info["curriculum"])
 
     def step(
         self, state: envs.State, action: Float[Array, "12"], *, command: Float[Array, "3"] | None = None
@@ -91,51 +91,53 @@ class BP2Env(envs.Env):
         controller, targets, reference = self.controller.act(before.controller, before.command.current, action)
         pushed = randomization.push(before.physics.qvel, config.randomization, key_push)
         with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
-            physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
+            physics, effort, feet = self.engine(before.physics.replace(qvel=pushed), targets, before.randomization)
 
         fall = termination.fall(physics.qpos, physics.qvel, config.termination)
         fall = fall._replace(
             exploded=fall.exploded | ~sound_action | ~jnp.all(jnp.isfinite(physics.torque)),
-            tangled=termination.tangled(physics.qpos, config.termination, config.hardware),
+            self_collision=termination.self_collision(physics.qpos, config.termination, config.hardware),
         )
         physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
         effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
-        heading = observations.heading(physics.qpos, physics.qvel)
-        velocity, dt = jnp.append(heading.velocity[:2], heading.yaw_rate), specs.CONTROL_STEP
+        motion = observations.trunk_motion(physics.qpos, physics.qvel)
+        velocity, dt = jnp.append(motion.velocity[:2], motion.yaw_rate), specs.CONTROL_STEP
 
         after = before.replace(
             physics=physics,
             controller=controller,
             mean_torque=effort.torque,
-            tracking_error=rewards.averaged(
-                before.tracking_error, velocity - before.command.current, config.reward.kernel.memory, dt
+            tracking_error=rewards.exponential_average(
+                before.tracking_error, velocity - before.command.current, config.reward.tracking_shape.memory, dt
             ),
-            mean_action=rewards.averaged(before.mean_action, controller.last_action, rewards.REST, dt),
+            mean_action=rewards.exponential_average(
+                before.mean_action, controller.last_action, rewards.ACTION_AVERAGING, dt
+            ),
         )
-        terms = self._rewards(before, after, effort, heading, reference, fall)
+        terms = self._rewards(before, after, effort, motion, reference, fall)
 
         level = state.info["curriculum"]
         if command is None:
-            obeyed, raised = commands.advance(
+            followed, raised = commands.advance(
                 before.command,
                 level,
-                heading.velocity[0],
+                motion.velocity[0],
                 key_command,
                 config.commands,
                 config.curriculum,
                 config.control,
             )
         else:
-            obeyed, raised = commands.obey(before.command, command, config.commands, config.control), level
+            followed, raised = commands.set_command(before.command, command, config.commands, config.control), level
         level = jnp.where(fall.happened, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
-        obs, after = self._observe(after.replace(command=obeyed), feet, key_noise)
+        obs, after = self._observe(after.replace(command=followed), feet, key_noise)
         return dataclasses.replace(
             state,
             pipeline_state=after,
             obs=obs,
             reward=sum(terms.values()),
             done=fall.happened.astype(jnp.float32),
-            metrics=metrics(StepOutcome(terms, before.command.current, heading, effort, level, fall)),
+            metrics=metrics(StepOutcome(terms, before.command.current, motion, effort, level, fall)),
             info={**state.info, "rng": rng, "curriculum": level},
         )
 
@@ -191,11 +193,11 @@ class BP2Env(envs.Env):
 
     # --- The parts of a step -------------------------------------------------------------------------------------
 
-    def _begin(self, rng: Array, level: Float[Array, ""]) -> envs.State:
-        rng, *keys, key_noise = jax.random.split(rng, DRAWS + 2)
+    def _start_episode(self, rng: Array, level: Float[Array, ""]) -> envs.State:
+        rng, *keys, key_noise = jax.random.split(rng, NUM_KEYS + 2)
         obs, episode = self._observe(*self.starts.draw(keys, level), key_noise)
         zero, false = jnp.zeros(()), jnp.zeros((), bool)
-        heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
+        motion = observations.trunk_motion(episode.physics.qpos, episode.physics.qvel)
         no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
         no_rewards = dict.fromkeys(self.rows, zero)
         no_fall = Fall(false, false, false, false if self.config.hardware.solid_legs else None)
@@ -204,7 +206,7 @@ class BP2Env(envs.Env):
             obs=obs,
             reward=zero,
             done=zero,
-            metrics=metrics(StepOutcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
+            metrics=metrics(StepOutcome(no_rewards, episode.command.current, motion, no_effort, level, no_fall)),
             info={"rng": rng, "curriculum": level},
         )
 
@@ -220,21 +222,21 @@ class BP2Env(envs.Env):
         before: PipelineState,
         after: PipelineState,
         effort: Effort,
-        heading: observations.Heading,
+        motion: observations.TrunkMotion,
         reference: Reference,
         fall: Fall,
     ) -> dict[str, Array]:
         config, physics = self.config, after.physics
         peak = config.hardware.joint_peak_torque
-        velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
-        if config.reward.kernel.memory:
+        velocity = jnp.append(motion.velocity[:2], motion.yaw_rate)
+        if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
         soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
         inputs = rewards.RewardInputs(
             command=before.command.current,
             z=physics.qpos[2],
             z_ref=reference.height,
-            e_z=heading.e_z,
+            e_z=motion.e_z,
             e_z_ref=reference.up,
             q=physics.qpos[MOTOR_QPOS],
             q_ref=reference.joint_position,
@@ -272,10 +274,10 @@ class BP2Env(envs.Env):
         if config.enabled:
             measurement = observations.add_noise(measurement, config, key)
         noisy, controller = self.controller.observe(state.controller, command.current, measurement)
-        heading = observations.heading(physics.qpos, physics.qvel)
+        motion = observations.trunk_motion(physics.qpos, physics.qvel)
         privileged = observations.critic_observation(
             clean,
-            heading,
+            motion,
             physics.qpos,
             physics.qvel,
             feet,
@@ -287,7 +289,7 @@ class BP2Env(envs.Env):
         return {"state": noisy, "privileged_state": privileged}, state.replace(controller=controller)
 
 
-def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
+def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
@@ -295,10 +297,6 @@ def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots:
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 
-def maker_of(name: str) -> Callable[..., BP2Env]:
-    """Return what makes the environment of this name; a config passed to it replaces that environment's settings."""
-
-    def make(config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
-        return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)
-
-    return make
+def make_env(name: str, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
+    """Return the environment of this name; `config` replaces that environment's settings."""
+    return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)

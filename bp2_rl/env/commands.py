@@ -21,13 +21,13 @@ class CommandState(struct.PyTreeNode):
     time: Float[Array, "..."]  # s, spent near the limit since the last draw
 
 
-def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:
+def max_forward_at(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:
     """The largest forward command at a curriculum level in [0, 1], m/s."""
     start = config.max_forward if curriculum.start_speed is None else curriculum.start_speed
     return start + level * (config.max_forward - start)
 
 
-def fastest_turn(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
+def max_yaw_rate_at(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
     """The largest yaw rate at a forward speed, rad/s: their product is the lateral acceleration of the turn."""
     return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
 
@@ -44,7 +44,7 @@ def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Flo
         forward = jnp.where(jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward)
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
     lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
-    yaw_rate *= jnp.minimum(config.max_yaw_rate, fastest_turn(forward, config))
+    yaw_rate *= jnp.minimum(config.max_yaw_rate, max_yaw_rate_at(forward, config))
     turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
     stand = jax.random.bernoulli(keys[5], config.stand_fraction)
     return jnp.where(stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate]))
@@ -68,7 +68,9 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     )
 
 
-def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig) -> CommandState:
+def with_command_error(
+    key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig
+) -> CommandState:
     """A start in which a running robot is slower or faster than commanded, as in steep launches and when braking.
 
     The error is a uniform number's cube, so that most are small.
@@ -78,7 +80,7 @@ def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, "
     return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
 
 
-def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
+def with_standing_time(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
     """A standing start that is told to stand for a while, before its first target is drawn."""
     time = jax.random.uniform(key, minval=config.reset.standing_time[0], maxval=config.reset.standing_time[1])
     return state.replace(
@@ -87,7 +89,7 @@ def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) ->
     )
 
 
-def obey(
+def set_command(
     state: CommandState, command: Float[Array, "3"], config: CommandConfig, control: ControlConfig
 ) -> CommandState:
     """Someone steers: this command, but for a yaw rate that is too much for its speed and for too short a stop."""
@@ -109,7 +111,7 @@ def advance(
     followed within tolerance. What it follows far from the limit says nothing about the limit.
     """
     dt = specs.CONTROL_STEP
-    top = fastest(level, config, curriculum)
+    top = max_forward_at(level, config, curriculum)
     rate = jnp.stack([state.acceleration, *(jnp.asarray(config.turn_acceleration),) * 2])
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
@@ -124,10 +126,10 @@ def advance(
     expired = moved.time_left <= 0.0
     tracked = (moved.time >= curriculum.evidence) & (moved.error < curriculum.tolerance * (1.0 + top) * moved.time)
     level = jnp.where(expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
-    fresh = draw(key, moved.current, fastest(level, config, curriculum), config)
+    fresh = draw(key, moved.current, max_forward_at(level, config, curriculum), config)
     return jax.tree.map(lambda new, old: jnp.where(expired, new, old), fresh, moved), level
 
 
 def _turn_limited(command: Float[Array, "3"], config: CommandConfig) -> Float[Array, "3"]:
-    turn = fastest_turn(command[0], config)
+    turn = max_yaw_rate_at(command[0], config)
     return command.at[2].set(jnp.clip(command[2], -turn, turn))

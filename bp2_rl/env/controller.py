@@ -28,7 +28,9 @@ class ControllerState(struct.PyTreeNode):
 
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
-    seen: Float[Array, "... longest 47"]  # in the last control steps, newest first, as far back as `history` asks
+    past_frames: Float[
+        Array, "... longest 47"
+    ]  # in the last control steps, newest first, as far back as `history` asks
     steps: Float[Array, "..."]  # so many of them there were since the start
 
 
@@ -52,7 +54,7 @@ class Controller:
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(specs.NUM_MOTORS),
             # At least a row: an array of no size, split over devices, crashes JAX 0.11.2's compiler.
-            seen=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
+            past_frames=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
             steps=jnp.zeros(()),
         )
 
@@ -67,16 +69,18 @@ class Controller:
         if not self._control.history:
             return frame, state
         steps = np.array(self._control.history)
-        changes = jnp.where(steps[:, None] <= state.steps, frame - state.seen[steps - 1], 0.0)
-        remembers = state.replace(seen=jnp.concatenate([frame[None], state.seen[:-1]]), steps=state.steps + 1.0)
+        changes = jnp.where(steps[:, None] <= state.steps, frame - state.past_frames[steps - 1], 0.0)
+        remembers = state.replace(
+            past_frames=jnp.concatenate([frame[None], state.past_frames[:-1]]), steps=state.steps + 1.0
+        )
         return jnp.concatenate([frame, changes.reshape(-1)]), remembers
 
     def frame(
         self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
     ) -> Float[Array, "... 47"]:
         """What is seen of the moment alone."""
-        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
-        return actor_observation(command, state.phase, measurement, state.last_action, hand)
+        phase_amplitude = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        return actor_observation(command, state.phase, measurement, state.last_action, phase_amplitude)
 
     def act(
         self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]

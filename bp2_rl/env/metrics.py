@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.env.observations import Heading
+from bp2_rl.env.observations import TrunkMotion
 from bp2_rl.env.physics.interface import Effort
 from bp2_rl.env.termination import Fall
 
@@ -19,7 +19,7 @@ class StepOutcome(NamedTuple):
 
     rewards: dict[str, Array]  # by row of Table S4
     command: Float[Array, "3"]  # that it was under
-    heading: Heading  # afterwards
+    motion: TrunkMotion  # afterwards
     effort: Effort
     level: Float[Array, ""]  # of the curriculum, afterwards
     fall: Fall
@@ -27,7 +27,7 @@ class StepOutcome(NamedTuple):
 
 def metrics(step: StepOutcome) -> dict[str, Array]:
     """The numbers by name. `error/A` over `share/A` is the mean speed error at commands from A m/s to the next bin."""
-    error = jnp.abs(step.heading.velocity[0] - step.command[0])
+    error = jnp.abs(step.motion.velocity[0] - step.command[0])
     speed = jnp.abs(step.command[0])
     named = {f"reward/{name}": value for name, value in step.rewards.items()}
     uppers = (*SPEED_BINS[1:], np.inf)
@@ -35,13 +35,13 @@ def metrics(step: StepOutcome) -> dict[str, Array]:
         inside = ((speed >= lower) & (speed < upper)).astype(jnp.float32)
         named[f"share/{lower:g}"] = inside
         named[f"error/{lower:g}"] = inside * error
-    exploded, too_low, tilted, tangled = step.fall
-    if tangled is not None:
-        named["fall/tangled"] = (tangled & ~tilted & ~too_low & ~exploded).astype(jnp.float32)
+    exploded, too_low, tilted, self_collision = step.fall
+    if self_collision is not None:
+        named["fall/self_collision"] = (self_collision & ~tilted & ~too_low & ~exploded).astype(jnp.float32)
     return named | {
         "speed_error": error,
         "curriculum_level": step.level,
-        "speed": step.heading.velocity[0],
+        "speed": step.motion.velocity[0],
         "power": jnp.sum(jnp.maximum(step.effort.power, 0.0)),
         "fall/exploded": exploded.astype(jnp.float32),
         "fall/too_low": (too_low & ~exploded).astype(jnp.float32),

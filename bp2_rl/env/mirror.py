@@ -61,7 +61,7 @@ _ENTRIES = {
     "height": SCALAR,
     "spring_compression": LEG,
     "spring_velocity": LEG,
-    "feet": LEG,
+    "foot_contact": LEG,
     "target_command": COMMAND,
     "friction": SCALAR,
     "trunk_mass": SCALAR,

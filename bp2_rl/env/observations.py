@@ -44,7 +44,7 @@ PRIVILEGED = (
     Entry("height", 1),
     Entry("spring_compression", 4),
     Entry("spring_velocity", 4),
-    Entry("feet", 4),
+    Entry("foot_contact", 4),
     Entry("target_command", 3),
     Entry("friction", 1),
     Entry("trunk_mass", 1),
@@ -105,17 +105,17 @@ def actor_observation(
     phase: Float[Array, ""],
     measurement: Measurement,
     last_action: Float[Array, "12"],
-    hand: Float[Array, ""] | float = 1.0,
+    phase_amplitude: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "47"]:
     """Return the observation that `LAYOUT` describes.
 
-    Joint positions are relative to the standing pose; the phase is encoded as `hand` x (sin, cos).
+    Joint positions are relative to the standing pose; the phase is encoded as `phase_amplitude` x (sin, cos).
     """
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
         [
             command,
-            hand * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            phase_amplitude * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
             measurement.joint_position - STAND,
             measurement.joint_velocity,
             measurement.up,
@@ -127,7 +127,7 @@ def actor_observation(
 
 def critic_observation(
     seen: Float[Array, "47"],
-    heading: "Heading",
+    motion: "TrunkMotion",
     qpos: Float[Array, "23"],
     qvel: Float[Array, "22"],
     feet: Float[Array, "4"],
@@ -140,7 +140,7 @@ def critic_observation(
 
     Args:
         seen: what the policy would see without noise.
-        heading: the trunk's motion.
+        motion: the trunk's motion.
         qpos: the state in MuJoCo's coordinates ...
         qvel: ... and its velocities.
         feet: 1 for each that touches the ground.
@@ -152,7 +152,7 @@ def critic_observation(
     return jnp.concatenate(
         [
             seen,
-            heading.velocity,
+            motion.velocity,
             qpos[2:3],
             qpos[SPRING_QPOS],
             qvel[SPRING_QVEL],
@@ -168,7 +168,7 @@ def critic_observation(
     )
 
 
-class Heading(struct.PyTreeNode):
+class TrunkMotion(struct.PyTreeNode):
     """The trunk's motion seen from a frame that turns with its yaw."""
 
     velocity: Float[Array, "... 3"]  # m/s
@@ -176,13 +176,13 @@ class Heading(struct.PyTreeNode):
     yaw_rate: Float[Array, "..."]  # rad/s, about the world's vertical
 
 
-def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
+def trunk_motion(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> TrunkMotion:
     """Velocity, body vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
     yaw = yaw_of(quat)
     c, s = jnp.cos(yaw), jnp.sin(yaw)
     to_heading = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Heading(
+    return TrunkMotion(
         velocity=to_heading @ qvel[:3],
         e_z=to_heading @ math.rotate(jnp.asarray(UP), quat),
         yaw_rate=math.rotate(qvel[3:6], quat)[2],

@@ -16,13 +16,13 @@ class Fall(NamedTuple):
     exploded: Bool[Any, "..."]  # its state is no longer that of a robot
     too_low: Bool[Any, "..."]
     tilted: Bool[Any, "..."]
-    tangled: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
+    self_collision: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
 
     @property
     def happened(self) -> Bool[Any, "..."]:
         """Whether it is down for any reason."""
         down = self.exploded | self.too_low | self.tilted
-        return down if self.tangled is None else down | self.tangled
+        return down if self.self_collision is None else down | self.self_collision
 
 
 def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: TerminationConfig) -> Fall:
@@ -34,7 +34,9 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
     return Fall(~sound, ~(qpos[..., 2] >= config.min_height), ~(up >= config.min_up))
 
 
-def tangled(qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec) -> Bool[Any, "..."] | None:
+def self_collision(
+    qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec
+) -> Bool[Any, "..."] | None:
     """Whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
 
     It stands for the contacts that training leaves out; C MuJoCo, which has them, lets legs run into each other.

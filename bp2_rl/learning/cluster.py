@@ -19,7 +19,7 @@ from jax.experimental import multihost_utils
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.cluster import ClusterConfig
 
-FAREWELL = 10.0
+EXIT_DELAY = 10.0
 """Seconds that a failed process waits for the others to fail too, before it ends without telling them."""
 
 
@@ -96,7 +96,7 @@ def leave(status: int) -> int:
     They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).
     """
     if status and jax.distributed.is_initialized():
-        _leave_after(FAREWELL, status)
+        _leave_after(EXIT_DELAY, status)
     return status
 
 

@@ -153,11 +153,11 @@ class _Loop:
         judge_every = max(1, -(-total // max(run.checkpoints, run.judged)))
         log_every = max(1, total // run.logs)
         done, stop = int(state.step), self.reached()
-        while done < total and not stop and not log.stuck:
+        while done < total and not stop and not log.not_finite:
             state, metrics = self._run.learner.train_step(state)
             done += 1
             policies.collect()
-            stop = signals.heard() or self.reached()
+            stop = signals.received() or self.reached()
             log.add(metrics)
             if done % log_every == 0 or done == total:
                 log.close(done)

@@ -18,9 +18,9 @@ from bp2_rl.settings.env import (
     CurriculumConfig,
     EnvConfig,
     Impl,
-    Kernel,
     ResetConfig,
     RewardConfig,
+    TrackingShape,
 )
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.reference import CollocationConfig
@@ -43,14 +43,14 @@ PAPER: dict[Stage, RewardConfig] = {
 }
 """The two columns of Table S4."""
 
-FOLLOWING = Kernel(floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3, memory=0.2)
+FOLLOWING = TrackingShape(floor=0.1, width=9.0, tail=0.5, yaw_width=0.1, yaw_reach=0.3, memory=0.2)
 """A slope at every error: sharp where motion is slow, wide where it is fast, a straight line beyond both, and blind to
 how the trunk sways and turns within a stride."""
-SMALL_FLEET = Kernel(width=9.0, tail=0.3, yaw_width=0.4)
+SMALL_FLEET = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)
 """The kernel of the `cpu` preset, with tracking worth 1.25: closer tracking is learned more slowly."""
 OURS: dict[Stage, RewardConfig] = {
-    "imitation": dataclasses.replace(PAPER["imitation"], tracking=2.0, kernel=FOLLOWING),
-    "relaxed": dataclasses.replace(PAPER["relaxed"], tracking=2.0, torque=0.1, kernel=FOLLOWING),
+    "imitation": dataclasses.replace(PAPER["imitation"], tracking=2.0, tracking_shape=FOLLOWING),
+    "relaxed": dataclasses.replace(PAPER["relaxed"], tracking=2.0, torque=0.1, tracking_shape=FOLLOWING),
 }
 """Table S4 with tracking worth more, by a kernel of our own: with the paper's, a robot that is 2 m/s too slow has
 nothing to gain by running faster. docs/notes/training.md has the ablation."""
@@ -185,7 +185,9 @@ def make_config(
             env = milder(env, robot)
             env = dataclasses.replace(env, commands=LAUNCHES, reset=ResetConfig(standing_fraction=0.3))
         if weights == "ours":
-            env = dataclasses.replace(env, reward=dataclasses.replace(env.reward, tracking=1.25, kernel=SMALL_FLEET))
+            env = dataclasses.replace(
+                env, reward=dataclasses.replace(env.reward, tracking=1.25, tracking_shape=SMALL_FLEET)
+            )
         ppo = dataclasses.replace(
             ppo, num_envs=1024, num_minibatches=8, policy_layers=(128, 128), value_layers=(128, 128),
             max_learning_rate=2e-3, critic_steps=0 if relaxed else 12, entropy_cost=1e-3 if relaxed else 2e-3,

@@ -14,7 +14,7 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.robot import specs
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import HardwareSpec, Losses
-from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, Kernel
+from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, TrackingShape
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
@@ -61,7 +61,7 @@ def test_a_stand_lasts_as_long_as_is_said_for_stands():
 
 
 def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
-    speeds = [float(commands.fastest(jnp.array(level), CONFIG, CURRICULUM)) for level in (0.0, 0.5, 1.0)]
+    speeds = [float(commands.max_forward_at(jnp.array(level), CONFIG, CURRICULUM)) for level in (0.0, 0.5, 1.0)]
     assert speeds == [3.0, 6.5, 10.0]
 
 
@@ -96,7 +96,7 @@ def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
     levels, _ = run_fleet(lambda command: jnp.minimum(command, 5.0), 120.0)
 
     def limit(level):
-        return float(commands.fastest(jnp.array(level), RISING.commands, RISING.curriculum))
+        return float(commands.max_forward_at(jnp.array(level), RISING.commands, RISING.curriculum))
 
     assert limit(levels.max()) <= 7.0
     assert limit(levels[:, -1].min()) > 5.0  # what it can run it is commanded
@@ -111,7 +111,7 @@ def test_a_robot_that_follows_every_command_reaches_the_top():
 def test_without_a_curriculum_all_commands_come_from_the_first_step_on():
     config = EnvConfig()
     assert config.curriculum.start_speed is None
-    assert commands.fastest(jnp.array(0.0), config.commands, config.curriculum) == config.commands.max_forward
+    assert commands.max_forward_at(jnp.array(0.0), config.commands, config.curriculum) == config.commands.max_forward
 
 
 def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
@@ -281,7 +281,7 @@ NAN, INF = float("nan"), float("inf")
         ("randomization.push_interval", 0.0),
         ("reset.standing_fraction", -0.1),
         ("reward.imitation", NAN),
-        ("reward.kernel", Kernel(width=0.0)),
+        ("reward.tracking_shape", TrackingShape(width=0.0)),
         ("termination.min_up", 5.0),
         ("termination.max_speed", INF),
     ],
@@ -312,5 +312,5 @@ def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():
 
 def test_what_has_a_meaning_when_infinite_may_be():
     control = dataclasses.replace(EnvConfig().control, torque_rate=INF)
-    reward = dataclasses.replace(EnvConfig().reward, kernel=Kernel(width=INF))
+    reward = dataclasses.replace(EnvConfig().reward, tracking_shape=TrackingShape(width=INF))
     assert EnvConfig(control=control, reward=reward).control.torque_rate == INF

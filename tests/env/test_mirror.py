@@ -50,7 +50,7 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         seen = observations.actor_observation(
             jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action)
         )
-        heading = observations.heading(qpos, qvel)
+        heading = observations.trunk_motion(qpos, qvel)
         return observations.critic_observation(
             seen, heading, qpos, qvel, jnp.asarray(feet), jnp.asarray(target), drawn, 1, jnp.asarray(error)
         )

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.env.termination import fall, tangled
+from bp2_rl.env.termination import fall, self_collision
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import TerminationConfig
 
@@ -73,12 +73,12 @@ def test_legs_may_be_in_each_other_by_so_much(max_overlap, ends):
     qpos, _ = state()
     qpos[[7, 11]] = 0.4, -0.4
     config = TerminationConfig(max_overlap=max_overlap)
-    assert tangled(qpos, config, HardwareSpec(solid_legs=True)) == ends
-    assert tangled(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))  # NaN is no way out
-    assert tangled(qpos, config, HardwareSpec()) is None
+    assert self_collision(qpos, config, HardwareSpec(solid_legs=True)) == ends
+    assert self_collision(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))  # NaN is no way out
+    assert self_collision(qpos, config, HardwareSpec()) is None
 
 
 def test_a_fall_asks_after_legs_only_where_it_was_told_to():
     judged = fall(*state(), CONFIG)
     assert not judged.happened
-    assert judged._replace(tangled=np.bool_(True)).happened
+    assert judged._replace(self_collision=np.bool_(True)).happened

@@ -75,12 +75,12 @@ def test_an_ordinary_network_does_the_same_with_twice_the_weights(symmetric):
     networks, statistics, actor, _, observation = symmetric
     layers = dense_layers(actor, MIRRORS)
     hidden = np.asarray((observation["state"] - statistics.mean["state"]) / statistics.std["state"], float)
-    for kernel, bias in layers[:-1]:
-        hidden = np.asarray(jax.nn.swish(hidden @ kernel + bias))
-    kernel, bias = layers[-1]
+    for weight, bias in layers[:-1]:
+        hidden = np.asarray(jax.nn.swish(hidden @ weight + bias))
+    weight, bias = layers[-1]
     mean, _ = networks.policy_network.apply(statistics, actor, observation)
-    np.testing.assert_allclose(hidden @ kernel + bias, mean, rtol=0, atol=1e-5)
-    assert [kernel.shape for kernel, _ in layers] == list(itertools.pairwise((47, 32, 16, 12)))
+    np.testing.assert_allclose(hidden @ weight + bias, mean, rtol=0, atol=1e-5)
+    assert [weight.shape for weight, _ in layers] == list(itertools.pairwise((47, 32, 16, 12)))
     blocks = [block for name, block in actor["params"]["SymmetricMLP_0"].items() if not name.startswith("bias")]
     assert 2 * sum(block.size for block in blocks) == pytest.approx(sum(k.size for k, _ in layers), rel=0.01)
 

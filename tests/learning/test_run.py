@@ -150,7 +150,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     with learner.compiling():
         fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape)[0])
+    adopted = training._with_inherited(fresh, training._inherit(parent, config, learner.shape)[0])
     for name in ("params", "normalizer"):
         for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
             np.testing.assert_array_equal(a, b)

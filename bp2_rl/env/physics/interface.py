@@ -20,14 +20,14 @@ from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 
 
-def ages(targets: int) -> Float[np.ndarray, "5 targets"]:
+def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
     """How long ago each of the last so many targets was issued when each physics step begins, s, newest first."""
     return np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(targets))
 
 
-AGES = ages(3)
+TARGET_AGES = target_ages(3)
 """Those of `target_history`."""
-LONGEST_LATENCY = float(AGES[0, -1])  # s, for which a target is remembered
+LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remembered
 
 
 class Physics(struct.PyTreeNode):
@@ -58,7 +58,7 @@ class PhysicsEngine(Protocol):
         ...
 
 
-def in_force(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
+def newest_active(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
     """Which of the targets of these ages the joints follow: the newest that has got through the latency (s).
 
     NumPy and JAX arrays alike.

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
+from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
@@ -75,20 +75,20 @@ class MjxPhysics:
         history, remembered = target_history(physics, targets)
 
         def substep(state: Remembered, ages: Array) -> tuple[Remembered, tuple[Array, ...]]:
-            now = in_force(ages, robot.latency)
-            after, height = self.millisecond(
+            now = newest_active(ages, robot.latency)
+            after, height = self.physics_step(
                 model, motors, resistance, state, Targets(history.position[now], history.velocity[now])
             )
             torque, qd = after.torque, state.qvel[MOTOR_QVEL]
             return after, (torque, torque * qd, height)
 
         before = Remembered(physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque)
-        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
+        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(TARGET_AGES))
         touching = heights[-1] <= specs.FOOT_RADIUS
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
-    def millisecond(
+    def physics_step(
         self, model: mjx.Model, motors: Actuator, resistance: Resistance | None, state: Remembered, targets: Targets
     ) -> tuple[Remembered, Float[Array, "4"]]:
         """One physics step under the motors that follow `targets`: (after, heights of the feet's centres, m)."""

@@ -168,7 +168,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
         return physics.replace(qvel=physics.qvel + 1, targets=held), None, None
 
     env = BP2Env(EnvConfig())
-    monkeypatch.setattr(env, "simulate", simulate)
+    monkeypatch.setattr(env, "engine", simulate)
     config = dataclasses.replace(make_config("imitation", "smoke").ppo, num_envs=8)
     learner = PPO(env, config, ONE)
     state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape)
