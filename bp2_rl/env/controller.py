@@ -1,6 +1,6 @@
 """What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
 
-    observation, state = controller.observe(state, command, measurement)
+    state, observation = controller.observe(state, command, measurement)
     action = policy(observation)
     state, targets, reference = controller.act(state, command, action)
 
@@ -60,25 +60,25 @@ class Controller:
 
     def observe(
         self, state: ControllerState, command: Float[Array, "3"], measurement: Measurement
-    ) -> tuple[Float[Array, " seen"], ControllerState]:
-        """The policy's observation (see `observations.layout_of`) under the present command, m/s and rad/s.
+    ) -> tuple[ControllerState, Float[Array, " observation"]]:
+        """Return the state that remembers this moment, and the policy's observation (see `observations.layout_of`).
 
-        With it comes the state that remembers it, where the policy has a history.
+        The command is the present one, m/s and rad/s. A policy without a history needs nothing remembered.
         """
         frame = self.frame(state, command, measurement)
         if not self._control.history:
-            return frame, state
+            return state, frame
         steps = np.array(self._control.history)
         changes = jnp.where(steps[:, None] <= state.steps, frame - state.past_frames[steps - 1], 0.0)
         remembers = state.replace(
             past_frames=jnp.concatenate([frame[None], state.past_frames[:-1]]), steps=state.steps + 1.0
         )
-        return jnp.concatenate([frame, changes.reshape(-1)]), remembers
+        return remembers, jnp.concatenate([frame, changes.reshape(-1)])
 
     def frame(
         self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
     ) -> Float[Array, "... 47"]:
-        """What is seen of the moment alone."""
+        """Return the observation of this moment alone, without a history."""
         phase_amplitude = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
         return actor_observation(command, state.phase, measurement, state.last_action, phase_amplitude)
 

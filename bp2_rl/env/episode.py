@@ -52,12 +52,12 @@ class EpisodeStarts:
         self._config, self._controller, self._model = config, controller, model
         self._stand = np.asarray(model.key("stand").qpos, np.float32)
 
-    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Float[Array, "4"]]:
-        """A new episode at a curriculum level, and which feet stand; `keys` are `NUM_KEYS` of them."""
+    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Reference]:
+        """Return a new episode at a curriculum level, and the reference there; `keys` are `NUM_KEYS` random keys."""
         config = self._config
         key_command, key_stand, key_phase, key_pose, key_robot = keys
         standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
-        top = commands.max_forward_at(level, config.commands, config.curriculum)
+        top = commands.max_forward_at(level, config)
         command = commands.draw(key_command, None, top, config.commands)
         command = command.replace(current=jnp.where(standing, 0.0, command.current))
         phase = jax.random.uniform(key_phase)
@@ -79,7 +79,7 @@ class EpisodeStarts:
             tracking_error=jnp.zeros(3),
             mean_action=jnp.zeros(specs.NUM_MOTORS),
         )
-        return episode, reference.contact
+        return episode, reference
 
     def at_rest(self) -> Physics:
         """A sound state to put in the place of one that is not; the episode is over anyway."""

@@ -10,7 +10,6 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
@@ -125,47 +124,26 @@ def actor_observation(
     )
 
 
-def critic_observation(
-    seen: Float[Array, "47"],
-    motion: "TrunkMotion",
-    qpos: Float[Array, "23"],
-    qvel: Float[Array, "22"],
-    feet: Float[Array, "4"],
-    target: Float[Array, "3"],
-    robot: Randomization,
-    trunk: int,
-    tracking_error: Float[Array, "3"],
-) -> Float[Array, "87"]:
-    """The vector that `CRITIC_LAYOUT` describes.
+class Privileged(NamedTuple):
+    """The critic's observation beyond the policy's: the entries of `PRIVILEGED`, in their order."""
 
-    Args:
-        seen: what the policy would see without noise.
-        motion: the trunk's motion.
-        qpos: the state in MuJoCo's coordinates ...
-        qvel: ... and its velocities.
-        feet: 1 for each that touches the ground.
-        target: the command that the present one is on its way to.
-        robot: what was drawn for it.
-        trunk: the trunk's body index.
-        tracking_error: those of velocity and yaw rate, averaged where the reward asks for it.
-    """
-    return jnp.concatenate(
-        [
-            seen,
-            motion.velocity,
-            qpos[2:3],
-            qpos[SPRING_QPOS],
-            qvel[SPRING_QVEL],
-            feet,
-            target,
-            robot.friction[None],
-            robot.mass[trunk][None],
-            robot.com_offset,
-            robot.strength,
-            robot.latency[None],
-            tracking_error,
-        ]
-    )
+    velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
+    height: Float[Array, ""]  # m, of the trunk
+    spring_compression: Float[Array, "4"]  # m
+    spring_velocity: Float[Array, "4"]  # m/s
+    foot_contact: Float[Array, "4"]  # 1 for each foot that touches the ground
+    target_command: Float[Array, "3"]  # that the present command is on its way to
+    friction: Float[Array, ""]
+    trunk_mass: Float[Array, ""]  # factor
+    com_offset: Float[Array, "3"]  # m, of the trunk
+    strength: Float[Array, "12"]  # factor
+    latency: Float[Array, ""]  # s
+    tracking_error: Float[Array, "3"]  # m/s and rad/s, averaged where the reward asks for it
+
+
+def critic_observation(policy_observation: Float[Array, "47"], privileged: Privileged) -> Float[Array, "87"]:
+    """Return the vector that `CRITIC_LAYOUT` describes, from what the policy would see without noise and more."""
+    return jnp.concatenate([policy_observation, *(jnp.ravel(x) for x in privileged)])
 
 
 class TrunkMotion(struct.PyTreeNode):
@@ -174,6 +152,11 @@ class TrunkMotion(struct.PyTreeNode):
     velocity: Float[Array, "... 3"]  # m/s
     e_z: Float[Array, "... 3"]  # body vertical axis
     yaw_rate: Float[Array, "..."]  # rad/s, about the world's vertical
+
+    @property
+    def horizontal(self) -> Float[Array, "3"]:
+        """Return what a command prescribes: v_x, v_y (m/s) and the yaw rate (rad/s)."""
+        return jnp.append(self.velocity[:2], self.yaw_rate)
 
 
 def trunk_motion(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> TrunkMotion:

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.settings.env import RewardConfig, TrackingShape
+from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig, RewardConfig, TrackingShape
 
 Scalar = Float[Array, ""]
 PAPER_SHAPE = TrackingShape()
@@ -176,7 +177,7 @@ class RewardInputs(struct.PyTreeNode):
 
 
 class SharedTerms(NamedTuple):
-    """What the rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
+    """The terms that rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
 
     c_m: Scalar
     c_v: Scalar
@@ -206,18 +207,15 @@ ROWS: Mapping[str, RewardRow] = {
 """Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
 
 
-def table_s4(
-    x: RewardInputs,
-    config: RewardConfig,
-    *,
-    max_forward: float,
-    max_lateral: float,
-    max_yaw_rate: float,
-    dt: float,
-    rows: Mapping[str, RewardRow] = ROWS,
-) -> dict[str, Scalar]:
-    """All rows with their coefficients; the reward is their sum."""
-    c_m, c_v = speed_schedule(x.command[0], max_forward, config.imitation, config.tracking, config.schedule)
-    w = tracking_balance(max_forward, max_lateral, max_yaw_rate)
-    shared = SharedTerms(c_m, c_v, w, turn_activation(x.command, max_lateral, max_yaw_rate), dt)
-    return {name: row(x, config, shared) for name, row in rows.items()}
+def table_s4(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
+    """Return all rows with their coefficients; the reward is their sum."""
+    reward, most = config.reward, config.commands
+    c_m, c_v = speed_schedule(x.command[0], most.max_forward, reward.imitation, reward.tracking, reward.schedule)
+    shared = SharedTerms(
+        c_m=c_m,
+        c_v=c_v,
+        w=tracking_balance(most.max_forward, most.max_lateral, most.max_yaw_rate),
+        eta=turn_activation(x.command, most.max_lateral, most.max_yaw_rate),
+        dt=specs.CONTROL_STEP,
+    )
+    return {name: row(x, reward, shared) for name, row in rows.items()}

@@ -147,7 +147,7 @@ def control_step(
             key, share = drawn
             noisy = add_noise(measured, noise, key)
             measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
-        observation, state = controller.observe(state, command, measured)
+        state, observation = controller.observe(state, command, measured)
         action = policy(observation)
         # With the reference, though not everybody asks for it: without it XLA rounds the targets otherwise.
         return *controller.act(state, command, action), eased(command, asked, config.control)

@@ -138,9 +138,7 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
     )[0]
 
     def step(state, key):
-        state, _ = commands.advance(
-            state, jnp.zeros(()), jnp.zeros(()), key, config.commands, config.curriculum, config.control
-        )
+        state, _ = commands.advance(state, jnp.zeros(()), jnp.zeros(()), key, config)
         return state, state.current[0]
 
     keys = jax.random.split(KEYS[1], 200)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
-from bp2_rl.settings.env import RewardConfig, TrackingShape
+from bp2_rl.settings.env import CommandConfig, EnvConfig, RewardConfig, TrackingShape
 from bp2_rl.settings.training import PAPER
 
 ZERO = jnp.zeros(12)
@@ -163,7 +163,8 @@ def inputs(**changes) -> rewards.RewardInputs:
 
 
 def total(config: RewardConfig, **changes) -> dict[str, float]:
-    terms = rewards.table_s4(inputs(**changes), config, max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0, dt=0.005)
+    commands = CommandConfig(max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0)
+    terms = rewards.table_s4(inputs(**changes), EnvConfig(commands=commands, reward=config))
     return {name: float(value) for name, value in terms.items()}
 
 
