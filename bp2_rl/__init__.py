@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bp2_rl.learning.run import resume as resume
     from bp2_rl.learning.run import start as train  # noqa: F401
     from bp2_rl.settings.env import EnvConfig as EnvConfig
-    from bp2_rl.settings.training import make_config as make_config
+    from bp2_rl.settings.presets import make_config as make_config
     from bp2_rl.simulation.metrics import measure as measure
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
     from bp2_rl.simulation.rollout import simulate as simulate
@@ -32,7 +32,7 @@ __version__ = "0.1.0"
 HOMES = {
     "BP2Env": "env.bp2_env:BP2Env",
     "EnvConfig": "settings.env:EnvConfig",
-    "make_config": "settings.training:make_config",
+    "make_config": "settings.presets:make_config",
     "train": "learning.run:start",
     "resume": "learning.run:resume",
     "load_policy": "learning.policy:load_policy",

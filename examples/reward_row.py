@@ -14,7 +14,7 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 
 def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scalar:

@@ -149,8 +149,9 @@ TRUNK_PITCH_INERTIA = 4.0 * (
 
 @dataclasses.dataclass(frozen=True)
 class Losses:
-    """What a machine loses between its battery and the road, and how late its motors are; by default nothing.
+    """What a machine loses between its battery and the road, and how late its motors are.
 
+    The defaults of these fields are the ideal robot's, which loses nothing; `BUILT` has those of the built robot.
     The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
     """
 

@@ -153,12 +153,16 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4; the defaults are its imitation column. See `env.rewards` for the terms."""
+    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the terms.
+
+    The defaults of these fields are the table's imitation column; presets set others (`settings.presets`).
+    """
 
     height: Coefficient = 0.05  # c_h
     attitude: Coefficient = 0.05  # c_R
     imitation: Coefficient = 0.6  # c_J bar
-    tracking: Coefficient = 0.1  # c_V bar
+    tracking: Coefficient = 0.1
+    """c_V bar; Table S4 has 0.1 for imitation and 0.4 for relaxed, `--weights ours` 2, with the preset cpu 1.25"""
     torque: Coefficient = 0.1  # c_tau
     power: Coefficient = 0.0  # c_P
     smoothness: Coefficient = 0.1  # c_s

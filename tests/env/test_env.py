@@ -33,7 +33,7 @@ from bp2_rl.settings.env import (
     TerminationConfig,
     TrackingShape,
 )
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RewardConfig, TrackingShape
-from bp2_rl.settings.training import PAPER
+from bp2_rl.settings.presets.rewards import PAPER
 
 ZERO = jnp.zeros(12)
 # float32 exponentials are good to a few units in the last place.

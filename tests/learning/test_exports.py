@@ -17,7 +17,8 @@ from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.training import TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import TrainConfig
 
 PER_STEP = 16 * 4  # control steps
 STEPS = 8

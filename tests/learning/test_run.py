@@ -22,8 +22,9 @@ from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_che
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
+from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.tracking import tracked
-from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
+from bp2_rl.settings.training import Parent, Stage, TrainConfig
 from bp2_rl.tools.throughput.measure import COMPILED, compilations
 
 CLOCKS = ("wall_time", "steps_per_second")

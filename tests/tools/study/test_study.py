@@ -25,7 +25,9 @@ from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.env import TrackingShape
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import PAPER, RunConfig, Stage, TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets.rewards import PAPER
+from bp2_rl.settings.training import RunConfig, Stage, TrainConfig
 from bp2_rl.tools.study import measuring, outcome, places, training
 from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps

@@ -14,7 +14,7 @@ from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.observations import STAND
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 from bp2_rl.tools.throughput import measure as bench
 from bp2_rl.tools.throughput.measure import (
     COMPILED,
