@@ -9,8 +9,6 @@
 `bp2_rl.env` registers the environment `bp2` with Brax.
 """
 
-import importlib.util
-import os
 import pkgutil
 from typing import TYPE_CHECKING, Any
 
@@ -55,11 +53,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*globals(), *HOMES])
-
-
-# On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
-# the pool for help from inside the pool. One thread cannot. It must be set before JAX starts; trainings in which C
-# MuJoCo simulates set it anew (`cli/train.py`). Set NPROC yourself to have it otherwise.
-NPROC_IS_OURS = "NPROC" not in os.environ
-if NPROC_IS_OURS and (os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None):
-    os.environ["NPROC"] = "1"

@@ -12,11 +12,10 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
-from bp2_rl import NPROC_IS_OURS
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
-from bp2_rl.base.workers import end_with_caller, processors
+from bp2_rl.base.workers import NPROC_IS_OURS, end_with_caller, processors
 from bp2_rl.cli import app
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
@@ -232,7 +231,7 @@ def read_named(argv: list[str]) -> NamedDefaults:
 
 
 def use_processors(named: NamedDefaults) -> None:
-    """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`bp2_rl/__init__.py`).
+    """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`use_one_xla_thread`).
 
     With BP2's own kernel each processor is a device of its own, with its share of the robots.
     """
