@@ -71,17 +71,17 @@ class BP2Env(envs.Env):
     # --- The Brax interface --------------------------------------------------------------------------------------
 
     def reset(self, rng: Array) -> envs.State:
-        """A new robot at curriculum level 0; `rng` is one PRNG key."""
+        """Return a new robot at curriculum level 0; `rng` is one PRNG key."""
         return self._start_episode(rng, jnp.zeros(()))
 
     def restart(self, state: envs.State, rng: Array) -> envs.State:
-        """A new episode for the robot of `state`, which keeps its curriculum level."""
+        """Return a new episode for the robot of `state`, which keeps its curriculum level."""
         return self._start_episode(rng, state.info["curriculum"])
 
     def step(
         self, state: envs.State, action: Float[Array, "12"], *, command: Float[Array, "3"] | None = None
     ) -> envs.State:
-        """One control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
+        """Take one control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
         before: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
@@ -132,14 +132,14 @@ class BP2Env(envs.Env):
 
     @property
     def dt(self) -> float:
-        """The control step, s."""
+        """Return the control step, s."""
         return specs.CONTROL_STEP
 
     # --- To look at it with Brax's tools --------------------------------------------------------------------------
 
     @functools.cached_property
     def sys(self) -> base.System:
-        """The robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
+        """Return the robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
         with warnings.catch_warnings():  # that Brax's physics is not maintained, which nothing here uses
             warnings.filterwarnings("ignore", message="Brax System", category=UserWarning)
             return mjcf.load_model(load_model(self.config.hardware))

@@ -29,12 +29,15 @@ def max_forward_at(level: Float[Array, ""], config: EnvConfig) -> Float[Array, "
 
 
 def max_yaw_rate_at(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
-    """The largest yaw rate at a forward speed, rad/s: their product is the lateral acceleration of the turn."""
+    """Return the largest yaw rate at a forward speed, rad/s; their product is the turn's lateral acceleration."""
     return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
 
 
 def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
-    """A command (v_x, v_y, omega_z): forward up to `top`, often near it or slow; lateral and yaw smaller at speed."""
+    """Return a command (v_x, v_y, omega_z).
+
+    It is forward up to `top`, often near it or slow; lateral and yaw commands are smaller at speed.
+    """
     keys = jax.random.split(key, 6)
     anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
     near_top = jax.random.uniform(keys[1], minval=0.9, maxval=1.0) * top
@@ -52,7 +55,7 @@ def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Flo
 
 
 def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], config: CommandConfig) -> CommandState:
-    """A new target from `start` (None: already at the target)."""
+    """Return a new target from `start` (None: already at the target)."""
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
     zero = jnp.zeros(())

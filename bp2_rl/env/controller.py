@@ -49,7 +49,7 @@ class Controller:
         self.reference: ReferenceMotion = motion_of(config)
 
     def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
-        """The state at the start of an episode."""
+        """Return the state at the start of an episode."""
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(specs.NUM_MOTORS),
@@ -107,7 +107,7 @@ class Controller:
 
 
 def motion_of(config: EnvConfig) -> ReferenceMotion:
-    """The reference motion that the config names, on its robot.
+    """Return the reference motion that the config names, on its robot.
 
     Raises:
         UserError: the motion library cannot be read, is of another robot, or trots lower than where a robot has fallen.
@@ -128,7 +128,7 @@ def motion_of(config: EnvConfig) -> ReferenceMotion:
 
 
 def motors_of(config: EnvConfig) -> Actuator:
-    """The motors under the controller, with its gains and at full strength."""
+    """Return the motors under the controller, with its gains and at full strength."""
     control = config.control
     return Actuator.from_hardware(
         config.hardware,

@@ -36,7 +36,7 @@ class PipelineState(struct.PyTreeNode):
 
     @property
     def q(self) -> Float[Array, "... 23"]:
-        """The coordinates, by the name that Brax's renderer asks for."""
+        """Return the coordinates, by the name that Brax's renderer asks for."""
         return self.physics.qpos
 
     @property
@@ -82,14 +82,14 @@ class EpisodeStarts:
         return episode, reference
 
     def at_rest(self) -> Physics:
-        """A sound state to put in the place of one that is not; the episode is over anyway."""
+        """Return a robot that stands still, to put in the place of one that has exploded."""
         stand = Targets(jnp.asarray(self._stand[MOTOR_QPOS]), jnp.zeros(specs.NUM_MOTORS))
         return _physics_at_rest(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
 
     def _pose(
         self, key: Array, standing: Array, reference: Reference, command: Float[Array, "3"]
     ) -> tuple[Array, Array]:
-        """(qpos, qvel): on the reference with its velocities, or standing still; both with joint noise."""
+        """Return (qpos, qvel) on the reference with its velocities, or standing still; both with joint noise."""
         config = self._config.reset
         key_joint, key_velocity = jax.random.split(key)
         joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
@@ -118,7 +118,7 @@ class EpisodeStarts:
 
 
 def _physics_at_rest(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:
-    """A state in which these targets have been in force for as long as the simulator remembers, without torque."""
+    """Return a state without torque, in which the joints have followed these targets for as long as is remembered."""
     # One array, taken apart again: XLA would fuse separate ones with the reference, and round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])
     position, velocity = jnp.moveaxis(jnp.stack([now, now]), 1, 0)

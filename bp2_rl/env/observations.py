@@ -36,7 +36,7 @@ LAYOUT = (
     Entry("angular_velocity", 3),
     Entry("last_action", 12),
 )
-"""The policy's observation, in order: the paper's (section RL training) plus the last action."""
+"""The policy's observation, in order: what the paper lists (section RL training) plus the last action."""
 
 PRIVILEGED = (
     Entry("velocity", 3),
@@ -59,12 +59,12 @@ CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
 
 
 def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
-    """The policy's observation under this controller: of the moment, and `NAME@K`: what changed since K steps ago."""
+    """Return the policy's observation under this controller: the present one, and `NAME@K`, its change in K steps."""
     return (*LAYOUT, *(Entry(f"{name}@{steps}", size) for steps in control.history for name, size in LAYOUT))
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
-    """Length of the observation that a layout describes."""
+    """Return the length of the observation that a layout describes."""
     return sum(entry.size for entry in layout)
 
 
@@ -78,7 +78,7 @@ class Measurement(struct.PyTreeNode):
 
 
 def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
-    """The noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
+    """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
     return Measurement(
         joint_position=qpos[MOTOR_QPOS],
         joint_velocity=qvel[MOTOR_QVEL],
@@ -88,7 +88,7 @@ def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
 
 
 def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array) -> Measurement:
-    """Gaussian noise with the standard deviations of `config`."""
+    """Return the measurement with Gaussian noise of the standard deviations in `config`."""
     flat, unflatten = ravel_pytree(measurement)
     noise: Measurement = unflatten(jax.random.normal(key, flat.shape))
     return Measurement(
@@ -160,7 +160,7 @@ class TrunkMotion(struct.PyTreeNode):
 
 
 def trunk_motion(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> TrunkMotion:
-    """Velocity, body vertical axis and yaw rate in the heading frame."""
+    """Return velocity, body vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
     yaw = yaw_of(quat)
     c, s = jnp.cos(yaw), jnp.sin(yaw)
@@ -180,7 +180,7 @@ class Soles(struct.PyTreeNode):
 
 
 def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
-    """Over flat ground."""
+    """Return how high each sole is over flat ground, and how fast it rises."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), qpos[SPRING_QPOS]
     rates = now.joint_velocity.reshape(4, 3), qvel[SPRING_QVEL]

@@ -48,7 +48,7 @@ def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"])
 def exponential_average(
     mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float
 ) -> Float[Array, " n"]:
-    """The exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
+    """Return the exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
     return now if time == 0.0 else mean - math.expm1(-dt / time) * (now - mean)
 
 

@@ -169,7 +169,7 @@ class ExportedPolicies:
 
     @property
     def _best(self) -> int | None:
-        """The control steps of the best policy that was judged; of equally good ones the latest."""
+        """Return the control steps of the best policy that was judged; of equally good ones the latest."""
         return max(self._results, key=lambda steps: (self._results[steps].mean, steps), default=None)
 
     def _choose_best(self) -> None:

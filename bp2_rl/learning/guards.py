@@ -73,13 +73,13 @@ def explain(learner: PPO, state: TrainState) -> str:
 
     gradient_of = jax.jit(jax.grad(lambda *inputs: learner.loss(*inputs)[0]))
     epoch_minibatches, gradient_step = jax.jit(learner.epoch_minibatches), jax.jit(learner.gradient_step)
-    params, optimizer = state.params, state.optimizer
     for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
         batches = epoch_minibatches(data, key)
         for i in range(config.num_minibatches):
             minibatch = jax.tree.map(lambda x, i=i: x[i], batches)
-            gradient = gradient_of(params, state.normalizer, *minibatch)
-            (params, optimizer), terms = gradient_step(params, optimizer, state.normalizer, *minibatch, state.step)
+            gradient = gradient_of(state.params, state.normalizer, *minibatch)
+            (params, optimizer), terms = gradient_step(state, *minibatch)
+            state = state.replace(params=params, optimizer=optimizer)
             losses = {name: terms[name] for name in LOSSES}
             after = {"params": params, "optimizer": optimizer}
             if found := _not_finite({"loss": losses}, {"gradient": gradient}, {"loss": terms}, after):
@@ -91,7 +91,7 @@ def explain(learner: PPO, state: TrainState) -> str:
 
 
 def _not_finite(*parts: Any) -> str | None:
-    """The first leaf that is not finite, in words."""
+    """Return the first leaf that is not finite, in words."""
     for path, leaf in itertools.chain.from_iterable(leaves_by_path(part).items() for part in parts):
         bad = ~np.isfinite(np.asarray(leaf))
         if bad.any():

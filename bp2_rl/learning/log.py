@@ -56,7 +56,7 @@ class Log:
         return Unlogged(self._interval.count, {name: float(value) for name, value in sums.items()})
 
     def close(self, done: int) -> None:
-        """The interval ends with train step `done`; write the one before it."""
+        """End the interval with train step `done`, and write the interval before it."""
         self.flush()
         self._pending, self._interval = (done, self._interval), Interval()
 

@@ -68,7 +68,7 @@ def mirrors_of(env: envs.Env, config: PPOConfig) -> Mapping[str, Mirror]:
 
 
 def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> dict[str, Array]:
-    """The mirror images of observations (any batch axes)."""
+    """Return the mirror images of observations (any batch axes)."""
     return {
         name: jnp.asarray(mirrors[name].sign, x.dtype) * x[..., np.asarray(mirrors[name].order)]
         for name, x in observation.items()
@@ -76,8 +76,11 @@ def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> 
 
 
 def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Any, Any]]:
-    """(weight, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters."""
-    tree = params["params"]
+    """Return (weight, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters.
+
+    The arrays are NumPy's: some fifty small operations would be compiled for a GPU one by one.
+    """
+    tree = jax.device_get(params["params"])
     if mirrors:
         blocks = tree["SymmetricMLP_0"]
         return _assemble(blocks, mirrors[POLICY].parities(), mirrors["action"].parities())
@@ -120,8 +123,10 @@ class SymmetricMLP(linen.Module):
 
 
 def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tuple[Any, Any]]:
-    """(weight, bias) of each layer, from its blocks: W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes
-    in and E', O' of what comes out."""
+    """Return (weight, bias) of each layer, as arrays of its blocks' library, NumPy or JAX.
+
+    W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of what comes out.
+    """
     hidden = sum(name.startswith("even_") for name in blocks) - 1
     layers = []
     for i, (given, wanted) in enumerate(itertools.pairwise([first, *[None] * hidden, last])):
@@ -131,12 +136,15 @@ def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tupl
     return layers
 
 
-def _of_units(x: Float[Array, "parity ..."], bases: Bases | None, parity: int) -> Float[Array, "units ..."]:
-    """Rows for units from rows for their even (parity 0) or odd (1) combinations; hidden units have no `bases`: theirs
-    are (1, 1) and (1, -1) of each pair, which takes no multiplications."""
+def _of_units(x: Float[Any, "parity ..."], bases: Bases | None, parity: int) -> Float[Any, "units ..."]:
+    """Return rows for units from rows for their even (parity 0) or odd (1) combinations.
+
+    Hidden units have no `bases`: theirs are (1, 1) and (1, -1) of each pair, which takes no multiplications.
+    """
+    xp = x.__array_namespace__()
     if bases is None:
-        return HALF * jnp.concatenate([x, (1.0, -1.0)[parity] * x])
-    return jnp.asarray(bases[parity], x.dtype) @ x
+        return HALF * xp.concat([x, (1.0, -1.0)[parity] * x])
+    return xp.asarray(bases[parity], dtype=x.dtype) @ x
 
 
 class SymmetricPolicy(linen.Module):

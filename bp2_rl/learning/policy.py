@@ -82,7 +82,7 @@ class Policy:
     layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (weight, bias)
 
     def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
-        """The action of Brax's network of the same parameters, in the array library of `observation`."""
+        """Return the action of Brax's network of the same parameters, in the array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
             raise PolicyError(
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
@@ -107,7 +107,7 @@ _ACTIVATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
 
 
 def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:
-    """The policy of a trained network.
+    """Return the policy of a trained network.
 
     Args:
         layers: (weight, bias) of each, all but the last activated, as `networks.dense_layers` gives them.
@@ -206,7 +206,7 @@ def _read_card(directory: Path) -> PolicyCard:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
-    """The arrays that the card promises, and no others."""
+    """Return the arrays that the card promises, and no others."""
     if not path.exists():
         raise PolicyError(f"{path} is missing: the policy was copied without its weights")
     try:
@@ -235,7 +235,7 @@ def _check_layout(card: PolicyCard, expected: Sequence[tuple[str, int]], directo
 
 
 def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
-    """The shape of every array of a policy with this card."""
+    """Return the shape of every array of a policy with this card."""
     sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
     shapes: dict[str, tuple[int, ...]] = {"mean": sizes[:1], "std": sizes[:1]}
     for i, fans in enumerate(itertools.pairwise(sizes)):

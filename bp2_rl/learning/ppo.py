@@ -103,7 +103,7 @@ class PPO:
         self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
 
     def init(self, seed: int) -> TrainState:
-        """The state before the first train step, spread over the mesh."""
+        """Return the state before the first train step, spread over the mesh."""
         key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
         on_cpu = self.mesh.devices.flat[0].platform == "cpu"
         options = RUN_ONCE if on_cpu else None
@@ -120,7 +120,7 @@ class PPO:
 
     @functools.cached_property
     def shape(self) -> TrainState:
-        """The state's shapes and dtypes, for restoring a checkpoint."""
+        """Return the state's shapes and dtypes, for restoring a checkpoint."""
         shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
@@ -163,9 +163,7 @@ class PPO:
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, keys, key_sgd = self.draw_keys(state)
         fleet, data, metrics = self.unroll(state.params, state.normalizer, state.fleet, keys)
-        params, optimizer, sgd_metrics = self.improve(
-            state.params, state.normalizer, state.optimizer, data, key_sgd, state.step
-        )
+        params, optimizer, sgd_metrics = self.improve(state, data, key_sgd)
         average = optax.incremental_update(params.policy, state.average, 1.0 - self.config.averaging)
         # After the gradient steps, so that these see the observations as the behaviour policy did.
         normalizer = self.update_normalizer(state.normalizer, data.observation)
@@ -179,7 +177,7 @@ class PPO:
     def update_normalizer(
         self, normalizer: running_statistics.RunningStatisticsState, observation: Any
     ) -> running_statistics.RunningStatisticsState:
-        """The statistics with these observations, and with their mirror images where the networks are symmetric."""
+        """Return statistics that count these observations, and their mirror images where networks are symmetric."""
         if self.mirrors:
             images = reflect(self.mirrors, observation)
             observation = jax.tree.map(lambda x, image: jnp.stack([x, image], axis=1), observation, images)
@@ -197,7 +195,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """`unroll_length` control steps: (fleet after, data with axes (robot, time), metrics averaged over both)."""
+        """Take `unroll_length` control steps: (fleet, data with axes (robot, time), metrics averaged over both)."""
         robots, whole = PartitionSpec("robots"), PartitionSpec()
         local = jax.shard_map(
             self._unroll_local,
@@ -239,38 +237,31 @@ class PPO:
         return fleet, data, jax.tree.map(lambda x: x / length, sums)
 
     def improve(
-        self,
-        params: losses.PPONetworkParams,
-        normalizer: running_statistics.RunningStatisticsState,
-        optimizer: optax.OptState,
-        data: Transition,
-        key: Array,
-        step: Array,
+        self, state: TrainState, data: Transition, key: Array
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
-        """All epochs of gradient steps on one unroll, the train step's number `step`."""
+        """Take all epochs of gradient steps on one unroll; return parameters, optimiser and mean metrics after them."""
 
         def minibatch_step(carry: tuple[Any, Any], batch: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
-            return self.gradient_step(*carry, normalizer, *batch, step)
+            params, optimizer = carry
+            return self.gradient_step(state.replace(params=params, optimizer=optimizer), *batch)
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
             return jax.lax.scan(minibatch_step, carry, self.epoch_minibatches(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
-        (params, optimizer), metrics = jax.lax.scan(epoch, (params, optimizer), keys)
+        (params, optimizer), metrics = jax.lax.scan(epoch, (state.params, state.optimizer), keys)
         return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
 
     def gradient_step(
-        self,
-        params: Any,
-        optimizer: Any,
-        normalizer: running_statistics.RunningStatisticsState,
-        minibatch: Transition,
-        key: Array,
-        step: Array,
+        self, state: TrainState, minibatch: Transition, key: Array
     ) -> tuple[tuple[Any, Any], dict[str, Array]]:
-        """One gradient step: ((params, optimizer) after it, what it was made of)."""
-        config = self.config
-        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key, step)
+        """Take one gradient step; return (parameters, optimiser) after it, and the metrics of the step."""
+        config, step = self.config, state.step
+        params: Any = state.params  # Optax annotates its trees as arrays
+        optimizer: Any = state.optimizer
+        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(
+            params, state.normalizer, minibatch, key, step
+        )
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -312,7 +303,7 @@ class PPO:
         )
 
     def epoch_minibatches(self, data: Transition, key: Array) -> tuple[Transition, Array]:
-        """The minibatches of an epoch, and a key for each."""
+        """Return the minibatches of an epoch, and a key for each."""
         key_shuffle, key_loss = jax.random.split(key)
         return self.shuffle(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
 

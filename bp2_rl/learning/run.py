@@ -189,7 +189,7 @@ def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
 
 
 def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS) -> Metadata:
-    """The metadata of a checkpoint, which must be of a run with these settings."""
+    """Return the metadata of a checkpoint, which must be of a run with these settings."""
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:

@@ -19,7 +19,7 @@ PROJECT = "bp2_rl"
 STEP = "step"
 """W&B's x-axis. Its own step may not go back, as ours does where a policy is judged late."""
 MOST_PARAMS = 100
-"""That MLflow takes at once."""
+"""The most parameters that MLflow takes at once."""
 
 
 def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) -> list[LogWriter]:

@@ -153,7 +153,7 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the terms.
+    """Coefficients of Table S4's rows, and of two rows more; `env.rewards` has the terms.
 
     The defaults of these fields are the table's imitation column; presets set others (`settings.presets`).
     """

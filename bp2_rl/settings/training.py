@@ -72,7 +72,7 @@ class TrainConfig:
 
 
 def load_run_config(run_dir: Path) -> TrainConfig:
-    """The config of a run; raises `UserError` where there is none."""
+    """Return the config of a run; raises `UserError` where there is none."""
     require_name(run_dir)
     if not Path(run_dir).exists():
         raise UserError(f"no training run at {run_dir}: there is no such folder")

@@ -240,9 +240,8 @@ def test_the_divergence_aimed_at_falls_with_the_train_steps():
     rates = []
     for share in (0.4, 1.0, 2.5):  # of the divergence aimed at
         step = jnp.asarray(10.0 * (0.1 * share / kl - 1.0))
-        _, metrics = learner.gradient_step(
-            moved, jax.tree.map(jnp.copy, state.optimizer), state.normalizer, data, key, step
-        )
+        optimizer = jax.tree.map(jnp.copy, state.optimizer)
+        _, metrics = learner.gradient_step(state.replace(params=moved, optimizer=optimizer, step=step), data, key)
         rates.append(float(metrics["learning_rate"]) / TINY.learning_rate)
     assert rates == pytest.approx([1.5, 1.0, 1.0 / 1.5])
 

@@ -95,7 +95,7 @@ class KernelPhysics:
 
 
 class _State(NamedTuple):
-    """What one millisecond hands to the next."""
+    """The state that one physics step leaves to the next."""
 
     moving: Moving
     torque: Float[Array, "N 12"]  # Nm

@@ -24,7 +24,7 @@ SOLVER_LIMITS = 1 << 9 | 1 << 10
 
 
 class Remembered(NamedTuple):
-    """What one millisecond hands to the next: all else in `mjx.Data` is computed anew, and costs memory to carry."""
+    """The state that a physics step leaves to the next; all else in `mjx.Data` is computed anew, to save memory."""
 
     qpos: Float[Array, "23"]
     qvel: Float[Array, "22"]
@@ -91,7 +91,7 @@ class MjxPhysics:
     def physics_step(
         self, model: mjx.Model, motors: Actuator, resistance: Resistance | None, state: Remembered, targets: Targets
     ) -> tuple[Remembered, Float[Array, "4"]]:
-        """One physics step under the motors that follow `targets`: (after, heights of the feet's centres, m)."""
+        """Take one physics step; return the state afterwards and the heights of the feet's centres, m."""
         qpos, qvel, warmstart, torque = state
         q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
         torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, specs.PHYSICS_STEP)
@@ -103,7 +103,7 @@ class MjxPhysics:
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:
-    """MJX's model and an empty state, on this process's own device: MJX would take the first one of all processes."""
+    """Return MJX's model and an empty state on this process's own device; MJX would take the first of all processes."""
     device = jax.local_devices()[0]
     if impl == "jax":
         return mjx.put_model(model, device=device), mjx.make_data(model, device=device)

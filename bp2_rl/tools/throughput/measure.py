@@ -355,7 +355,8 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
-        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key, state.step)
+        before = state.replace(params=params, optimizer=optimizer, normalizer=normalizer)
+        params, optimizer, metrics = learner.improve(before, data, key)
         return (params, optimizer), metrics
 
     fixed = (state.normalizer, data, state.key)
