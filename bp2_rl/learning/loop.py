@@ -168,14 +168,19 @@ class _Loop:
                 if int(state.step) < done:
                     break
                 if save:
-                    with cluster.together():  # or the others would train on when process 0 cannot write
-                        saver.wait()
-                        if not (self._run.run_dir / CONFIG).is_file():
-                            raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
-                    saver.save(done, state, to_json(log.unwritten()))
-                    self._monitor.record(f"saving step {done}")
+                    self._save(state, log, saver)
                 self._export(state)
         return state, done
+
+    def _save(self, state: TrainState, log: Log, saver: Saver) -> None:
+        """Begin to write a checkpoint; raise where the last one could not be written, or the run's folder is gone."""
+        with cluster.together():  # or the others would train on when process 0 cannot write
+            saver.wait()
+            if not (self._run.run_dir / CONFIG).is_file():
+                raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
+        step = int(state.step)
+        saver.save(step, state, to_json(log.unwritten()))
+        self._monitor.record(f"saving step {step}")
 
     def reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run, on all processes."""
