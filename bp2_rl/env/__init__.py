@@ -1,4 +1,7 @@
-"""The MDP. Importing this registers `bp2`, `bp2_ideal` and `bp2_kinematic` with `brax.envs`."""
+"""The MDP. Importing this registers `bp2`, `bp2_ideal` and `bp2_kinematic` with `brax.envs`.
+
+It also keeps XLA to one thread on CPUs (`base.workers.use_one_xla_thread`), if JAX has not computed anything yet.
+"""
 
 import functools
 

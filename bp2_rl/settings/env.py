@@ -137,8 +137,8 @@ class TrackingShape:
     """How the tracking reward falls with the error e: exp(-2 e^2 / W^2).
 
     W^2 = floor^2 + (commanded speed / width)^2 for the velocity, and W = yaw_width for the yaw rate. A share `tail` of
-    each reward is instead a straight line, which reaches zero at an error of `reach` plus half the command. The
-    defaults are the paper's.
+    each reward is instead a straight line, which reaches zero at an error of `reach` plus half the command.
+    `TrackingShape()` is the paper's.
     """
 
     floor: Extent = 1.0  # m/s
@@ -155,7 +155,7 @@ class TrackingShape:
 class RewardConfig:
     """Coefficients of Table S4's rows, and of two rows more; `env.rewards` has the terms.
 
-    The defaults of these fields are the table's imitation column; presets set others (`settings.presets`).
+    `RewardConfig()` is the table's imitation column; presets set others (`settings.presets`).
     """
 
     height: Coefficient = 0.05  # c_h
