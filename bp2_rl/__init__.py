@@ -9,8 +9,6 @@
 `bp2_rl.env` registers the environment `bp2` with Brax.
 """
 
-import importlib.util
-import os
 import pkgutil
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from bp2_rl.learning.run import resume as resume
     from bp2_rl.learning.run import start as train  # noqa: F401
     from bp2_rl.settings.env import EnvConfig as EnvConfig
-    from bp2_rl.settings.training import make_config as make_config
+    from bp2_rl.settings.presets import make_config as make_config
     from bp2_rl.simulation.metrics import measure as measure
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
     from bp2_rl.simulation.rollout import simulate as simulate
@@ -32,7 +30,7 @@ __version__ = "0.1.0"
 HOMES = {
     "BP2Env": "env.bp2_env:BP2Env",
     "EnvConfig": "settings.env:EnvConfig",
-    "make_config": "settings.training:make_config",
+    "make_config": "settings.presets:make_config",
     "train": "learning.run:start",
     "resume": "learning.run:resume",
     "load_policy": "learning.policy:load_policy",
@@ -55,11 +53,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*globals(), *HOMES])
-
-
-# On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
-# the pool for help from inside the pool. One thread cannot. It must be set before JAX starts; trainings in which C
-# MuJoCo simulates set it anew (`cli/train.py`). Set NPROC yourself to have it otherwise.
-NPROC_IS_OURS = "NPROC" not in os.environ
-if NPROC_IS_OURS and (os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None):
-    os.environ["NPROC"] = "1"

@@ -12,12 +12,12 @@ import numpy as np
 
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, Weights
+from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 
-def level_trunk(x: RewardInputs, config: RewardConfig, at: Weights) -> Scalar:
+def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scalar:
     """Up to 0.1 for a trunk that does not lean: e_z is its vertical axis, (0, 0, 1) when level."""
     del config, at  # the coefficient is ours, and the same at every command
     return 0.1 * jnp.exp(-20.0 * (1.0 - x.e_z[2]))

@@ -11,7 +11,8 @@ from pathlib import Path
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.learning import run
 from bp2_rl.learning.writers import read_metrics
-from bp2_rl.settings.training import TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import TrainConfig
 
 
 def settings() -> TrainConfig:

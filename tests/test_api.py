@@ -1,6 +1,7 @@
 """The public names of the package."""
 
 import importlib
+import os
 import subprocess
 import sys
 
@@ -30,6 +31,31 @@ def test_importing_the_package_imports_neither_jax_nor_mujoco():
     code = "import sys, bp2_rl; print(sorted({'jax', 'mujoco', 'brax'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def in_a_process(code, **variables):
+    """Run the code where NPROC is not set, unless these variables set it."""
+    environment = {name: value for name, value in os.environ.items() if name != "NPROC"} | variables
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+
+
+def test_importing_the_package_sets_nothing_and_takes_a_tenth_of_a_second():
+    code = """
+import os, time
+before, since = dict(os.environ), time.process_time()
+import bp2_rl
+print(time.process_time() - since, dict(os.environ) == before)
+"""
+    seconds, unchanged = in_a_process(code).stdout.split()
+    assert unchanged == "True"
+    assert float(seconds) <= 0.1  # of processor time, so that a busy machine does not count
+
+
+@pytest.mark.parametrize(("variables", "threads"), [({}, "1"), ({"NPROC": "3"}, "3")])
+def test_an_env_on_cpus_has_one_xla_thread_unless_the_user_says_otherwise(variables, threads):
+    """XLA waits for ever where MJX's batched kernels have several."""
+    code = "import os, bp2_rl; bp2_rl.BP2Env; print(os.environ['NPROC'])"
+    assert in_a_process(code, JAX_PLATFORMS="cpu", **variables).stdout.strip() == threads
 
 
 def test_a_shipped_policy_is_found_by_its_name():

@@ -3,6 +3,7 @@
 import concurrent.futures
 import contextlib
 import ctypes
+import importlib.util
 import multiprocessing
 import os
 import signal
@@ -15,6 +16,8 @@ from bp2_rl.base.errors import UserError
 
 PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end with."""
+NPROC_IS_OURS = "NPROC" not in os.environ
+"""Whether the number of XLA's threads is ours to set; if not, the user or a parent process has set it."""
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
 
@@ -55,6 +58,18 @@ def spawned(
 def processors() -> int:
     """How many this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def use_one_xla_thread() -> None:
+    """Let XLA compute in one thread where JAX has no accelerator, unless the user has set NPROC.
+
+    On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
+    the pool for help from inside the pool, which one thread cannot. XLA reads NPROC when JAX starts its backend.
+    Trainings in BP2's own kernel set it anew (`cli/train.py`).
+    """
+    on_cpu = os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None
+    if NPROC_IS_OURS and on_cpu:
+        os.environ["NPROC"] = "1"
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:

@@ -16,7 +16,8 @@ from bp2_rl.cli import app
 from bp2_rl.cli.train import TrainArguments, refuse_early, train_arguments
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.tools.tuning.space import parse_dimension
 
 SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")

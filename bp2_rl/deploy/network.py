@@ -30,11 +30,11 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
         helper.make_node("Sub", [INPUT, "mean"], ["centred"]),
         helper.make_node("Div", ["centred", "std"], ["hidden_0"]),
     ]
-    for i, (kernel, bias) in enumerate(policy.layers):
+    for i, (weight, bias) in enumerate(policy.layers):
         last = i == len(policy.layers) - 1
-        arrays |= {f"kernel_{i}": kernel, f"bias_{i}": bias}
+        arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
         out = OUTPUT if last else f"sum_{i}"
-        nodes.append(helper.make_node("Gemm", [f"hidden_{i}", f"kernel_{i}", f"bias_{i}"], [out]))
+        nodes.append(helper.make_node("Gemm", [f"hidden_{i}", f"weight_{i}", f"bias_{i}"], [out]))
         if not last:
             nodes += _activation(helper, card.activation, f"sum_{i}", f"hidden_{i + 1}")
     graph = helper.make_graph(

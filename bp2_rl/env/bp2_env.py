@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -16,19 +16,19 @@ from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands, observations, randomization, rewards, termination
-from bp2_rl.env.controller import Controller, motors_of
-from bp2_rl.env.episode import DRAWS, PipelineState, Starts
+from bp2_rl.env.commands import CommandState
+from bp2_rl.env.controller import Controller, Targets, motors_of
+from bp2_rl.env.episode import NUM_KEYS, EpisodeStarts, PipelineState
 from bp2_rl.env.metrics import StepOutcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
 from bp2_rl.env.named import CONFIGS, DEFAULT
-from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, PhysicsEngine
+from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Physics, PhysicsEngine
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
-from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
 from bp2_rl.settings.env import EnvConfig, Impl
 
 
@@ -53,7 +53,7 @@ class BP2Env(envs.Env):
         *,
         impl: Impl = "jax",
         num_robots: int = 1,
-        rows: Mapping[str, rewards.Row] = rewards.ROWS,
+        rows: Mapping[str, rewards.RewardRow] = rewards.ROWS,
     ):
         self.config = config = config or CONFIGS[DEFAULT]()
         self.rows = rows
@@ -64,78 +64,49 @@ class BP2Env(envs.Env):
             )
         self.mj_model = load_model(config.hardware, visual=False, feet_only=True)
         self.controller = Controller(config)
-        self.simulate = _simulator(impl, self.mj_model, config, num_robots)
-        self.starts = Starts(config, self.controller, self.mj_model)
+        self.engine = _make_engine(impl, self.mj_model, config, num_robots)
+        self.starts = EpisodeStarts(config, self.controller, self.mj_model)
         self.trunk = int(self.mj_model.body("trunk").id)
 
     # --- The Brax interface --------------------------------------------------------------------------------------
 
     def reset(self, rng: Array) -> envs.State:
-        """A new robot at curriculum level 0; `rng` is one PRNG key."""
-        return self._begin(rng, jnp.zeros(()))
+        """Return a new robot at curriculum level 0; `rng` is one PRNG key."""
+        return self._start_episode(rng, jnp.zeros(()))
 
     def restart(self, state: envs.State, rng: Array) -> envs.State:
-        """A new episode for the robot of `state`, which keeps its curriculum level."""
-        return self._begin(rng, state.info["curriculum"])
+        """Return a new episode for the robot of `state`, which keeps its curriculum level."""
+        return self._start_episode(rng, state.info["curriculum"])
 
     def step(
         self, state: envs.State, action: Float[Array, "12"], *, command: Float[Array, "3"] | None = None
     ) -> envs.State:
-        """One control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
-        config = self.config
+        """Take one control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
         before: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
-        sound_action = jnp.all(jnp.isfinite(action))
-        action = jnp.where(sound_action, action, 0.0)
-        controller, targets, reference = self.controller.act(before.controller, before.command.current, action)
-        pushed = randomization.push(before.physics.qvel, config.randomization, key_push)
-        with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
-            physics, effort, feet = self.simulate(before.physics.replace(qvel=pushed), targets, before.randomization)
+        finite = jnp.where(jnp.all(jnp.isfinite(action)), action, 0.0)
+        controller, targets, reference = self.controller.act(before.controller, before.command.current, finite)
+        physics, effort, foot_contact = self._simulate(before, targets, key_push)
+        fall = termination.fall_in_training(physics.qpos, physics.qvel, physics.torque, action, self.config)
+        physics, effort = self._replace_exploded(physics, effort, fall)
 
-        fall = termination.fall(physics.qpos, physics.qvel, config.termination)
-        fall = fall._replace(
-            exploded=fall.exploded | ~sound_action | ~jnp.all(jnp.isfinite(physics.torque)),
-            tangled=termination.tangled(physics.qpos, config.termination, config.hardware),
+        motion = observations.trunk_motion(physics.qpos, physics.qvel)
+        outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
+        after = self._average(before, before.replace(physics=physics, controller=controller), outcome)
+        terms = rewards.table_s4(self._reward_inputs(before, after, outcome), self.config, self.rows)
+
+        command_state, level = self._next_command(
+            before.command, state.info["curriculum"], outcome, command, key_command
         )
-        physics = jax.tree.map(lambda new, home: jnp.where(fall.exploded, home, new), physics, self.starts.at_rest())
-        effort = jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
-        heading = observations.heading(physics.qpos, physics.qvel)
-        velocity, dt = jnp.append(heading.velocity[:2], heading.yaw_rate), specs.CONTROL_STEP
-
-        after = before.replace(
-            physics=physics,
-            controller=controller,
-            mean_torque=effort.torque,
-            tracking_error=rewards.averaged(
-                before.tracking_error, velocity - before.command.current, config.reward.kernel.memory, dt
-            ),
-            mean_action=rewards.averaged(before.mean_action, controller.last_action, rewards.REST, dt),
-        )
-        terms = self._rewards(before, after, effort, heading, reference, fall)
-
-        level = state.info["curriculum"]
-        if command is None:
-            obeyed, raised = commands.advance(
-                before.command,
-                level,
-                heading.velocity[0],
-                key_command,
-                config.commands,
-                config.curriculum,
-                config.control,
-            )
-        else:
-            obeyed, raised = commands.obey(before.command, command, config.commands, config.control), level
-        level = jnp.where(fall.happened, jnp.maximum(level - config.curriculum.lower_by, 0.0), raised)
-        obs, after = self._observe(after.replace(command=obeyed), feet, key_noise)
+        after, obs = self._observe(after.replace(command=command_state), foot_contact, key_noise)
         return dataclasses.replace(
             state,
             pipeline_state=after,
             obs=obs,
             reward=sum(terms.values()),
             done=fall.happened.astype(jnp.float32),
-            metrics=metrics(StepOutcome(terms, before.command.current, heading, effort, level, fall)),
+            metrics=metrics(outcome, terms, level),
             info={**state.info, "rng": rng, "curriculum": level},
         )
 
@@ -161,14 +132,14 @@ class BP2Env(envs.Env):
 
     @property
     def dt(self) -> float:
-        """The control step, s."""
+        """Return the control step, s."""
         return specs.CONTROL_STEP
 
     # --- To look at it with Brax's tools --------------------------------------------------------------------------
 
     @functools.cached_property
     def sys(self) -> base.System:
-        """The robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
+        """Return the robot with its looks, for `brax.io` alone: nothing here is simulated in Brax."""
         with warnings.catch_warnings():  # that Brax's physics is not maintained, which nothing here uses
             warnings.filterwarnings("ignore", message="Brax System", category=UserWarning)
             return mjcf.load_model(load_model(self.config.hardware))
@@ -191,22 +162,123 @@ class BP2Env(envs.Env):
 
     # --- The parts of a step -------------------------------------------------------------------------------------
 
-    def _begin(self, rng: Array, level: Float[Array, ""]) -> envs.State:
-        rng, *keys, key_noise = jax.random.split(rng, DRAWS + 2)
-        obs, episode = self._observe(*self.starts.draw(keys, level), key_noise)
+    def _start_episode(self, rng: Array, level: Float[Array, ""]) -> envs.State:
+        rng, *keys, key_noise = jax.random.split(rng, NUM_KEYS + 2)
+        episode, reference = self.starts.draw(keys, level)
+        episode, obs = self._observe(episode, reference.contact, key_noise)
         zero, false = jnp.zeros(()), jnp.zeros((), bool)
-        heading = observations.heading(episode.physics.qpos, episode.physics.qvel)
-        no_effort = Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS))
-        no_rewards = dict.fromkeys(self.rows, zero)
-        no_fall = Fall(false, false, false, false if self.config.hardware.solid_legs else None)
+        outcome = StepOutcome(
+            command=episode.command.current,
+            reference=reference,
+            effort=Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS)),
+            motion=observations.trunk_motion(episode.physics.qpos, episode.physics.qvel),
+            fall=Fall(false, false, false, false if self.config.hardware.solid_legs else None),
+        )
         return envs.State(
             pipeline_state=episode,  # pyright: ignore[reportArgumentType]  # Brax names only its own
             obs=obs,
             reward=zero,
             done=zero,
-            metrics=metrics(StepOutcome(no_rewards, episode.command.current, heading, no_effort, level, no_fall)),
+            metrics=metrics(outcome, dict.fromkeys(self.rows, zero), level),
             info={"rng": rng, "curriculum": level},
         )
+
+    def _simulate(
+        self, state: PipelineState, targets: Targets, key: Array
+    ) -> tuple[Physics, Effort, Float[Array, "4"]]:
+        """Push the robot now and then, and run the physics engine; see `PhysicsEngine`."""
+        pushed = randomization.push(state.physics.qvel, self.config.randomization, key)
+        with jax.default_matmul_precision("highest"):  # TF32 would move contacts by millimetres
+            return self.engine(state.physics.replace(qvel=pushed), targets, state.randomization)
+
+    def _replace_exploded(self, physics: Physics, effort: Effort, fall: Fall) -> tuple[Physics, Effort]:
+        """Put a robot at rest in the place of one whose physics has exploded: its episode is over anyway."""
+        physics = jax.tree.map(lambda new, rest: jnp.where(fall.exploded, rest, new), physics, self.starts.at_rest())
+        return physics, jax.tree.map(lambda x: jnp.where(fall.exploded, 0.0, x), effort)
+
+    def _average(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> PipelineState:
+        """Return `after` with the averages over time that rewards look at."""
+        error = outcome.motion.horizontal - before.command.current
+        memory, dt = self.config.reward.tracking_shape.memory, specs.CONTROL_STEP
+        action, window = after.controller.last_action, rewards.ACTION_AVERAGING
+        return after.replace(
+            mean_torque=outcome.effort.torque,
+            tracking_error=rewards.exponential_average(before.tracking_error, error, memory, dt),
+            mean_action=rewards.exponential_average(before.mean_action, action, window, dt),
+        )
+
+    def _reward_inputs(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> rewards.RewardInputs:
+        config, physics, reference = self.config, after.physics, outcome.reference
+        peak = config.hardware.joint_peak_torque
+        velocity = outcome.motion.horizontal
+        if config.reward.tracking_shape.memory:
+            velocity = before.command.current + after.tracking_error
+        soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
+        return rewards.RewardInputs(
+            command=before.command.current,
+            z=physics.qpos[2],
+            z_ref=reference.height,
+            e_z=outcome.motion.e_z,
+            e_z_ref=reference.up,
+            q=physics.qpos[MOTOR_QPOS],
+            q_ref=reference.joint_position,
+            qd=physics.qvel[MOTOR_QVEL],
+            qd_ref=reference.joint_velocity,
+            v=velocity[:2],
+            yaw_rate=velocity[2],
+            tau_n=after.mean_torque / peak,
+            tau_n_last=before.mean_torque / peak,
+            power=outcome.effort.power,
+            action=after.controller.last_action,
+            last_action=before.controller.last_action,
+            mean_action=after.mean_action,
+            terminal=outcome.fall.happened.astype(jnp.float32),
+            sole_height=soles.height,
+            sole_rate=soles.rate,
+        )
+
+    def _next_command(
+        self,
+        state: CommandState,
+        level: Float[Array, ""],
+        outcome: StepOutcome,
+        given: Float[Array, "3"] | None,
+        key: Array,
+    ) -> tuple[CommandState, Float[Array, ""]]:
+        """Return the next command, the one that is `given` or else one that is drawn, and the curriculum level."""
+        if given is not None:
+            state, raised = commands.set_command(state, given, self.config), level
+        else:
+            state, raised = commands.advance(state, level, outcome.motion.velocity[0], key, self.config)
+        lowered = jnp.maximum(level - self.config.curriculum.lower_by, 0.0)
+        return state, jnp.where(outcome.fall.happened, lowered, raised)
+
+    def _observe(
+        self, state: PipelineState, foot_contact: Float[Array, "4"], key: Array
+    ) -> tuple[PipelineState, dict[str, Array]]:
+        """Return the state in which the controller remembers its observation, and both observations."""
+        config, physics, command = self.config.randomization, state.physics, state.command
+        measurement = observations.sense(physics.qpos, physics.qvel)
+        noiseless = self.controller.frame(state.controller, command.current, measurement)
+        if config.enabled:
+            measurement = observations.add_noise(measurement, config, key)
+        controller, noisy = self.controller.observe(state.controller, command.current, measurement)
+        privileged = observations.Privileged(
+            velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
+            height=physics.qpos[2],
+            spring_compression=physics.qpos[SPRING_QPOS],
+            spring_velocity=physics.qvel[SPRING_QVEL],
+            foot_contact=foot_contact,
+            target_command=command.target,
+            friction=state.randomization.friction,
+            trunk_mass=state.randomization.mass[self.trunk],
+            com_offset=state.randomization.com_offset,
+            strength=state.randomization.strength,
+            latency=state.randomization.latency,
+            tracking_error=state.tracking_error,
+        )
+        obs = {"state": noisy, "privileged_state": observations.critic_observation(noiseless, privileged)}
+        return state.replace(controller=controller), obs
 
     @property
     def _layouts(self) -> dict[str, tuple[observations.Entry, ...]]:
@@ -215,79 +287,8 @@ class BP2Env(envs.Env):
             "privileged_state": observations.CRITIC_LAYOUT,
         }
 
-    def _rewards(
-        self,
-        before: PipelineState,
-        after: PipelineState,
-        effort: Effort,
-        heading: observations.Heading,
-        reference: Reference,
-        fall: Fall,
-    ) -> dict[str, Array]:
-        config, physics = self.config, after.physics
-        peak = config.hardware.joint_peak_torque
-        velocity = jnp.append(heading.velocity[:2], heading.yaw_rate)
-        if config.reward.kernel.memory:
-            velocity = before.command.current + after.tracking_error
-        soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
-        inputs = rewards.RewardInputs(
-            command=before.command.current,
-            z=physics.qpos[2],
-            z_ref=reference.height,
-            e_z=heading.e_z,
-            e_z_ref=reference.up,
-            q=physics.qpos[MOTOR_QPOS],
-            q_ref=reference.joint_position,
-            qd=physics.qvel[MOTOR_QVEL],
-            qd_ref=reference.joint_velocity,
-            v=velocity[:2],
-            yaw_rate=velocity[2],
-            tau_n=effort.torque / peak,
-            tau_n_last=before.mean_torque / peak,
-            power=effort.power,
-            action=after.controller.last_action,
-            last_action=before.controller.last_action,
-            mean_action=after.mean_action,
-            terminal=fall.happened.astype(jnp.float32),
-            sole_height=soles.height,
-            sole_rate=soles.rate,
-        )
-        return rewards.table_s4(
-            inputs,
-            config.reward,
-            max_forward=config.commands.max_forward,
-            max_lateral=config.commands.max_lateral,
-            max_yaw_rate=config.commands.max_yaw_rate,
-            dt=specs.CONTROL_STEP,
-            rows=self.rows,
-        )
 
-    def _observe(
-        self, state: PipelineState, feet: Float[Array, "4"], key: Array
-    ) -> tuple[dict[str, Array], PipelineState]:
-        """Both observations, and the state in which the controller remembers its own."""
-        config, physics, command = self.config.randomization, state.physics, state.command
-        measurement = observations.sense(physics.qpos, physics.qvel)
-        clean = self.controller.frame(state.controller, command.current, measurement)
-        if config.enabled:
-            measurement = observations.add_noise(measurement, config, key)
-        noisy, controller = self.controller.observe(state.controller, command.current, measurement)
-        heading = observations.heading(physics.qpos, physics.qvel)
-        privileged = observations.critic_observation(
-            clean,
-            heading,
-            physics.qpos,
-            physics.qvel,
-            feet,
-            command.target,
-            state.randomization,
-            self.trunk,
-            state.tracking_error,
-        )
-        return {"state": noisy, "privileged_state": privileged}, state.replace(controller=controller)
-
-
-def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
+def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
@@ -295,10 +296,6 @@ def _simulator(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots:
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 
-def maker_of(name: str) -> Callable[..., BP2Env]:
-    """Return what makes the environment of this name; a config passed to it replaces that environment's settings."""
-
-    def make(config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
-        return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)
-
-    return make
+def make_env(name: str, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
+    """Return the environment of this name; `config` replaces that environment's settings."""
+    return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)

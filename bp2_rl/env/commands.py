@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.robot import specs
 from bp2_rl.robot.easing import eased
-from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig
+from bp2_rl.settings.env import CommandConfig, EnvConfig
 
 
 class CommandState(struct.PyTreeNode):
@@ -21,19 +21,23 @@ class CommandState(struct.PyTreeNode):
     time: Float[Array, "..."]  # s, spent near the limit since the last draw
 
 
-def fastest(level: Float[Array, ""], config: CommandConfig, curriculum: CurriculumConfig) -> Float[Array, ""]:
-    """The largest forward command at a curriculum level in [0, 1], m/s."""
-    start = config.max_forward if curriculum.start_speed is None else curriculum.start_speed
-    return start + level * (config.max_forward - start)
+def max_forward_at(level: Float[Array, ""], config: EnvConfig) -> Float[Array, ""]:
+    """Return the largest forward command at a curriculum level in [0, 1], m/s."""
+    top, start = config.commands.max_forward, config.curriculum.start_speed
+    start = top if start is None else start
+    return start + level * (top - start)
 
 
-def fastest_turn(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
-    """The largest yaw rate at a forward speed, rad/s: their product is the lateral acceleration of the turn."""
+def max_yaw_rate_at(forward: Float[Array, ""], config: CommandConfig) -> Float[Array, ""]:
+    """Return the largest yaw rate at a forward speed, rad/s; their product is the turn's lateral acceleration."""
     return config.max_turn / jnp.maximum(jnp.abs(forward), 1e-6)
 
 
 def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Float[Array, "3"]:
-    """A command (v_x, v_y, omega_z): forward up to `top`, often near it or slow; lateral and yaw smaller at speed."""
+    """Return a command (v_x, v_y, omega_z).
+
+    It is forward up to `top`, often near it or slow; lateral and yaw commands are smaller at speed.
+    """
     keys = jax.random.split(key, 6)
     anywhere = jax.random.uniform(keys[0], minval=-config.max_backward, maxval=top)
     near_top = jax.random.uniform(keys[1], minval=0.9, maxval=1.0) * top
@@ -44,14 +48,14 @@ def draw_target(key: Array, top: Float[Array, ""], config: CommandConfig) -> Flo
         forward = jnp.where(jax.random.bernoulli(key_whether, config.slow_fraction), slowly, forward)
     lateral, yaw_rate = jax.random.uniform(keys[3], (2,), minval=-1.0, maxval=1.0)
     lateral *= config.max_lateral * (1.0 - 0.5 * jnp.abs(forward) / config.max_forward)
-    yaw_rate *= jnp.minimum(config.max_yaw_rate, fastest_turn(forward, config))
+    yaw_rate *= jnp.minimum(config.max_yaw_rate, max_yaw_rate_at(forward, config))
     turning = jax.random.bernoulli(keys[4], 1.0 - config.straight_fraction)
     stand = jax.random.bernoulli(keys[5], config.stand_fraction)
     return jnp.where(stand, 0.0, jnp.stack([forward, turning * lateral, turning * yaw_rate]))
 
 
 def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], config: CommandConfig) -> CommandState:
-    """A new target from `start` (None: already at the target)."""
+    """Return a new target from `start` (None: already at the target)."""
     key_target, key_acceleration, key_time = jax.random.split(key, 3)
     target = draw_target(key_target, top, config)
     zero = jnp.zeros(())
@@ -68,18 +72,20 @@ def draw(key: Array, start: Float[Array, "3"] | None, top: Float[Array, ""], con
     )
 
 
-def misled(key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig) -> CommandState:
-    """A start in which a running robot is slower or faster than commanded, as in steep launches and when braking.
+def with_command_error(
+    key: Array, state: CommandState, standing: Array, top: Float[Array, ""], config: EnvConfig
+) -> CommandState:
+    """Let a running robot start slower or faster than commanded, as it is in steep launches and when braking.
 
-    The error is a uniform number's cube, so that most are small.
+    The error is the cube of a uniform number, so that most errors are small.
     """
     error = config.reset.command_error * jax.random.uniform(key, minval=-1.0, maxval=1.0) ** 3
     forward = jnp.clip(state.current[0] + error, -config.commands.max_backward, top)
     return state.replace(current=jnp.where(standing, state.current, state.current.at[0].set(forward)))
 
 
-def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
-    """A standing start that is told to stand for a while, before its first target is drawn."""
+def with_standing_time(key: Array, state: CommandState, standing: Array, config: EnvConfig) -> CommandState:
+    """Command a robot that starts at rest to stand for a while, before its first target is drawn."""
     time = jax.random.uniform(key, minval=config.reset.standing_time[0], maxval=config.reset.standing_time[1])
     return state.replace(
         target=jnp.where(standing, state.current, state.target),
@@ -87,36 +93,30 @@ def wait(key: Array, state: CommandState, standing: Array, config: EnvConfig) ->
     )
 
 
-def obey(
-    state: CommandState, command: Float[Array, "3"], config: CommandConfig, control: ControlConfig
-) -> CommandState:
-    """Someone steers: this command, but for a yaw rate that is too much for its speed and for too short a stop."""
-    return state.replace(current=_turn_limited(eased(state.current, command, control), config))
+def set_command(state: CommandState, command: Float[Array, "3"], config: EnvConfig) -> CommandState:
+    """Replace the present command by one that a caller gives, eased, and with no more turn than its speed allows."""
+    return state.replace(current=_turn_limited(eased(state.current, command, config.control), config.commands))
 
 
 def advance(
-    state: CommandState,
-    level: Float[Array, ""],
-    forward_velocity: Float[Array, ""],
-    key: Array,
-    config: CommandConfig,
-    curriculum: CurriculumConfig,
-    control: ControlConfig,
+    state: CommandState, level: Float[Array, ""], forward_velocity: Float[Array, ""], key: Array, config: EnvConfig
 ) -> tuple[CommandState, Float[Array, ""]]:
-    """One control step: (command state, curriculum level).
+    """Return the command state and the curriculum level one control step later.
 
     Before a new target is drawn, the level rises if the robot was commanded near its limit for long enough and
     followed within tolerance. What it follows far from the limit says nothing about the limit.
     """
-    dt = specs.CONTROL_STEP
-    top = fastest(level, config, curriculum)
-    rate = jnp.stack([state.acceleration, *(jnp.asarray(config.turn_acceleration),) * 2])
+    dt, curriculum = specs.CONTROL_STEP, config.curriculum
+    top = max_forward_at(level, config)
+    rate = jnp.stack([state.acceleration, *(jnp.asarray(config.commands.turn_acceleration),) * 2])
     near = state.current[0] >= curriculum.near * top
     reached = state.current[0] == state.target[0]
     current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
-    current = eased(state.current, current, control)
+    current = eased(state.current, current, config.control)
     moved = state.replace(
-        current=_turn_limited(current, config),  # the target's yaw rate may be too much on the way to its speed
+        current=_turn_limited(
+            current, config.commands
+        ),  # the target's yaw rate may be too much on the way to its speed
         time_left=state.time_left - dt * reached,
         error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
         time=state.time + dt * near,
@@ -124,10 +124,10 @@ def advance(
     expired = moved.time_left <= 0.0
     tracked = (moved.time >= curriculum.evidence) & (moved.error < curriculum.tolerance * (1.0 + top) * moved.time)
     level = jnp.where(expired & tracked, jnp.minimum(level + curriculum.raise_by, 1.0), level)
-    fresh = draw(key, moved.current, fastest(level, config, curriculum), config)
+    fresh = draw(key, moved.current, max_forward_at(level, config), config.commands)
     return jax.tree.map(lambda new, old: jnp.where(expired, new, old), fresh, moved), level
 
 
 def _turn_limited(command: Float[Array, "3"], config: CommandConfig) -> Float[Array, "3"]:
-    turn = fastest_turn(command[0], config)
+    turn = max_yaw_rate_at(command[0], config)
     return command.at[2].set(jnp.clip(command[2], -turn, turn))

@@ -1,6 +1,6 @@
 """What runs on the robot 200 times a second: the same functions in MJX training and in C MuJoCo rollouts.
 
-    observation, state = controller.observe(state, command, measurement)
+    state, observation = controller.observe(state, command, measurement)
     action = policy(observation)
     state, targets, reference = controller.act(state, command, action)
 
@@ -28,7 +28,9 @@ class ControllerState(struct.PyTreeNode):
 
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
-    seen: Float[Array, "... longest 47"]  # in the last control steps, newest first, as far back as `history` asks
+    past_frames: Float[
+        Array, "... longest 47"
+    ]  # in the last control steps, newest first, as far back as `history` asks
     steps: Float[Array, "..."]  # so many of them there were since the start
 
 
@@ -47,36 +49,38 @@ class Controller:
         self.reference: ReferenceMotion = motion_of(config)
 
     def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
-        """The state at the start of an episode."""
+        """Return the state at the start of an episode."""
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
             last_action=jnp.zeros(specs.NUM_MOTORS),
             # At least a row: an array of no size, split over devices, crashes JAX 0.11.2's compiler.
-            seen=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
+            past_frames=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
             steps=jnp.zeros(()),
         )
 
     def observe(
         self, state: ControllerState, command: Float[Array, "3"], measurement: Measurement
-    ) -> tuple[Float[Array, " seen"], ControllerState]:
-        """The policy's observation (see `observations.layout_of`) under the present command, m/s and rad/s.
+    ) -> tuple[ControllerState, Float[Array, " observation"]]:
+        """Return the state that remembers this moment, and the policy's observation (see `observations.layout_of`).
 
-        With it comes the state that remembers it, where the policy has a history.
+        The command is the present one, m/s and rad/s. A policy without a history needs nothing remembered.
         """
         frame = self.frame(state, command, measurement)
         if not self._control.history:
-            return frame, state
+            return state, frame
         steps = np.array(self._control.history)
-        changes = jnp.where(steps[:, None] <= state.steps, frame - state.seen[steps - 1], 0.0)
-        remembers = state.replace(seen=jnp.concatenate([frame[None], state.seen[:-1]]), steps=state.steps + 1.0)
-        return jnp.concatenate([frame, changes.reshape(-1)]), remembers
+        changes = jnp.where(steps[:, None] <= state.steps, frame - state.past_frames[steps - 1], 0.0)
+        remembers = state.replace(
+            past_frames=jnp.concatenate([frame[None], state.past_frames[:-1]]), steps=state.steps + 1.0
+        )
+        return remembers, jnp.concatenate([frame, changes.reshape(-1)])
 
     def frame(
         self, state: ControllerState, command: Float[Array, "... 3"], measurement: Measurement
     ) -> Float[Array, "... 47"]:
-        """What is seen of the moment alone."""
-        hand = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
-        return actor_observation(command, state.phase, measurement, state.last_action, hand)
+        """Return the observation of this moment alone, without a history."""
+        phase_amplitude = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
+        return actor_observation(command, state.phase, measurement, state.last_action, phase_amplitude)
 
     def act(
         self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
@@ -103,7 +107,7 @@ class Controller:
 
 
 def motion_of(config: EnvConfig) -> ReferenceMotion:
-    """The reference motion that the config names, on its robot.
+    """Return the reference motion that the config names, on its robot.
 
     Raises:
         UserError: the motion library cannot be read, is of another robot, or trots lower than where a robot has fallen.
@@ -124,7 +128,7 @@ def motion_of(config: EnvConfig) -> ReferenceMotion:
 
 
 def motors_of(config: EnvConfig) -> Actuator:
-    """The motors under the controller, with its gains and at full strength."""
+    """Return the motors under the controller, with its gains and at full strength."""
     control = config.control
     return Actuator.from_hardware(
         config.hardware,

@@ -19,7 +19,7 @@ from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
 from bp2_rl.settings.env import EnvConfig
 
-DRAWS = 5
+NUM_KEYS = 5
 """Random keys that a start takes."""
 
 
@@ -32,11 +32,11 @@ class PipelineState(struct.PyTreeNode):
     randomization: Randomization
     mean_torque: Float[Array, "... 12"]  # Nm, over the last control step
     tracking_error: Float[Array, "... 3"]  # m/s and rad/s: velocity less command, averaged where the reward asks for it
-    mean_action: Float[Array, "... 12"]  # averaged over `rewards.REST`
+    mean_action: Float[Array, "... 12"]  # averaged over `rewards.ACTION_AVERAGING`
 
     @property
     def q(self) -> Float[Array, "... 23"]:
-        """The coordinates, by the name that Brax's renderer asks for."""
+        """Return the coordinates, by the name that Brax's renderer asks for."""
         return self.physics.qpos
 
     @property
@@ -45,33 +45,33 @@ class PipelineState(struct.PyTreeNode):
         return self.physics.qvel
 
 
-class Starts:
+class EpisodeStarts:
     """The starts that a config describes, for a robot with this model."""
 
     def __init__(self, config: EnvConfig, controller: Controller, model: mujoco.MjModel):
         self._config, self._controller, self._model = config, controller, model
         self._stand = np.asarray(model.key("stand").qpos, np.float32)
 
-    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Float[Array, "4"]]:
-        """A new episode at a curriculum level, and which feet stand; `keys` are `DRAWS` of them."""
+    def draw(self, keys: Sequence[Array] | Array, level: Float[Array, ""]) -> tuple[PipelineState, Reference]:
+        """Return a new episode at a curriculum level, and the reference there; `keys` are `NUM_KEYS` random keys."""
         config = self._config
         key_command, key_stand, key_phase, key_pose, key_robot = keys
         standing = jax.random.bernoulli(key_stand, config.reset.standing_fraction)
-        top = commands.fastest(level, config.commands, config.curriculum)
+        top = commands.max_forward_at(level, config)
         command = commands.draw(key_command, None, top, config.commands)
         command = command.replace(current=jnp.where(standing, 0.0, command.current))
         phase = jax.random.uniform(key_phase)
         reference = self._controller.reference(command.current, phase)
         told = command
         if config.reset.command_error:
-            told = commands.misled(jax.random.fold_in(key_command, 1), command, standing, top, config)
+            told = commands.with_command_error(jax.random.fold_in(key_command, 1), command, standing, top, config)
         if config.reset.standing_time[1]:
-            told = commands.wait(jax.random.fold_in(key_command, 2), told, standing, config)
+            told = commands.with_standing_time(jax.random.fold_in(key_command, 2), told, standing, config)
         qpos, qvel = self._pose(key_pose, standing, reference, command.current)
         targets = Targets(reference.joint_position, reference.joint_velocity)
         robot = randomization.draw(key_robot, config.randomization, self._model.nbody, config.hardware)
         episode = PipelineState(
-            physics=_unmoved(qpos, qvel, targets),
+            physics=_physics_at_rest(qpos, qvel, targets),
             controller=self._controller.init(phase),
             command=told,
             randomization=robot,
@@ -79,17 +79,17 @@ class Starts:
             tracking_error=jnp.zeros(3),
             mean_action=jnp.zeros(specs.NUM_MOTORS),
         )
-        return episode, reference.contact
+        return episode, reference
 
     def at_rest(self) -> Physics:
-        """A sound state to put in the place of one that is not; the episode is over anyway."""
+        """Return a robot that stands still, to put in the place of one that has exploded."""
         stand = Targets(jnp.asarray(self._stand[MOTOR_QPOS]), jnp.zeros(specs.NUM_MOTORS))
-        return _unmoved(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
+        return _physics_at_rest(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
 
     def _pose(
         self, key: Array, standing: Array, reference: Reference, command: Float[Array, "3"]
     ) -> tuple[Array, Array]:
-        """(qpos, qvel): on the reference with its velocities, or standing still; both with joint noise."""
+        """Return (qpos, qvel) on the reference with its velocities, or standing still; both with joint noise."""
         config = self._config.reset
         key_joint, key_velocity = jax.random.split(key)
         joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
@@ -105,20 +105,20 @@ class Starts:
         qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
         spread = config.velocity_noise
         qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
-        return self._untangled(qpos, jnp.where(standing, 0.0, qvel))
+        return self._without_self_collision(qpos, jnp.where(standing, 0.0, qvel))
 
-    def _untangled(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
+    def _without_self_collision(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
         """Return a state whose legs keep clear of each other: where they do not, each leg is put in its hip's plane."""
-        tangled = termination.tangled(qpos, self._config.termination, self._config.hardware)
-        if tangled is None:
+        self_collision = termination.self_collision(qpos, self._config.termination, self._config.hardware)
+        if self_collision is None:
             return qpos, qvel
         angles, rates = MOTOR_QPOS[0::3], MOTOR_QVEL[0::3]
         straight = qpos.at[angles].set(0.0), qvel.at[rates].set(0.0)
-        return jnp.where(tangled, straight[0], qpos), jnp.where(tangled, straight[1], qvel)
+        return jnp.where(self_collision, straight[0], qpos), jnp.where(self_collision, straight[1], qvel)
 
 
-def _unmoved(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:
-    """A state in which these targets have been in force for as long as the simulator remembers, without torque."""
+def _physics_at_rest(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:
+    """Return a state without torque, in which the joints have followed these targets for as long as is remembered."""
     # One array, taken apart again: XLA would fuse separate ones with the reference, and round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])
     position, velocity = jnp.moveaxis(jnp.stack([now, now]), 1, 0)

@@ -22,7 +22,7 @@ class Mirror(NamedTuple):
     sign: tuple[int, ...]
 
     def parities(self) -> tuple[Float[np.ndarray, "size even"], Float[np.ndarray, "size odd"]]:
-        """Orthonormal bases of what the reflection keeps, and of what it turns into its opposite."""
+        """Return orthonormal bases of what the reflection keeps, and of what it turns into its opposite."""
         even, odd = [], []
         unit = np.eye(len(self.order))
         for i, (j, sign) in enumerate(zip(self.order, self.sign, strict=True)):
@@ -61,7 +61,7 @@ _ENTRIES = {
     "height": SCALAR,
     "spring_compression": LEG,
     "spring_velocity": LEG,
-    "feet": LEG,
+    "foot_contact": LEG,
     "target_command": COMMAND,
     "friction": SCALAR,
     "trunk_mass": SCALAR,
@@ -70,11 +70,11 @@ _ENTRIES = {
     "latency": SCALAR,
     "tracking_error": COMMAND,
 }
-"""Of every entry of an observation."""
+"""The mirror of every entry of an observation."""
 
 
 def mirror_of(layout: Sequence[Entry]) -> Mirror:
-    """The reflection of the observation that a layout describes."""
+    """Return the reflection of the observation that a layout describes."""
     order, sign = [], []
     for entry in layout:
         part = _ENTRIES[entry.name.partition("@")[0]]

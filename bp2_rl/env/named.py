@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 CONFIGS: dict[str, Callable[[], EnvConfig]] = {
     "bp2": lambda: make_config("imitation", "gpu").env,  # the built robot on the library of trots

@@ -10,7 +10,6 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position, yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
@@ -37,14 +36,14 @@ LAYOUT = (
     Entry("angular_velocity", 3),
     Entry("last_action", 12),
 )
-"""The policy's observation, in order: the paper's (section RL training) plus the last action."""
+"""The policy's observation, in order: what the paper lists (section RL training) plus the last action."""
 
 PRIVILEGED = (
     Entry("velocity", 3),
     Entry("height", 1),
     Entry("spring_compression", 4),
     Entry("spring_velocity", 4),
-    Entry("feet", 4),
+    Entry("foot_contact", 4),
     Entry("target_command", 3),
     Entry("friction", 1),
     Entry("trunk_mass", 1),
@@ -60,12 +59,12 @@ CRITIC_LAYOUT = (*LAYOUT, *PRIVILEGED)
 
 
 def layout_of(control: ControlConfig) -> tuple[Entry, ...]:
-    """The policy's observation under this controller: of the moment, and `NAME@K`: what changed since K steps ago."""
+    """Return the policy's observation under this controller: the present one, and `NAME@K`, its change in K steps."""
     return (*LAYOUT, *(Entry(f"{name}@{steps}", size) for steps in control.history for name, size in LAYOUT))
 
 
 def size_of(layout: tuple[Entry, ...]) -> int:
-    """Length of the observation that a layout describes."""
+    """Return the length of the observation that a layout describes."""
     return sum(entry.size for entry in layout)
 
 
@@ -79,7 +78,7 @@ class Measurement(struct.PyTreeNode):
 
 
 def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
-    """The noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
+    """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
     return Measurement(
         joint_position=qpos[MOTOR_QPOS],
         joint_velocity=qvel[MOTOR_QVEL],
@@ -89,7 +88,7 @@ def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
 
 
 def add_noise(measurement: Measurement, config: RandomizationConfig, key: Array) -> Measurement:
-    """Gaussian noise with the standard deviations of `config`."""
+    """Return the measurement with Gaussian noise of the standard deviations in `config`."""
     flat, unflatten = ravel_pytree(measurement)
     noise: Measurement = unflatten(jax.random.normal(key, flat.shape))
     return Measurement(
@@ -105,17 +104,17 @@ def actor_observation(
     phase: Float[Array, ""],
     measurement: Measurement,
     last_action: Float[Array, "12"],
-    hand: Float[Array, ""] | float = 1.0,
+    phase_amplitude: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "47"]:
     """Return the observation that `LAYOUT` describes.
 
-    Joint positions are relative to the standing pose; the phase is encoded as `hand` x (sin, cos).
+    Joint positions are relative to the standing pose; the phase is encoded as `phase_amplitude` x (sin, cos).
     """
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
         [
             command,
-            hand * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
+            phase_amplitude * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
             measurement.joint_position - STAND,
             measurement.joint_velocity,
             measurement.up,
@@ -125,64 +124,48 @@ def actor_observation(
     )
 
 
-def critic_observation(
-    seen: Float[Array, "47"],
-    heading: "Heading",
-    qpos: Float[Array, "23"],
-    qvel: Float[Array, "22"],
-    feet: Float[Array, "4"],
-    target: Float[Array, "3"],
-    robot: Randomization,
-    trunk: int,
-    tracking_error: Float[Array, "3"],
-) -> Float[Array, "87"]:
-    """The vector that `CRITIC_LAYOUT` describes.
+class Privileged(NamedTuple):
+    """The critic's observation beyond the policy's: the entries of `PRIVILEGED`, in their order."""
 
-    Args:
-        seen: what the policy would see without noise.
-        heading: the trunk's motion.
-        qpos: the state in MuJoCo's coordinates ...
-        qvel: ... and its velocities.
-        feet: 1 for each that touches the ground.
-        target: the command that the present one is on its way to.
-        robot: what was drawn for it.
-        trunk: the trunk's body index.
-        tracking_error: those of velocity and yaw rate, averaged where the reward asks for it.
-    """
-    return jnp.concatenate(
-        [
-            seen,
-            heading.velocity,
-            qpos[2:3],
-            qpos[SPRING_QPOS],
-            qvel[SPRING_QVEL],
-            feet,
-            target,
-            robot.friction[None],
-            robot.mass[trunk][None],
-            robot.com_offset,
-            robot.strength,
-            robot.latency[None],
-            tracking_error,
-        ]
-    )
+    velocity: Float[Array, "3"]  # m/s, of the trunk, heading frame
+    height: Float[Array, ""]  # m, of the trunk
+    spring_compression: Float[Array, "4"]  # m
+    spring_velocity: Float[Array, "4"]  # m/s
+    foot_contact: Float[Array, "4"]  # 1 for each foot that touches the ground
+    target_command: Float[Array, "3"]  # that the present command is on its way to
+    friction: Float[Array, ""]
+    trunk_mass: Float[Array, ""]  # factor
+    com_offset: Float[Array, "3"]  # m, of the trunk
+    strength: Float[Array, "12"]  # factor
+    latency: Float[Array, ""]  # s
+    tracking_error: Float[Array, "3"]  # m/s and rad/s, averaged where the reward asks for it
 
 
-class Heading(struct.PyTreeNode):
+def critic_observation(policy_observation: Float[Array, "47"], privileged: Privileged) -> Float[Array, "87"]:
+    """Return the vector that `CRITIC_LAYOUT` describes, from what the policy would see without noise and more."""
+    return jnp.concatenate([policy_observation, *(jnp.ravel(x) for x in privileged)])
+
+
+class TrunkMotion(struct.PyTreeNode):
     """The trunk's motion seen from a frame that turns with its yaw."""
 
     velocity: Float[Array, "... 3"]  # m/s
     e_z: Float[Array, "... 3"]  # body vertical axis
     yaw_rate: Float[Array, "..."]  # rad/s, about the world's vertical
 
+    @property
+    def horizontal(self) -> Float[Array, "3"]:
+        """Return what a command prescribes: v_x, v_y (m/s) and the yaw rate (rad/s)."""
+        return jnp.append(self.velocity[:2], self.yaw_rate)
 
-def heading(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Heading:
-    """Velocity, body vertical axis and yaw rate in the heading frame."""
+
+def trunk_motion(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> TrunkMotion:
+    """Return velocity, body vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
     yaw = yaw_of(quat)
     c, s = jnp.cos(yaw), jnp.sin(yaw)
     to_heading = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Heading(
+    return TrunkMotion(
         velocity=to_heading @ qvel[:3],
         e_z=to_heading @ math.rotate(jnp.asarray(UP), quat),
         yaw_rate=math.rotate(qvel[3:6], quat)[2],
@@ -197,7 +180,7 @@ class Soles(struct.PyTreeNode):
 
 
 def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
-    """Over flat ground."""
+    """Return how high each sole is over flat ground, and how fast it rises."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), qpos[SPRING_QPOS]
     rates = now.joint_velocity.reshape(4, 3), qvel[SPRING_QVEL]

@@ -32,7 +32,7 @@ class Randomization(struct.PyTreeNode):
 
 
 def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
-    """The robot as designed."""
+    """Return the robot as designed."""
     ones = jnp.ones(12)
     return Randomization(
         friction=jnp.asarray(hardware.friction, jnp.float32),
@@ -47,7 +47,7 @@ def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
 
 
 def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: HardwareSpec) -> Randomization:
-    """A random robot around this one, or that itself where randomisation is off."""
+    """Return a random robot around this one, or that itself where randomisation is off."""
     if not config.enabled:
         return nominal(num_bodies, hardware)
     keys = jax.random.split(key, 7)
@@ -69,7 +69,7 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
 
 
 def push(qvel: Float[Array, "22"], config: RandomizationConfig, key: Array) -> Float[Array, "22"]:
-    """The velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
+    """Return the velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
     if not config.enabled or config.push_velocity == 0.0:
         return qvel
     key_when, key_what = jax.random.split(key)
@@ -79,7 +79,7 @@ def push(qvel: Float[Array, "22"], config: RandomizationConfig, key: Array) -> F
 
 
 def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:
-    """The model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
+    """Return the model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
     return model.replace(
         body_mass=model.body_mass * randomization.mass,
         body_inertia=model.body_inertia * randomization.mass[:, None],
@@ -89,7 +89,7 @@ def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) 
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
-    """The motors with this robot's strength, gains, lag and bus."""
+    """Return the motors with this robot's strength, gains, lag and bus."""
     changed = dataclasses.replace(
         actuator,
         strength=actuator.strength * randomization.strength,
@@ -108,7 +108,7 @@ def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actu
 
 
 def randomize_resistance(resistance: Resistance, randomization: Randomization) -> Resistance:
-    """The resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
+    """Return the resistance with this robot's losses; each broadcasts against the robots' joints or legs."""
     names = "air", "gear", "joints", "slides"
     air, gear, joints, slides = (randomization.losses[..., LOSSES.index(name), None] for name in names)
     return dataclasses.replace(

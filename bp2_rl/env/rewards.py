@@ -12,11 +12,12 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.settings.env import Kernel, RewardConfig
+from bp2_rl.robot import specs
+from bp2_rl.settings.env import EnvConfig, RewardConfig, TrackingShape
 
 Scalar = Float[Array, ""]
-PAPERS_KERNEL = Kernel()
-REST = 0.2  # s, over which actions are averaged for `restless`
+PAPER_SHAPE = TrackingShape()
+ACTION_AVERAGING = 0.2  # s, time constant of the average of actions for `standing_still_penalty`
 
 
 def squared_norm(x: Float[Array, " n"]) -> Scalar:
@@ -44,8 +45,10 @@ def joint_velocity_imitation(qd: Float[Array, "12"], qd_ref: Float[Array, "12"])
     return 0.7 * jnp.exp(-0.02 * squared_norm(qd_ref - qd))
 
 
-def averaged(mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float) -> Float[Array, " n"]:
-    """The exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
+def exponential_average(
+    mean: Float[Array, " n"], now: Float[Array, " n"], time: float, dt: float
+) -> Float[Array, " n"]:
+    """Return the exponential average over `time` seconds, dt seconds after it was `mean`; of 0 seconds: what is now."""
     return now if time == 0.0 else mean - math.expm1(-dt / time) * (now - mean)
 
 
@@ -55,20 +58,20 @@ def velocity_tracking(
     omega: Float[Array, " m"],
     omega_cmd: Float[Array, " m"],
     w: float,
-    kernel: Kernel = PAPERS_KERNEL,
+    shape: TrackingShape = PAPER_SHAPE,
 ) -> Scalar:
     """r_v / c_v; m/s and rad/s. The environment passes the horizontal velocity and the yaw rate.
 
-    The paper's kernels are exp(-2 |e|^2). They have no slope where the error is large, beyond 2 m/s, nor where it is
-    small, as in slow motion and in fast turns; see `Kernel`.
+    The paper rewards exp(-2 |e|^2), which has no slope where the error is large, beyond 2 m/s, nor where it is
+    small, as in slow motion and in fast turns; see `TrackingShape`.
     """
-    square_width = kernel.floor**2 + squared_norm(v_cmd) / kernel.width**2
-    linear = _kernel(v - v_cmd, v_cmd, square_width, kernel.tail, kernel.reach)
-    angular = _kernel(omega - omega_cmd, omega_cmd, kernel.yaw_width**2, kernel.tail, kernel.yaw_reach)
+    square_width = shape.floor**2 + squared_norm(v_cmd) / shape.width**2
+    linear = _tracking_term(v - v_cmd, v_cmd, square_width, shape.tail, shape.reach)
+    angular = _tracking_term(omega - omega_cmd, omega_cmd, shape.yaw_width**2, shape.tail, shape.yaw_reach)
     return w * linear + (1.0 - w) * angular
 
 
-def _kernel(
+def _tracking_term(
     error: Float[Array, " n"], command: Float[Array, " n"], square_width: Scalar | float, tail: float, reach: float
 ) -> Scalar:
     bell = jnp.exp(-2.0 * squared_norm(error) / square_width)
@@ -107,11 +110,11 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
     return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
 
 
-def restless(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
-    """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0; the mean over `REST`.
+def standing_still_penalty(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
+    """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0.
 
-    Without action the joints' own stiffness holds the standing pose. The moment's action would have a policy explore
-    less.
+    Without action the joints' own stiffness holds the standing pose. A penalty on the present action instead of its
+    average over `ACTION_AVERAGING` would make a policy explore less.
     """
     return jnp.where(jnp.any(command != 0.0), 0.0, jnp.sum(jnp.abs(mean_action)))
 
@@ -167,14 +170,14 @@ class RewardInputs(struct.PyTreeNode):
     power: Float[Array, "... 12"]
     action: Float[Array, "... 12"]
     last_action: Float[Array, "... 12"]
-    mean_action: Float[Array, "... 12"]  # averaged over `REST`
+    mean_action: Float[Array, "... 12"]  # averaged over `ACTION_AVERAGING`
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
 
 
-class Weights(NamedTuple):
-    """What the rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
+class SharedTerms(NamedTuple):
+    """The terms that rows share at one command: see `speed_schedule`, `tracking_balance` and `turn_activation`."""
 
     c_m: Scalar
     c_v: Scalar
@@ -183,15 +186,15 @@ class Weights(NamedTuple):
     dt: float  # s, a control step
 
 
-Row = Callable[[RewardInputs, RewardConfig, Weights], Scalar]
+RewardRow = Callable[[RewardInputs, RewardConfig, SharedTerms], Scalar]
 """A row of the table, its coefficient included."""
-ROWS: Mapping[str, Row] = {
+ROWS: Mapping[str, RewardRow] = {
     "height": lambda x, c, _: c.height * body_height(x.z, x.z_ref),
     "attitude": lambda x, c, _: c.attitude * body_attitude(x.e_z, x.e_z_ref),
     "joint_position": lambda x, _, at: at.c_m * joint_position_imitation(x.q, x.q_ref),
     "joint_velocity": lambda x, _, at: at.c_m * joint_velocity_imitation(x.qd, x.qd_ref),
     "tracking": lambda x, c, at: (
-        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.kernel)
+        at.c_v * velocity_tracking(x.v, x.command[:2], x.yaw_rate[None], x.command[2:], at.w, c.tracking_shape)
     ),
     "torque": lambda x, c, at: c.torque * torque_regularization(x.tau_n, x.tau_n_last, at.dt),
     "power": lambda x, c, _: c.power * power_regularization(x.power),
@@ -199,23 +202,20 @@ ROWS: Mapping[str, Row] = {
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
     "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
-    "stand": lambda x, c, _: -c.stand * restless(x.mean_action, x.command) if c.stand else jnp.zeros(()),
+    "stand": lambda x, c, _: -c.stand * standing_still_penalty(x.mean_action, x.command) if c.stand else jnp.zeros(()),
 }
 """Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
 
 
-def table_s4(
-    x: RewardInputs,
-    config: RewardConfig,
-    *,
-    max_forward: float,
-    max_lateral: float,
-    max_yaw_rate: float,
-    dt: float,
-    rows: Mapping[str, Row] = ROWS,
-) -> dict[str, Scalar]:
-    """All rows with their coefficients; the reward is their sum."""
-    c_m, c_v = speed_schedule(x.command[0], max_forward, config.imitation, config.tracking, config.schedule)
-    w = tracking_balance(max_forward, max_lateral, max_yaw_rate)
-    weights = Weights(c_m, c_v, w, turn_activation(x.command, max_lateral, max_yaw_rate), dt)
-    return {name: row(x, config, weights) for name, row in rows.items()}
+def table_s4(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
+    """Return all rows with their coefficients; the reward is their sum."""
+    reward, most = config.reward, config.commands
+    c_m, c_v = speed_schedule(x.command[0], most.max_forward, reward.imitation, reward.tracking, reward.schedule)
+    shared = SharedTerms(
+        c_m=c_m,
+        c_v=c_v,
+        w=tracking_balance(most.max_forward, most.max_lateral, most.max_yaw_rate),
+        eta=turn_activation(x.command, most.max_lateral, most.max_yaw_rate),
+        dt=specs.CONTROL_STEP,
+    )
+    return {name: row(x, reward, shared) for name, row in rows.items()}

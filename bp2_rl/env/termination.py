@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import TerminationConfig
+from bp2_rl.settings.env import EnvConfig, TerminationConfig
 
 
 class Fall(NamedTuple):
@@ -16,13 +16,13 @@ class Fall(NamedTuple):
     exploded: Bool[Any, "..."]  # its state is no longer that of a robot
     too_low: Bool[Any, "..."]
     tilted: Bool[Any, "..."]
-    tangled: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
+    self_collision: Bool[Any, "..."] | None = None  # a leg is in another or in the trunk; None where nobody asks
 
     @property
     def happened(self) -> Bool[Any, "..."]:
         """Whether it is down for any reason."""
         down = self.exploded | self.too_low | self.tilted
-        return down if self.tangled is None else down | self.tangled
+        return down if self.self_collision is None else down | self.self_collision
 
 
 def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: TerminationConfig) -> Fall:
@@ -34,10 +34,27 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
     return Fall(~sound, ~(qpos[..., 2] >= config.min_height), ~(up >= config.min_up))
 
 
-def tangled(qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec) -> Bool[Any, "..."] | None:
-    """Whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
+def fall_in_training(
+    qpos: Float[Any, "... 23"],
+    qvel: Float[Any, "... 22"],
+    torque: Float[Any, "... 12"],
+    action: Float[Any, "... 12"],
+    config: EnvConfig,
+) -> Fall:
+    """Return whether and why an episode ends after this action: `fall`, a number that is not finite, self-collision."""
+    xp = qpos.__array_namespace__()
+    state = fall(qpos, qvel, config.termination)
+    finite = xp.all(xp.isfinite(action), axis=-1) & xp.all(xp.isfinite(torque), axis=-1)
+    collision = self_collision(qpos, config.termination, config.hardware)
+    return Fall(state.exploded | ~finite, state.too_low, state.tilted, collision)
 
-    It stands for the contacts that training leaves out; C MuJoCo, which has them, lets legs run into each other.
+
+def self_collision(
+    qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec
+) -> Bool[Any, "..."] | None:
+    """Return whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
+
+    Training has no contacts between legs and ends the episode instead; C MuJoCo has them and goes on.
     """
     if not hardware.solid_legs:
         return None

@@ -134,12 +134,12 @@ class Saver:
 
 # --- Restoring ------------------------------------------------------------------------------------------------
 def saved_steps(run_dir: Path, folder: str = CHECKPOINTS) -> list[int]:
-    """The steps of a run's complete checkpoints, in no order."""
+    """Return the steps of a run's complete checkpoints, in no order."""
     return _steps(Path(run_dir) / folder)
 
 
 def latest_step(run_dir: Path, folder: str = CHECKPOINTS) -> int | None:
-    """The newest complete checkpoint's step; None where a run has none."""
+    """Return the newest complete checkpoint's step; None where a run has none."""
     return max(saved_steps(run_dir, folder), default=None)
 
 
@@ -208,7 +208,7 @@ def read_metadata(run_dir: Path, step: int, folder: str = CHECKPOINTS) -> Metada
 
 # --- The tree -------------------------------------------------------------------------------------------------
 def leaves_by_path(tree: Any) -> dict[str, Any]:
-    """A tree's leaves under the names they have in a checkpoint, `params/policy/bias`, in its order."""
+    """Return a tree's leaves under the names they have in a checkpoint, `params/policy/bias`, in its order."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
 
@@ -280,7 +280,7 @@ def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> 
 
 
 def _read_state(directory: Path, expected: FileFacts) -> bytes:
-    """The arrays' file, as long as it was and with its checksum."""
+    """Return the arrays' file, as long as it was and with its checksum."""
     path = directory / STATE
     if not path.is_file():
         raise CheckpointError(f"{directory} is damaged: {STATE} is missing; {_advice(directory)}")

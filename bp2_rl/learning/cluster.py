@@ -19,7 +19,7 @@ from jax.experimental import multihost_utils
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.cluster import ClusterConfig
 
-FAREWELL = 10.0
+EXIT_DELAY = 10.0
 """Seconds that a failed process waits for the others to fail too, before it ends without telling them."""
 
 
@@ -70,7 +70,7 @@ def require_same(text: str, what: str) -> None:
 
 
 def largest(number: int) -> int:
-    """The largest of the processes' numbers, on all."""
+    """Return the largest of the processes' numbers, on all."""
     return number if jax.process_count() == 1 else int(multihost_utils.process_allgather(np.int32(number)).max())
 
 
@@ -91,12 +91,12 @@ def together() -> Generator[None]:
 
 
 def leave(status: int) -> int:
-    """The exit status of this process; one that failed does not wait long for the others, which may be at work.
+    """Return the exit status of this process; one that failed does not wait long for the others, which may be at work.
 
     They then lose it: on CPUs at once, on GPUs when JAX misses its heartbeat (100 s).
     """
     if status and jax.distributed.is_initialized():
-        _leave_after(FAREWELL, status)
+        _leave_after(EXIT_DELAY, status)
     return status
 
 

@@ -94,7 +94,7 @@ class ExportedPolicies:
                     self._submit(step)
         if self._results:
             self._show(max(self._results))
-            self._put_best()
+            self._choose_best()
 
     @property
     def idle(self) -> bool:
@@ -105,7 +105,7 @@ class ExportedPolicies:
     def reached(self) -> bool:
         """Whether a policy has reached the speed that ends the run; the rest of that policy's result may be pending."""
         speeds = (pending.speed() for pending in self._pending.values())
-        return self._until is not None and (self._sure or any(speed >= self._until for speed in speeds))
+        return self._until is not None and (self._confirmed or any(speed >= self._until for speed in speeds))
 
     def export(self, policy: Policy, steps: int, *, newest: bool = True) -> None:
         """Write the policy after so many control steps, and submit it to the judge.
@@ -129,16 +129,16 @@ class ExportedPolicies:
             try:
                 result = pending.result()
             except Exception as error:
-                self._give_up(error)
+                self._go_on_without_judge(error)
             else:
-                self._take(steps, result)
+                self._add_result(steps, result)
 
     def wait(self, enough: Callable[[], bool]) -> None:
         """Wait until the last result is there, `enough` says so, or a complete result has reached the run's speed."""
-        if self._pending and not self._sure and not enough():
+        if self._pending and not self._confirmed and not enough():
             left = "the rest of a result" if self.reached else f"{len(self._pending)} of the policies are left"
             self._monitor.note(f"waiting for the judge: {left}")
-        while self._pending and not self._sure and not enough():
+        while self._pending and not self._confirmed and not enough():
             time.sleep(PAUSE)
             self.collect()
 
@@ -147,39 +147,39 @@ class ExportedPolicies:
             try:
                 self._pending[steps] = self._judge.submit(self._place(steps))
             except Exception as error:
-                self._give_up(error)
+                self._go_on_without_judge(error)
 
-    def _take(self, steps: int, result: JudgeResult) -> None:
+    def _add_result(self, steps: int, result: JudgeResult) -> None:
         seconds = time.time() - run_began(self._run_dir)
-        best, late = self._best, self._sure
+        best, late = self._best, self._confirmed
         self._results[steps] = result
         self._monitor.add(steps, {f"judged/{name}": value for name, value in dataclasses.asdict(result).items()})
         self._monitor.record(f"judged the policy of {steps:,} control steps: {result}")
         self._show(steps)
         if self._best != best:
-            self._put_best()
-        if self._sure and not late:
+            self._choose_best()
+        if self._confirmed and not late:
             when = f"after {steps:,} control steps, known {seconds:.1f} s after the run began"
             self._monitor.note(f"reached {self._until:g} m/s: {result} {when}")
 
     @property
-    def _sure(self) -> bool:
+    def _confirmed(self) -> bool:
         """Whether a complete result has reached the speed that ends the run."""
         return reaches(self._results, self._until)
 
     @property
     def _best(self) -> int | None:
-        """The control steps of the best policy that was judged; of equally good ones the latest."""
+        """Return the control steps of the best policy that was judged; of equally good ones the latest."""
         return max(self._results, key=lambda steps: (self._results[steps].mean, steps), default=None)
 
-    def _put_best(self) -> None:
+    def _choose_best(self) -> None:
         """Make the best policy the run's own, and write its result on the card."""
         best = self._best
         if best is not None:
             judged = {"control_steps": best, **dataclasses.asdict(self._results[best])}
-            self._put(best, {"judged": judged})
+            self._choose(best, {"judged": judged})
 
-    def _put(self, steps: int, results: dict[str, Any]) -> None:
+    def _choose(self, steps: int, results: dict[str, Any]) -> None:
         """Make the policy of these control steps the run's own, with further results on its card."""
         try:
             policy = load_policy(self._place(steps))
@@ -199,11 +199,11 @@ class ExportedPolicies:
             words = f"judged: {self._results[last]} at {count(last)}"
             self._monitor.show(words + (f"; best {self._results[best]} at {count(best)}" if best != last else ""))
 
-    def _give_up(self, error: Exception) -> None:
+    def _go_on_without_judge(self, error: Exception) -> None:
         """Go on without the judge, as if there had been none: the newest policy becomes the run's own."""
         self._judge, self._pending = None, {}
         if self._newest:
-            self._put(self._newest, {})
+            self._choose(self._newest, {})
         why = " ".join(str(error).split()) or type(error).__name__
         self._monitor.note(f"warning: no policy is judged any more, the newest is the run's own: {why}")
 

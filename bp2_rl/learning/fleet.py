@@ -1,7 +1,7 @@
 """Many robots at once: any Brax environment, batched, with time limits and resets that cost nothing in the step.
 
 A reset inside the step would be computed for every robot at every step and thrown away for almost all. So the
-learner prepares one fresh episode a robot before each unroll (the bank), and `step` merely selects it.
+learner prepares one fresh episode a robot before each unroll, and `step` merely selects it.
 
 A number that is not finite ends the episode of its robot alone, and is counted under its cause.
 """
@@ -42,7 +42,7 @@ class Fleet:
         faults = dict.fromkeys(FAULTS, jnp.zeros(age.shape))
         return dataclasses.replace(_with_clock(state, age), metrics={**state.metrics, **faults})
 
-    def bank(self, state: envs.State, keys: Array) -> envs.State:
+    def fresh_episodes(self, state: envs.State, keys: Array) -> envs.State:
         """One fresh episode for every robot of `state`; where that is not finite, its `state` stands in for it."""
         restart = getattr(self.env, "restart", None)
         fresh = jax.vmap(self.env.reset)(keys) if restart is None else jax.vmap(restart)(state, keys)
@@ -53,8 +53,8 @@ class Fleet:
         metrics = {**fresh.metrics, "fault/reset": 1.0 - sound}
         return dataclasses.replace(fresh, pipeline_state=pipeline_state, obs=obs, info=info, metrics=metrics)
 
-    def step(self, state: envs.State, action: Float[Array, "robots actions"], bank: envs.State) -> envs.State:
-        """One control step of every robot. Where an episode ends, the returned state is the bank's.
+    def step(self, state: envs.State, action: Float[Array, "robots actions"], fresh: envs.State) -> envs.State:
+        """One control step of every robot. Where an episode ends, the returned state is the fresh episode's.
 
         `reward`, `done`, `metrics` and `info["truncation"]` are those of the step taken, also for ended episodes.
         A step that is not finite ends the episode as a fall does, with reward 0.
@@ -65,13 +65,13 @@ class Fleet:
         done = jnp.maximum(after.done, truncation)
         info = {**after.info, "steps": steps, "truncation": truncation}
         kept = {name: _where(sound, info[name], state.info[name]) for name in PERSISTENT if name in info}
-        pipeline_state, obs, info = _where(done > 0, _episode(bank), (after.pipeline_state, after.obs, info))
+        pipeline_state, obs, info = _where(done > 0, _episode(fresh), (after.pipeline_state, after.obs, info))
         return dataclasses.replace(
             after,
             pipeline_state=pipeline_state,
             obs=obs,
             done=done,
-            metrics={**after.metrics, "fault/reset": done * bank.metrics["fault/reset"]},
+            metrics={**after.metrics, "fault/reset": done * fresh.metrics["fault/reset"]},
             info={**info, **kept, "truncation": truncation},
         )
 

@@ -72,26 +72,26 @@ def explain(learner: PPO, state: TrainState) -> str:
         return f"in the batch (of robots and times): {found}"
 
     gradient_of = jax.jit(jax.grad(lambda *inputs: learner.loss(*inputs)[0]))
-    deal, descend = jax.jit(learner.deal), jax.jit(learner.descend)
-    params, optimizer = state.params, state.optimizer
+    epoch_minibatches, gradient_step = jax.jit(learner.epoch_minibatches), jax.jit(learner.gradient_step)
     for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
-        dealt = deal(data, key)
+        batches = epoch_minibatches(data, key)
         for i in range(config.num_minibatches):
-            minibatch = jax.tree.map(lambda x, i=i: x[i], dealt)
-            gradient = gradient_of(params, state.normalizer, *minibatch)
-            (params, optimizer), terms = descend(params, optimizer, state.normalizer, *minibatch, state.step)
+            minibatch = jax.tree.map(lambda x, i=i: x[i], batches)
+            gradient = gradient_of(state.params, state.normalizer, *minibatch)
+            (params, optimizer), terms = gradient_step(state, *minibatch)
+            state = state.replace(params=params, optimizer=optimizer)
             losses = {name: terms[name] for name in LOSSES}
             after = {"params": params, "optimizer": optimizer}
             if found := _not_finite({"loss": losses}, {"gradient": gradient}, {"loss": terms}, after):
                 place = f"minibatch {i + 1} of {config.num_minibatches}, epoch {epoch} of {config.num_epochs}"
                 return f"in {place}: {found}"
-    if found := _not_finite({"normalizer": learner.take_in(state.normalizer, data.observation)}):
+    if found := _not_finite({"normalizer": learner.update_normalizer(state.normalizer, data.observation)}):
         return f"after the gradient steps: {found}"
     return "nothing: done piece by piece, this train step is finite; was it trained on another machine or version?"
 
 
 def _not_finite(*parts: Any) -> str | None:
-    """The first leaf that is not finite, in words."""
+    """Return the first leaf that is not finite, in words."""
     for path, leaf in itertools.chain.from_iterable(leaves_by_path(part).items() for part in parts):
         bad = ~np.isfinite(np.asarray(leaf))
         if bad.any():

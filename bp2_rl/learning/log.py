@@ -11,7 +11,7 @@ import numpy as np
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning import guards
 from bp2_rl.learning.monitor import Monitor
-from bp2_rl.learning.ppo import STUCK
+from bp2_rl.learning.ppo import NOT_FINITE
 from bp2_rl.robot import specs
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -41,7 +41,7 @@ class Log:
         self._interval = Interval({name: np.float32(value) for name, value in unlogged.sums.items()}, unlogged.count)
         self._pending: tuple[int, Interval] | None = None
         self._since = time.monotonic()  # what is being timed began then
-        self.stuck = False  # a train step was not finite
+        self.not_finite = False  # a train step was not finite
 
     def add(self, metrics: dict[str, jax.Array]) -> None:
         """Take in one train step's metrics, which may still be under computation."""
@@ -56,18 +56,18 @@ class Log:
         return Unlogged(self._interval.count, {name: float(value) for name, value in sums.items()})
 
     def close(self, done: int) -> None:
-        """The interval ends with train step `done`; write the one before it."""
+        """End the interval with train step `done`, and write the interval before it."""
         self.flush()
         self._pending, self._interval = (done, self._interval), Interval()
 
     def flush(self) -> None:
         """Write what has been closed, and warn of what it shows; nothing from a train step that is not finite on."""
-        if self._pending is None or self.stuck:
+        if self._pending is None or self.not_finite:
             return
         (done, interval), self._pending = self._pending, None
         means = {name: float(value) / interval.count for name, value in jax.device_get(interval.sums).items()}
-        self.stuck = means.pop(STUCK) > 0
-        if self.stuck:
+        self.not_finite = means.pop(NOT_FINITE) > 0
+        if self.not_finite:
             return
         per_step = self._ppo.steps_per_train_step
         # To fetch an interval's metrics is to wait for its end, and that of the one before has been waited for.

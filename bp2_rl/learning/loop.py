@@ -153,11 +153,11 @@ class _Loop:
         judge_every = max(1, -(-total // max(run.checkpoints, run.judged)))
         log_every = max(1, total // run.logs)
         done, stop = int(state.step), self.reached()
-        while done < total and not stop and not log.stuck:
+        while done < total and not stop and not log.not_finite:
             state, metrics = self._run.learner.train_step(state)
             done += 1
             policies.collect()
-            stop = signals.heard() or self.reached()
+            stop = signals.received() or self.reached()
             log.add(metrics)
             if done % log_every == 0 or done == total:
                 log.close(done)
@@ -168,14 +168,19 @@ class _Loop:
                 if int(state.step) < done:
                     break
                 if save:
-                    with cluster.together():  # or the others would train on when process 0 cannot write
-                        saver.wait()
-                        if not (self._run.run_dir / CONFIG).is_file():
-                            raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
-                    saver.save(done, state, to_json(log.unwritten()))
-                    self._monitor.record(f"saving step {done}")
+                    self._save(state, log, saver)
                 self._export(state)
         return state, done
+
+    def _save(self, state: TrainState, log: Log, saver: Saver) -> None:
+        """Begin to write a checkpoint; raise where the last one could not be written, or the run's folder is gone."""
+        with cluster.together():  # or the others would train on when process 0 cannot write
+            saver.wait()
+            if not (self._run.run_dir / CONFIG).is_file():
+                raise FileNotFoundError(errno.ENOENT, "no such run any more", str(self._run.run_dir))
+        step = int(state.step)
+        saver.save(step, state, to_json(log.unwritten()))
+        self._monitor.record(f"saving step {step}")
 
     def reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run, on all processes."""

@@ -240,7 +240,7 @@ def run_began(run_dir: Path) -> float:
 
 
 def count(number: float) -> str:
-    """A number in at most five characters: 950, 12.3k, 4.00M, 1.21G."""
+    """Return a number in at most five characters: 950, 12.3k, 4.00M, 1.21G."""
     for limit, unit in ((1e3, ""), (1e6, "k"), (1e9, "M"), (1e12, "G")):
         # A number that would round up to 1000 of a unit is 1.00 of the next.
         scaled = number / (limit / 1e3)
@@ -254,7 +254,7 @@ def count(number: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A time span: 0:42, 3:07, 2:15:00, 3d 4h."""
+    """Return a time span: 0:42, 3:07, 2:15:00, 3d 4h."""
     minutes, second = divmod(max(round(seconds), 0), 60)
     hours, minute = divmod(minutes, 60)
     if hours >= 48:

@@ -4,7 +4,7 @@ A policy pi is equivariant where the mirror image of an observation leads to the
 pi(M o) = M pi(o), and a critic is invariant where V(M o) = V(o). An MLP whose hidden units come in pairs that a mirror
 exchanges is both, for any weights. In the basis of parities, which is of sums and of differences of the pairs, each of
 its layers is two blocks: even to even and odd to odd. So it has half the weights of an MLP of the same width. It is
-computed as one: block by block its kernels would take half the multiplications, but XLA is slower so on processors.
+computed as one: block by block its weights would take half the multiplications, but XLA is slower so on processors.
 """
 
 import itertools
@@ -68,7 +68,7 @@ def mirrors_of(env: envs.Env, config: PPOConfig) -> Mapping[str, Mirror]:
 
 
 def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> dict[str, Array]:
-    """The mirror images of observations (any batch axes)."""
+    """Return the mirror images of observations (any batch axes)."""
     return {
         name: jnp.asarray(mirrors[name].sign, x.dtype) * x[..., np.asarray(mirrors[name].order)]
         for name, x in observation.items()
@@ -76,8 +76,11 @@ def reflect(mirrors: Mapping[str, Mirror], observation: Mapping[str, Array]) -> 
 
 
 def dense_layers(params: Any, mirrors: Mapping[str, Mirror]) -> list[tuple[Any, Any]]:
-    """(kernel, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters."""
-    tree = params["params"]
+    """Return (weight, bias) of each layer of an ordinary MLP that computes the mean action of these policy parameters.
+
+    The arrays are NumPy's: some fifty small operations would be compiled for a GPU one by one.
+    """
+    tree = jax.device_get(params["params"])
     if mirrors:
         blocks = tree["SymmetricMLP_0"]
         return _assemble(blocks, mirrors[POLICY].parities(), mirrors["action"].parities())
@@ -113,30 +116,35 @@ class SymmetricMLP(linen.Module):
             if wanted[1]:
                 blocks[f"odd_{i}"] = self.param(f"odd_{i}", init, (given[1], wanted[1]))
             blocks[f"bias_{i}"] = self.param(f"bias_{i}", jax.nn.initializers.zeros, (wanted[0],))
-        *hidden, (kernel, bias) = _assemble(blocks, first, last)
+        *hidden, (weight, bias) = _assemble(blocks, first, last)
         for one, offset in hidden:
             x = self.activation(x @ one + offset)
-        return x @ kernel + bias
+        return x @ weight + bias
 
 
 def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tuple[Any, Any]]:
-    """(kernel, bias) of each layer, from its blocks: K = E K_even E'^T + O K_odd O'^T with the bases E, O of what goes
-    in and E', O' of what comes out."""
+    """Return (weight, bias) of each layer, as arrays of its blocks' library, NumPy or JAX.
+
+    W = E W_even E'^T + O W_odd O'^T with the bases E, O of what goes in and E', O' of what comes out.
+    """
     hidden = sum(name.startswith("even_") for name in blocks) - 1
     layers = []
     for i, (given, wanted) in enumerate(itertools.pairwise([first, *[None] * hidden, last])):
         parts = [blocks[name] for name in (f"even_{i}", f"odd_{i}") if name in blocks]
-        kernel = sum(_of_units(_of_units(part, given, parity).T, wanted, parity).T for parity, part in enumerate(parts))
-        layers.append((kernel, _of_units(blocks[f"bias_{i}"], wanted, 0)))
+        weight = sum(_of_units(_of_units(part, given, parity).T, wanted, parity).T for parity, part in enumerate(parts))
+        layers.append((weight, _of_units(blocks[f"bias_{i}"], wanted, 0)))
     return layers
 
 
-def _of_units(x: Float[Array, "parity ..."], bases: Bases | None, parity: int) -> Float[Array, "units ..."]:
-    """Rows for units from rows for their even (parity 0) or odd (1) combinations; hidden units have no `bases`: theirs
-    are (1, 1) and (1, -1) of each pair, which takes no multiplications."""
+def _of_units(x: Float[Any, "parity ..."], bases: Bases | None, parity: int) -> Float[Any, "units ..."]:
+    """Return rows for units from rows for their even (parity 0) or odd (1) combinations.
+
+    Hidden units have no `bases`: theirs are (1, 1) and (1, -1) of each pair, which takes no multiplications.
+    """
+    xp = x.__array_namespace__()
     if bases is None:
-        return HALF * jnp.concatenate([x, (1.0, -1.0)[parity] * x])
-    return jnp.asarray(bases[parity], x.dtype) @ x
+        return HALF * xp.concat([x, (1.0, -1.0)[parity] * x])
+    return xp.asarray(bases[parity], dtype=x.dtype) @ x
 
 
 class SymmetricPolicy(linen.Module):

@@ -1,6 +1,6 @@
 """A trained policy as data: two files that anyone can read, and the function that they describe.
 
-    policy/weights.npz   the observation's mean and standard deviation, and each layer's kernel and bias
+    policy/weights.npz   the observation's mean and standard deviation, and each layer's weight and bias
     policy/card.json     what the numbers mean: observation layout, action, environment, versions, results
 
     action = MLP((observation - mean) / std)        deterministic; float32; NumPy or JAX arrays
@@ -79,10 +79,10 @@ class Policy:
     card: PolicyCard
     mean: Float[np.ndarray, " observation"]
     std: Float[np.ndarray, " observation"]
-    layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (kernel, bias)
+    layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (weight, bias)
 
     def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
-        """The action of Brax's network of the same parameters, in the array library of `observation`."""
+        """Return the action of Brax's network of the same parameters, in the array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
             raise PolicyError(
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
@@ -91,10 +91,10 @@ class Policy:
         xp = observation.__array_namespace__()
         activate = _ACTIVATIONS[self.card.activation]
         hidden = (observation.astype(xp.float32) - self.mean) / self.std
-        for kernel, bias in self.layers[:-1]:
-            hidden = activate(xp, hidden @ kernel + bias)
-        kernel, bias = self.layers[-1]
-        return hidden @ kernel + bias
+        for weight, bias in self.layers[:-1]:
+            hidden = activate(xp, hidden @ weight + bias)
+        weight, bias = self.layers[-1]
+        return hidden @ weight + bias
 
 
 # The sigmoid is written with tanh, which cannot overflow.
@@ -107,10 +107,10 @@ _ACTIVATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
 
 
 def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:
-    """The policy of a trained network.
+    """Return the policy of a trained network.
 
     Args:
-        layers: (kernel, bias) of each, all but the last activated, as `networks.dense_layers` gives them.
+        layers: (weight, bias) of each, all but the last activated, as `networks.dense_layers` gives them.
         normalizer: Brax's running statistics, of the observation dictionary or of the policy's part alone.
         card: says how large the network is.
 
@@ -121,7 +121,7 @@ def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: Policy
         statistic[POLICY_OBSERVATION] if isinstance(statistic, Mapping) else statistic
         for statistic in (normalizer.mean, normalizer.std)
     )
-    pairs = tuple((_float32(kernel), _float32(bias)) for kernel, bias in layers)
+    pairs = tuple((_float32(weight), _float32(bias)) for weight, bias in layers)
     policy = Policy(card, _float32(mean), _float32(std), pairs)
     _check_shapes(policy)
     return policy
@@ -177,7 +177,7 @@ def load_policy(
         _check_layout(card, layout_of(card.env.control), directory)
     arrays = _read_weights(directory / WEIGHTS, card)
     count = len(card.hidden_layer_sizes) + 1
-    layers = tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(count))
+    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(count))
     policy = Policy(card, arrays["mean"], arrays["std"], layers)
     _check_numbers(policy, f"{directory / WEIGHTS}")
     return policy
@@ -206,7 +206,7 @@ def _read_card(directory: Path) -> PolicyCard:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:
-    """The arrays that the card promises, and no others."""
+    """Return the arrays that the card promises, and no others."""
     if not path.exists():
         raise PolicyError(f"{path} is missing: the policy was copied without its weights")
     try:
@@ -235,11 +235,11 @@ def _check_layout(card: PolicyCard, expected: Sequence[tuple[str, int]], directo
 
 
 def _promised_shapes(card: PolicyCard) -> dict[str, tuple[int, ...]]:
-    """The shape of every array of a policy with this card."""
+    """Return the shape of every array of a policy with this card."""
     sizes = (card.observation_size, *card.hidden_layer_sizes, card.action_size)
     shapes: dict[str, tuple[int, ...]] = {"mean": sizes[:1], "std": sizes[:1]}
     for i, fans in enumerate(itertools.pairwise(sizes)):
-        shapes |= {f"layer_{i}/kernel": fans, f"layer_{i}/bias": fans[1:]}
+        shapes |= {f"layer_{i}/weight": fans, f"layer_{i}/bias": fans[1:]}
     return shapes
 
 
@@ -266,17 +266,17 @@ def _check_numbers(policy: Policy, where: str) -> None:
     bound = (LARGEST_OBSERVATION + np.abs(policy.mean.astype(float))) / policy.std
     if not (bound < largest).all():
         raise PolicyError(f"{where}: std is so small that an observation may overflow")
-    for i, (kernel, bias) in enumerate(policy.layers):
-        bound = np.maximum(bound, 1.0) @ np.abs(kernel.astype(float)) + np.abs(bias)
+    for i, (weight, bias) in enumerate(policy.layers):
+        bound = np.maximum(bound, 1.0) @ np.abs(weight.astype(float)) + np.abs(bias)
         if not (bound < largest).all():
-            raise PolicyError(f"{where}: layer_{i}/kernel is so large that an action may overflow")
+            raise PolicyError(f"{where}: layer_{i}/weight is so large that an action may overflow")
 
 
 # --- Writing --------------------------------------------------------------------------------------------------
 def _to_arrays(policy: Policy) -> dict[str, np.ndarray]:
     arrays = {"mean": policy.mean, "std": policy.std}
-    for i, (kernel, bias) in enumerate(policy.layers):
-        arrays |= {f"layer_{i}/kernel": kernel, f"layer_{i}/bias": bias}
+    for i, (weight, bias) in enumerate(policy.layers):
+        arrays |= {f"layer_{i}/weight": weight, f"layer_{i}/bias": bias}
     return arrays
 
 

@@ -36,7 +36,7 @@ from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
 RUN_ONCE: Any = {"xla_backend_optimization_level": 0}
 """For XLA, of a program that is run once on a CPU: half the time to compile it."""
-STUCK = "stuck"
+NOT_FINITE = "not_finite"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
 
@@ -103,7 +103,7 @@ class PPO:
         self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
 
     def init(self, seed: int) -> TrainState:
-        """The state before the first train step, spread over the mesh."""
+        """Return the state before the first train step, spread over the mesh."""
         key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
         on_cpu = self.mesh.devices.flat[0].platform == "cpu"
         options = RUN_ONCE if on_cpu else None
@@ -120,7 +120,7 @@ class PPO:
 
     @functools.cached_property
     def shape(self) -> TrainState:
-        """The state's shapes and dtypes, for restoring a checkpoint."""
+        """Return the state's shapes and dtypes, for restoring a checkpoint."""
         shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
@@ -147,7 +147,7 @@ class PPO:
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
         # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
         template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
-        normalizer = self.take_in(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
+        normalizer = self.update_normalizer(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
         state = TrainState(
             params=params,
             average=jax.tree.map(jnp.copy, params.policy),
@@ -163,23 +163,21 @@ class PPO:
     def _train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
         key, keys, key_sgd = self.draw_keys(state)
         fleet, data, metrics = self.unroll(state.params, state.normalizer, state.fleet, keys)
-        params, optimizer, sgd_metrics = self.improve(
-            state.params, state.normalizer, state.optimizer, data, key_sgd, state.step
-        )
+        params, optimizer, sgd_metrics = self.improve(state, data, key_sgd)
         average = optax.incremental_update(params.policy, state.average, 1.0 - self.config.averaging)
         # After the gradient steps, so that these see the observations as the behaviour policy did.
-        normalizer = self.take_in(state.normalizer, data.observation)
+        normalizer = self.update_normalizer(state.normalizer, data.observation)
         after = TrainState(params, average, normalizer, optimizer, fleet, key, state.step + 1)
         # Faults of a robot end in the fleet. What is not finite here is the learner's: it stays where it is, so that
         # the state from which it came about can be saved and studied, however late the host learns of it.
         sound = _all_finite((params, normalizer, optimizer, sgd_metrics))
         after = jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, state)
-        return after, {**metrics, **sgd_metrics, STUCK: 1.0 - sound}
+        return after, {**metrics, **sgd_metrics, NOT_FINITE: 1.0 - sound}
 
-    def take_in(
+    def update_normalizer(
         self, normalizer: running_statistics.RunningStatisticsState, observation: Any
     ) -> running_statistics.RunningStatisticsState:
-        """The statistics with these observations, and with their mirror images where the networks are symmetric."""
+        """Return statistics that count these observations, and their mirror images where networks are symmetric."""
         if self.mirrors:
             images = reflect(self.mirrors, observation)
             observation = jax.tree.map(lambda x, image: jnp.stack([x, image], axis=1), observation, images)
@@ -197,7 +195,7 @@ class PPO:
         fleet: envs.State,
         keys: Array,
     ) -> tuple[envs.State, Transition, dict[str, Array]]:
-        """`unroll_length` control steps: (fleet after, data with axes (robot, time), metrics averaged over both)."""
+        """Take `unroll_length` control steps: (fleet, data with axes (robot, time), metrics averaged over both)."""
         robots, whole = PartitionSpec("robots"), PartitionSpec()
         local = jax.shard_map(
             self._unroll_local,
@@ -219,13 +217,13 @@ class PPO:
         """Unroll the robots of one device; each robot draws random numbers from its own key."""
         act = jax.vmap(self.infer((normalizer, params.policy)))
         split = jax.vmap(functools.partial(jax.random.split, num=3))(keys)
-        bank = self.fleet.bank(fleet, split[:, 0])
+        fresh = self.fleet.fresh_episodes(fleet, split[:, 0])
 
         def control_step(carry: tuple[envs.State, Any], time: Array) -> tuple[tuple[envs.State, Any], Transition]:
             fleet, sums = carry
             noise = jax.vmap(functools.partial(jax.random.fold_in, data=time))(split[:, 1])
             action, policy_extras = act(fleet.obs, noise)
-            after = self.fleet.step(fleet, action, bank)
+            after = self.fleet.step(fleet, action, fresh)
             extras = {"policy_extras": policy_extras, "state_extras": {"truncation": after.info["truncation"]}}
             data = make_transition(fleet.obs, action, after.reward, 1.0 - after.done, (), extras)
             return (after, jax.tree.map(jnp.add, sums, _step_metrics(after))), data
@@ -239,38 +237,31 @@ class PPO:
         return fleet, data, jax.tree.map(lambda x: x / length, sums)
 
     def improve(
-        self,
-        params: losses.PPONetworkParams,
-        normalizer: running_statistics.RunningStatisticsState,
-        optimizer: optax.OptState,
-        data: Transition,
-        key: Array,
-        step: Array,
+        self, state: TrainState, data: Transition, key: Array
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
-        """All epochs of gradient steps on one unroll, the train step's number `step`."""
+        """Take all epochs of gradient steps on one unroll; return parameters, optimiser and mean metrics after them."""
 
-        def minibatch_step(carry: tuple[Any, Any], dealt: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
-            return self.descend(*carry, normalizer, *dealt, step)
+        def minibatch_step(carry: tuple[Any, Any], batch: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
+            params, optimizer = carry
+            return self.gradient_step(state.replace(params=params, optimizer=optimizer), *batch)
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
-            return jax.lax.scan(minibatch_step, carry, self.deal(data, key))
+            return jax.lax.scan(minibatch_step, carry, self.epoch_minibatches(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
-        (params, optimizer), metrics = jax.lax.scan(epoch, (params, optimizer), keys)
+        (params, optimizer), metrics = jax.lax.scan(epoch, (state.params, state.optimizer), keys)
         return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
 
-    def descend(
-        self,
-        params: Any,
-        optimizer: Any,
-        normalizer: running_statistics.RunningStatisticsState,
-        minibatch: Transition,
-        key: Array,
-        step: Array,
+    def gradient_step(
+        self, state: TrainState, minibatch: Transition, key: Array
     ) -> tuple[tuple[Any, Any], dict[str, Array]]:
-        """One gradient step: ((params, optimizer) after it, what it was made of)."""
-        config = self.config
-        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, normalizer, minibatch, key, step)
+        """Take one gradient step; return (parameters, optimiser) after it, and the metrics of the step."""
+        config, step = self.config, state.step
+        params: Any = state.params  # Optax annotates its trees as arrays
+        optimizer: Any = state.optimizer
+        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(
+            params, state.normalizer, minibatch, key, step
+        )
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -311,12 +302,12 @@ class PPO:
             vf_coefficient=config.value_coefficient,
         )
 
-    def deal(self, data: Transition, key: Array) -> tuple[Transition, Array]:
-        """The minibatches of an epoch, and a key for each."""
+    def epoch_minibatches(self, data: Transition, key: Array) -> tuple[Transition, Array]:
+        """Return the minibatches of an epoch, and a key for each."""
         key_shuffle, key_loss = jax.random.split(key)
-        return self.minibatches(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
+        return self.shuffle(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
 
-    def minibatches(self, data: Any, key: Array) -> Any:
+    def shuffle(self, data: Any, key: Array) -> Any:
         """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
         config = self.config
         blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
@@ -324,14 +315,14 @@ class PPO:
         order = jax.vmap(lambda key: jax.random.permutation(key, size))(keys)
         spread = NamedSharding(self.mesh, PartitionSpec(None, "robots"))
 
-        def shuffle(x: Array) -> Array:
+        def shuffled(x: Array) -> Array:
             x = x.reshape(blocks, size, *x.shape[1:])
             x = jax.vmap(lambda rows, order: rows[order])(x, order)
             x = x.reshape(blocks, config.num_minibatches, -1, *x.shape[2:])
             x = jnp.swapaxes(x, 0, 1).reshape(config.num_minibatches, -1, *x.shape[3:])
             return jax.lax.with_sharding_constraint(x, spread)
 
-        return jax.tree.map(shuffle, data)
+        return jax.tree.map(shuffled, data)
 
 
 def _devices(config: PPOConfig) -> list[Any]:

@@ -75,14 +75,14 @@ def start(
             if cluster.is_first():
                 make_folder(run_dir)
                 _require_empty(run_dir)
-                held.enter_context(_alone(run_dir))
+                held.enter_context(_lock(run_dir))
                 _require_empty(run_dir)  # another process may have been faster
                 writers = open_tracker(tracker, run_dir, config)
                 save_config(run_dir / CONFIG, config)
         with learner.compiling():
             state = learner.init(config.run.seed)
             if inherited is not None:
-                state = _adopt(state, inherited)
+                state = _with_inherited(state, inherited)
         with Saver(run_dir, to_json(config)) as saver:
             saver.save(0, state)
         return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
@@ -101,7 +101,7 @@ def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None
         with cluster.together():
             config = load_run_config(run_dir)
             if cluster.is_first():
-                held.enter_context(_alone(run_dir))
+                held.enter_context(_lock(run_dir))
             step = latest_step(run_dir)
             if step is None:
                 raise UserError(
@@ -147,7 +147,7 @@ def _require_empty(run_dir: Path) -> None:
         raise UserError(f"{run_dir} holds {what}: name another --out, or continue a run with --resume")
 
 
-def _alone(run_dir: Path) -> contextlib.AbstractContextManager[int]:
+def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
     """Keep other processes from training in the run's folder meanwhile."""
     return lock_folder(run_dir, f"another process trains in {run_dir}: wait for it, or stop it")
 
@@ -171,7 +171,7 @@ def _inherit(parent: Path, config: TrainConfig, shape: TrainState) -> tuple[dict
     return part, Parent(run=parent.resolve().name, config_hash=config_hash(old), control_steps=steps)
 
 
-def _adopt(state: TrainState, part: dict[str, Any]) -> TrainState:
+def _with_inherited(state: TrainState, part: dict[str, Any]) -> TrainState:
     """`state` with the parent's networks and normaliser, and its robots' curriculum levels dealt out in turn."""
     here = state.fleet.info["curriculum"]
     levels = place(np.resize(part["fleet"]["info"]["curriculum"], here.shape), here)
@@ -189,7 +189,7 @@ def _read_log(metadata: Metadata, run_dir: Path) -> Unlogged:
 
 
 def _read_own(run_dir: Path, step: int, config: TrainConfig, folder: str = CHECKPOINTS) -> Metadata:
-    """The metadata of a checkpoint, which must be of a run with these settings."""
+    """Return the metadata of a checkpoint, which must be of a run with these settings."""
     directory = run_dir / folder / str(step)
     metadata = read_metadata(run_dir, step, folder)
     try:

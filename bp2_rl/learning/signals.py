@@ -15,8 +15,8 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 class StopSignals:
     """While open, SIGINT and SIGTERM only ask training to stop; a SIGINT after either quits at once.
 
-    They are heard also while JAX compiles, when Python's own handlers must wait. In another thread than the main one,
-    where Python allows no handlers, nothing changes. A context manager; on exit the handlers are what they were.
+    They are received while JAX compiles, too, when Python's own handlers must wait. In another thread than the main
+    one, where Python allows no handlers, nothing changes. A context manager; on exit the handlers are what they were.
 
     Args:
         say: called with one line at the first signal, from a thread of its own.
@@ -31,13 +31,13 @@ class StopSignals:
     def __enter__(self) -> "StopSignals":
         """Take over the handlers."""
         if self._in_main_thread:
-            self._ear, self._mouth = socket.socketpair()
-            self._mouth.setblocking(False)
+            self._reader, self._writer = socket.socketpair()
+            self._writer.setblocking(False)
             self._listener = threading.Thread(target=self._listen, name="signals", daemon=True)
             self._listener.start()
             self._handlers = {number: signal.signal(number, lambda *_: None) for number in STOPPING}
             # Python's handlers run between two lines of Python; the number is written here at once.
-            self._wakeup = signal.set_wakeup_fd(self._mouth.fileno(), warn_on_full_buffer=False)
+            self._wakeup = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -46,11 +46,11 @@ class StopSignals:
             signal.set_wakeup_fd(self._wakeup)
             for number, handler in self._handlers.items():
                 signal.signal(number, handler)
-            self._mouth.close()
+            self._writer.close()
             self._listener.join()
-            self._ear.close()
+            self._reader.close()
 
-    def heard(self) -> signal.Signals | None:
+    def received(self) -> signal.Signals | None:
         """Return the signal that this or another process of the cluster has caught; all must call at the same step."""
         number = cluster.largest(self.caught or 0)
         if number:
@@ -58,13 +58,13 @@ class StopSignals:
         return self.caught if number else None
 
     def _listen(self) -> None:
-        while heard := self._ear.recv(1):
-            if heard[0] not in STOPPING:
+        while byte := self._reader.recv(1):
+            if byte[0] not in STOPPING:
                 continue
-            number = signal.Signals(heard[0])
+            number = signal.Signals(byte[0])
             if self.caught is None:
                 self.caught = number
-                with contextlib.suppress(OSError):  # a full disk must not deafen us
+                with contextlib.suppress(OSError):  # the thread must outlive a full disk
                     self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
             elif number is signal.SIGINT:
                 self._leave()

@@ -19,7 +19,7 @@ PROJECT = "bp2_rl"
 STEP = "step"
 """W&B's x-axis. Its own step may not go back, as ours does where a policy is judged late."""
 MOST_PARAMS = 100
-"""That MLflow takes at once."""
+"""The most parameters that MLflow takes at once."""
 
 
 def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) -> list[LogWriter]:
@@ -41,10 +41,10 @@ def open_tracker(tracker: Tracker | None, run_dir: Path, config: TrainConfig) ->
     if had is None:
         save_config(run_dir / TRACKED, writer.tracked)
         return [writer]
-    return [_News(writer, {(line["step"], name) for line in read_metrics(run_dir) for name in line})]
+    return [_OnlyNewMetrics(writer, {(line["step"], name) for line in read_metrics(run_dir) for name in line})]
 
 
-class _News:
+class _OnlyNewMetrics:
     """Writes only metrics that the tracker does not have yet; a resumed run repeats some."""
 
     def __init__(self, writer: LogWriter, told: Set[tuple[int, str]]):
@@ -78,7 +78,7 @@ class _Wandb:
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
-        with _dispensable("wandb"):
+        with _tracker_errors("wandb"):
             self._run.log({STEP: step, "wall_time": wall_time, **metrics})
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class _Mlflow:
         values = [
             Metric(name.replace("/", "."), value, when, step) for name, value in metrics.items() if math.isfinite(value)
         ]
-        with _dispensable("mlflow"):
+        with _tracker_errors("mlflow"):
             self._client.log_batch(self.tracked.run_id, metrics=values)
 
     def close(self) -> None:
@@ -132,7 +132,7 @@ class _Mlflow:
 
 
 @contextlib.contextmanager
-def _dispensable(tracker: Tracker) -> Generator[None]:
+def _tracker_errors(tracker: Tracker) -> Generator[None]:
     """Turn any failure in the block into a `TrackerError`: a server that is gone must not stop a training."""
     try:
         yield

@@ -34,7 +34,7 @@ class LogWriter(Protocol):
         ...
 
     def close(self) -> None:
-        """The run has ended, or has been stopped."""
+        """Close the writer: the run has ended, or has been stopped."""
         ...
 
 
@@ -88,7 +88,7 @@ class EventsFile:
 
 
 def read_metrics(run_dir: Path) -> list[dict[str, Any]]:
-    """The lines of metrics.jsonl that can be read; none where it is not there."""
+    """Return the lines of metrics.jsonl that can be read; none where it is not there."""
     path = run_dir / METRICS
     lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
     return [record for line in lines if (record := _record_of(line)) is not None]
@@ -119,7 +119,7 @@ def _truncate(path: Path, last_step: int) -> Path | None:
 
 
 def _record_of(line: bytes) -> dict[str, Any] | None:
-    """The step and the metrics in a line; None if it cannot be read."""
+    """Return the step and the metrics in a line; None if it cannot be read."""
     try:
         record = parse_json(line, METRICS)
     except BadFileError:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import Env, spaces
 
-from bp2_rl.env.bp2_env import BP2Env, maker_of
+from bp2_rl.env.bp2_env import BP2Env, make_env
 from bp2_rl.settings.env import EnvConfig, Impl
 
 LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.max_speed` has ended its episode
@@ -44,7 +44,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": [], "render_fps": 200}  # noqa: RUF012  # Gymnasium's own
 
     def __init__(self, name: str = "bp2", config: EnvConfig | None = None, impl: Impl = "kernel"):
-        self.env = maker_of(name)(config, impl=impl)
+        self.env = make_env(name, config, impl=impl)
         self.observation_space, self.action_space = spaces_of(self.env)
         self.render_mode = None
         self._reset, self._step = jax.jit(self.env.reset), jax.jit(self.env.step)

@@ -1,9 +1,13 @@
-"""MJX, imported without what it prints on import of the optional package Warp that is missing."""
+"""MJX, imported without what it prints where the optional package Warp is missing, and kept from hanging on CPUs."""
 
 import contextlib
 import io
 
+from bp2_rl.base.workers import use_one_xla_thread
+
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx
+
+use_one_xla_thread()
 
 __all__ = ["mjx"]

@@ -133,10 +133,13 @@ class TerminationConfig:
 
 
 @dataclasses.dataclass(frozen=True)
-class Kernel:
-    """The tracking reward's kernel: exp(-2 e^2 / W^2) with W^2 = floor^2 + (commanded speed / width)^2, and for the yaw
-    rate W = yaw_width. A share `tail` of each reward is instead a straight line, which reaches zero at an error of
-    `reach` plus half the command. The defaults are the paper's."""
+class TrackingShape:
+    """How the tracking reward falls with the error e: exp(-2 e^2 / W^2).
+
+    W^2 = floor^2 + (commanded speed / width)^2 for the velocity, and W = yaw_width for the yaw rate. A share `tail` of
+    each reward is instead a straight line, which reaches zero at an error of `reach` plus half the command.
+    `TrackingShape()` is the paper's.
+    """
 
     floor: Extent = 1.0  # m/s
     width: Annotated[float, Within(0.01, 1e6, infinite=True)] = float("inf")
@@ -150,12 +153,16 @@ class Kernel:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4; the defaults are its imitation column. See `env.rewards` for the terms."""
+    """Coefficients of Table S4's rows, and of two rows more; `env.rewards` has the terms.
+
+    `RewardConfig()` is the table's imitation column; presets set others (`settings.presets`).
+    """
 
     height: Coefficient = 0.05  # c_h
     attitude: Coefficient = 0.05  # c_R
     imitation: Coefficient = 0.6  # c_J bar
-    tracking: Coefficient = 0.1  # c_V bar
+    tracking: Coefficient = 0.1
+    """c_V bar; Table S4 has 0.1 for imitation and 0.4 for relaxed, `--weights ours` 2, with the preset cpu 1.25"""
     torque: Coefficient = 0.1  # c_tau
     power: Coefficient = 0.0  # c_P
     smoothness: Coefficient = 0.1  # c_s
@@ -164,7 +171,7 @@ class RewardConfig:
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
     stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
     schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
-    kernel: Kernel = Kernel()
+    tracking_shape: TrackingShape = TrackingShape()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import kinematics, specs
 
 LIBRARIES = "bp2_trot", "bp2_trot_slow"
-"""Those that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
+"""Libraries that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
 MEND = "make it anew with `bp2 trajopt library build`"
 Size = Annotated[float, Within(0.01, 10.0)]
 

@@ -28,7 +28,7 @@ def tracked(run_dir: Path) -> Tracked | None:
 
 
 def choose_tracker(named: Tracker | None, run_dir: Path | None = None) -> Tracker | None:
-    """The tracker that is named, or else the one that a resumed run has; looks whether it is installed.
+    """Return the tracker that is named, or else the one that a resumed run has; looks whether it is installed.
 
     Raises:
         UserError: it is not, or the run has another one.

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.episode import PipelineState
-from bp2_rl.env.observations import heading
+from bp2_rl.env.observations import trunk_motion
 from bp2_rl.robot import specs
 from bp2_rl.robot.clearance import clearance
 from bp2_rl.robot.kinematics import yaw_of
@@ -87,7 +87,7 @@ def rollout_batch(
         state = jax.vmap(step)(state, actions)
         after: PipelineState = state.pipeline_state
         physics = after.physics
-        speed = jax.vmap(heading)(physics.qpos, physics.qvel).velocity[:, 0]
+        speed = jax.vmap(trunk_motion)(physics.qpos, physics.qvel).velocity[:, 0]
         joints = physics.qpos[:, MOTOR_QPOS].reshape(-1, 4, 3)
         room = clearance(joints, physics.qpos[:, SPRING_QPOS], hardware).least
         return state, (speed, physics.qpos[:, 1], state.done, room)

@@ -85,7 +85,7 @@ def _compiled_run(
 
         def physics_step(robot: Remembered, late: Array) -> tuple[Remembered, tuple[Array, ...]]:
             now = jax.tree.map(lambda x: x[late], issued)
-            after, _ = physics.millisecond(physics.model, motors, resistance, robot, now)
+            after, _ = physics.physics_step(physics.model, motors, resistance, robot, now)
             return after, (robot.qpos, robot.qvel, after.torque, now.position, command)
 
         robot, samples = jax.lax.scan(physics_step, robot, behind)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.env.controller import Controller, ControllerState
 from bp2_rl.env.observations import add_noise, sense
-from bp2_rl.env.physics.interface import ages, in_force
+from bp2_rl.env.physics.interface import newest_active, target_ages
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import specs
 from bp2_rl.robot.easing import eased
@@ -126,7 +126,7 @@ class PolicyRunner:
 def control_steps_behind(latency: float) -> list[int]:
     """Return how many control steps ago the target was issued that acts in each ms of a control step."""
     longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
-    return [int(in_force(age, np.array(latency))) for age in ages(longest)]
+    return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
 
 
 def control_step(
@@ -147,7 +147,7 @@ def control_step(
             key, share = drawn
             noisy = add_noise(measured, noise, key)
             measured = jax.tree.map(lambda clean, with_noise: clean + share * (with_noise - clean), measured, noisy)
-        observation, state = controller.observe(state, command, measured)
+        state, observation = controller.observe(state, command, measured)
         action = policy(observation)
         # With the reference, though not everybody asks for it: without it XLA rounds the targets otherwise.
         return *controller.act(state, command, action), eased(command, asked, config.control)

@@ -21,7 +21,7 @@ REFUSED = ("nan", "-inf", "1e308", "-1e308", "9" * 400, "fast")
 """Numbers that make no setting: whatever the flag, they are refused."""
 ENDLESS = (
     "--env.control.torque-rate",
-    "--env.reward.kernel.width",
+    "--env.reward.tracking-shape.width",
     "--ppo.entropy-decay",
     "--ppo.kl-decay",
     "hardware.braking-speed",

@@ -27,7 +27,8 @@ from bp2_rl.base.serialization import (
 )
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.training import TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import TrainConfig
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,8 @@ print(controller.fault, np.isfinite(targets.position).all(), np.abs(targets.posi
 def tiny(make_card, **changes) -> Policy:
     card = make_card(**changes)
     size = card.observation_size
-    kernel, bias = np.zeros((size, 4), np.float32), np.zeros(4, np.float32)
-    layers = (kernel, bias), (np.zeros((4, 12), np.float32), np.zeros(12, np.float32))
+    weight, bias = np.zeros((size, 4), np.float32), np.zeros(4, np.float32)
+    layers = (weight, bias), (np.zeros((4, 12), np.float32), np.zeros(12, np.float32))
     return Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
 
 

@@ -93,7 +93,7 @@ def test_two_thousand_ticks_of_a_closed_loop_are_those_of_jax(loop, shipped, dou
     def tick(carry, seen):
         (state, told), (measured, asked) = carry, seen
         told = eased(told, asked, shipped.card.env.control)
-        observation, state = trained.observe(state, told, Seen(*jnp.split(measured, [12, 24, 27])))
+        state, observation = trained.observe(state, told, Seen(*jnp.split(measured, [12, 24, 27])))
         state, targets, _ = trained.act(state, told, shipped(observation))
         return (state, told), jnp.stack([targets.position, targets.velocity])
 
@@ -124,7 +124,7 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
         controller.reset(0.2)
         found = controller.step(standing(0.0), (speed, 0.0, 0.0), 0.0)
         command = jnp.array([speed, 0.0, 0.0])
-        observation, seen = trained.observe(start, command, measured)
+        seen, observation = trained.observe(start, command, measured)
         _, targets, _ = trained.act(seen, command, policy(observation))
         assert found.position == pytest.approx(np.asarray(targets.position), abs=2e-5)
 

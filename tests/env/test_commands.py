@@ -14,11 +14,12 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.robot import specs
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import HardwareSpec, Losses
-from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, Kernel
+from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, TrackingShape
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
 CURRICULUM = CurriculumConfig(start_speed=3.0)  # at level 0 commands from 2.7 m/s on are near the limit
 AT_ONCE, GENTLY = ControlConfig(), ControlConfig(braking=4.0, stopping_time=0.9)
+SETTINGS = EnvConfig(commands=CONFIG, curriculum=CURRICULUM, control=AT_ONCE)
 LAUNCHED = ControlConfig(launching=6.0, launching_speed=18.0)
 KEY = jax.random.PRNGKey(0)
 
@@ -61,16 +62,16 @@ def test_a_stand_lasts_as_long_as_is_said_for_stands():
 
 
 def test_the_fastest_command_rises_with_the_level_from_start_to_maximum():
-    speeds = [float(commands.fastest(jnp.array(level), CONFIG, CURRICULUM)) for level in (0.0, 0.5, 1.0)]
+    speeds = [float(commands.max_forward_at(jnp.array(level), SETTINGS)) for level in (0.0, 0.5, 1.0)]
     assert speeds == [3.0, 6.5, 10.0]
 
 
-def run(state, level, tracking, steps, seed=1, config=CONFIG, curriculum=CURRICULUM, control=AT_ONCE):
+def run(state, level, tracking, steps, seed=1, config=SETTINGS):
     """`tracking(command)` is the speed the robot runs at."""
 
     def step(carry, key):
         state, level = carry
-        state, level = commands.advance(state, level, tracking(state.current[0]), key, config, curriculum, control)
+        state, level = commands.advance(state, level, tracking(state.current[0]), key, config)
         return (state, level), (level, state.current)
 
     return jax.lax.scan(step, (state, level), jax.random.split(jax.random.PRNGKey(seed), steps))[1]
@@ -86,7 +87,7 @@ def run_fleet(tracking, seconds, robots=32, config=RISING):
         key = jax.random.PRNGKey(seed)
         start = commands.draw(key, None, jnp.array(config.curriculum.start_speed), config.commands)
         steps = round(seconds / specs.CONTROL_STEP)
-        return run(start, jnp.array(0.0), tracking, steps, seed, config.commands, config.curriculum)
+        return run(start, jnp.array(0.0), tracking, steps, seed, config)
 
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(robots)))
 
@@ -96,7 +97,7 @@ def test_a_robot_that_cannot_run_faster_is_not_commanded_much_faster():
     levels, _ = run_fleet(lambda command: jnp.minimum(command, 5.0), 120.0)
 
     def limit(level):
-        return float(commands.fastest(jnp.array(level), RISING.commands, RISING.curriculum))
+        return float(commands.max_forward_at(jnp.array(level), RISING))
 
     assert limit(levels.max()) <= 7.0
     assert limit(levels[:, -1].min()) > 5.0  # what it can run it is commanded
@@ -111,7 +112,7 @@ def test_a_robot_that_follows_every_command_reaches_the_top():
 def test_without_a_curriculum_all_commands_come_from_the_first_step_on():
     config = EnvConfig()
     assert config.curriculum.start_speed is None
-    assert commands.fastest(jnp.array(0.0), config.commands, config.curriculum) == config.commands.max_forward
+    assert commands.max_forward_at(jnp.array(0.0), config) == config.commands.max_forward
 
 
 def test_no_command_asks_for_more_lateral_acceleration_than_max_turn():
@@ -202,7 +203,7 @@ def test_only_what_gives_speed_to_a_robot_on_its_way_forward_is_launched():
 def told_in_training(control):
     """The forward commands of 30 s."""
     start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
-    _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, control=control)
+    _, currents = run(start, jnp.array(1.0), lambda v: v, 6000, config=dataclasses.replace(SETTINGS, control=control))
     return np.asarray(currents)[:, 0]
 
 
@@ -281,7 +282,7 @@ NAN, INF = float("nan"), float("inf")
         ("randomization.push_interval", 0.0),
         ("reset.standing_fraction", -0.1),
         ("reward.imitation", NAN),
-        ("reward.kernel", Kernel(width=0.0)),
+        ("reward.tracking_shape", TrackingShape(width=0.0)),
         ("termination.min_up", 5.0),
         ("termination.max_speed", INF),
     ],
@@ -312,5 +313,5 @@ def test_a_reference_below_the_height_of_a_fall_is_refused_by_name():
 
 def test_what_has_a_meaning_when_infinite_may_be():
     control = dataclasses.replace(EnvConfig().control, torque_rate=INF)
-    reward = dataclasses.replace(EnvConfig().reward, kernel=Kernel(width=INF))
+    reward = dataclasses.replace(EnvConfig().reward, tracking_shape=TrackingShape(width=INF))
     assert EnvConfig(control=control, reward=reward).control.torque_rate == INF

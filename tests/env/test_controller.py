@@ -58,7 +58,7 @@ def test_the_clock_can_be_hidden_from_a_policy_where_nothing_steps(reference):
     def clock(speed, clock_at_rest):
         config = EnvConfig(reference=reference, control=ControlConfig(clock_at_rest=clock_at_rest))
         controller = Controller(config)
-        return controller.observe(controller.init(0.125), jnp.array([speed, 0.0, 0.0]), measured)[0][3:5]
+        return controller.observe(controller.init(0.125), jnp.array([speed, 0.0, 0.0]), measured)[1][3:5]
 
     seen = np.full(2, math.sqrt(0.5))
     np.testing.assert_allclose(clock(0.0, True), seen, rtol=1e-6)
@@ -73,7 +73,7 @@ def test_history_is_what_changed_since_then_and_nothing_at_first():
     for k in range(5):
         measured = Measurement(jnp.full(12, float(k) ** 2), jnp.zeros(12), jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3))
         frames.append(np.asarray(controller.frame(state, COMMAND, measured)))
-        observation, state = controller.observe(state, COMMAND, measured)
+        state, observation = controller.observe(state, COMMAND, measured)
         seen.append(np.asarray(observation))
         state, _, _ = controller.act(state, COMMAND, jnp.full(12, 0.1 * k))
     assert sum(entry.size for entry in layout_of(ControlConfig(history=(1, 3)))) == len(seen[0]) == 3 * 47

@@ -15,7 +15,7 @@ import bp2_rl.env
 from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of, motors_of
-from bp2_rl.env.episode import DRAWS
+from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import specs
@@ -27,13 +27,13 @@ from bp2_rl.settings.env import (
     ControlConfig,
     CurriculumConfig,
     EnvConfig,
-    Kernel,
     RandomizationConfig,
     ResetConfig,
     RewardConfig,
     TerminationConfig,
+    TrackingShape,
 )
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -134,13 +134,11 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
     )
     env = BP2Env(config)
     start = jax.vmap(env.starts.draw, in_axes=(0, None))(
-        jax.vmap(lambda key: jax.random.split(key, DRAWS))(jax.random.split(KEYS[0], 3000)), jnp.zeros(())
+        jax.vmap(lambda key: jax.random.split(key, NUM_KEYS))(jax.random.split(KEYS[0], 3000)), jnp.zeros(())
     )[0]
 
     def step(state, key):
-        state, _ = commands.advance(
-            state, jnp.zeros(()), jnp.zeros(()), key, config.commands, config.curriculum, config.control
-        )
+        state, _ = commands.advance(state, jnp.zeros(()), jnp.zeros(()), key, config)
         return state, state.current[0]
 
     keys = jax.random.split(KEYS[1], 200)
@@ -250,7 +248,7 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
         "latency": episode.randomization.latency[:, None],
     }.items():
         np.testing.assert_array_equal(seen[name], expected, err_msg=name)
-    assert set(np.unique(seen["feet"])) == {0.0, 1.0}
+    assert set(np.unique(seen["foot_contact"])) == {0.0, 1.0}
 
 
 def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start):
@@ -368,14 +366,14 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
 
 
 def test_errors_are_averaged_and_observations_remembered_where_asked_for():
-    kernel = Kernel(memory=0.2)
-    config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(kernel=kernel))
+    shape = TrackingShape(memory=0.2)
+    config = EnvConfig(control=ControlConfig(history=(1,)), reward=RewardConfig(tracking_shape=shape))
     env = BP2Env(config, impl="kernel")
     before = jax.jit(env.reset)(jax.random.PRNGKey(3))
     after = jax.jit(env.step)(before, jnp.full(12, 0.1))
     np.testing.assert_allclose(after.pipeline_state.mean_action, 0.1 * (1.0 - np.exp(-0.005 / 0.2)), rtol=1e-4)
     command = before.pipeline_state.command.current
-    moved = observations.heading(physics(after).qpos, physics(after).qvel)
+    moved = observations.trunk_motion(physics(after).qpos, physics(after).qvel)
     error = jnp.append(moved.velocity[:2], moved.yaw_rate) - command
     expected = (1.0 - np.exp(-0.005 / 0.2)) * np.asarray(error)
     np.testing.assert_allclose(after.pipeline_state.tracking_error, expected, rtol=1e-4, atol=1e-6)
@@ -386,7 +384,7 @@ def test_errors_are_averaged_and_observations_remembered_where_asked_for():
     near = command + after.pipeline_state.tracking_error
     weights = rewards.speed_schedule(command[0], 15.5, config.reward.imitation, config.reward.tracking)
     share = rewards.tracking_balance(15.5, 0.5, 1.0)
-    tracked = rewards.velocity_tracking(near[:2], command[:2], near[2:], command[2:], share, kernel)
+    tracked = rewards.velocity_tracking(near[:2], command[:2], near[2:], command[2:], share, shape)
     assert float(after.metrics["reward/tracking"]) == pytest.approx(float(weights[1] * tracked), rel=1e-5)
     first, then = before.obs["state"], after.obs["state"]
     np.testing.assert_array_equal(first[47:], 0.0)

@@ -50,10 +50,12 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         seen = observations.actor_observation(
             jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action)
         )
-        heading = observations.heading(qpos, qvel)
-        return observations.critic_observation(
-            seen, heading, qpos, qvel, jnp.asarray(feet), jnp.asarray(target), drawn, 1, jnp.asarray(error)
-        )
+        privileged = observations.Privileged(
+            observations.trunk_motion(qpos, qvel).velocity, qpos[2], qpos[SPRING_QPOS], qvel[SPRING_QVEL],
+            jnp.asarray(feet), jnp.asarray(target), drawn.friction, drawn.mass[1], drawn.com_offset, drawn.strength,
+            drawn.latency, jnp.asarray(error),
+        )  # fmt: skip
+        return observations.critic_observation(seen, privileged)
 
     turned = [1.0, -1.0, -1.0]
     left = [strength[leg * 3 + i] for leg in (1, 0, 3, 2) for i in range(3)]

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bp2_rl.env import rewards
-from bp2_rl.settings.env import Kernel, RewardConfig
-from bp2_rl.settings.training import PAPER
+from bp2_rl.settings.env import CommandConfig, EnvConfig, RewardConfig, TrackingShape
+from bp2_rl.settings.presets.rewards import PAPER
 
 ZERO = jnp.zeros(12)
 # float32 exponentials are good to a few units in the last place.
@@ -55,10 +55,10 @@ def test_velocity_tracking():
     assert float(rewards.velocity_tracking(v, v_cmd, omega, omega_cmd, 0.6)) == close(0.511070, rel=1e-5)
 
 
-def test_a_finite_tracking_width_widens_the_linear_kernel_alone():
+def test_a_finite_tracking_width_widens_the_linear_term_alone():
     # width 5, command 10: exp(-2 x 4 / (1 + 4)) = exp(-1.6)
     v, v_cmd, still = jnp.array([8.0, 0.0]), jnp.array([10.0, 0.0]), jnp.zeros(1)
-    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, Kernel(width=5.0))) == close(
+    assert float(rewards.velocity_tracking(v, v_cmd, still, still, 0.6, TrackingShape(width=5.0))) == close(
         0.6 * 0.201897 + 0.4, rel=1e-5
     )
 
@@ -163,7 +163,8 @@ def inputs(**changes) -> rewards.RewardInputs:
 
 
 def total(config: RewardConfig, **changes) -> dict[str, float]:
-    terms = rewards.table_s4(inputs(**changes), config, max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0, dt=0.005)
+    commands = CommandConfig(max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0)
+    terms = rewards.table_s4(inputs(**changes), EnvConfig(commands=commands, reward=config))
     return {name: float(value) for name, value in terms.items()}
 
 
@@ -215,17 +216,17 @@ def test_symmetry_reads_the_abduction_joints():
     assert total(PAPER["relaxed"], q=joint(0.5, 1))["symmetry"] == close(0.1)
 
 
-def test_a_tail_gives_the_kernels_a_slope_at_any_error():
+def test_a_tail_gives_the_reward_a_slope_at_any_error():
     v_cmd, omega_cmd = jnp.array([15.0, 0.0]), jnp.array([1.0])
 
     def score(speed, yaw_rate, w, tail=0.3, reach=1.0, yaw_reach=1.0):
-        kernel = Kernel(width=9.0, tail=tail, reach=reach, yaw_reach=yaw_reach)
+        shape = TrackingShape(width=9.0, tail=tail, reach=reach, yaw_reach=yaw_reach)
         return float(
-            rewards.velocity_tracking(jnp.array([speed, 0.0]), v_cmd, jnp.array([yaw_rate]), omega_cmd, w, kernel)
+            rewards.velocity_tracking(jnp.array([speed, 0.0]), v_cmd, jnp.array([yaw_rate]), omega_cmd, w, shape)
         )
 
     assert score(15.0, 1.0, 0.5) == close(1.0, rel=1e-5)
-    # At 10 m/s of 15 the kernel exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 / 2)) is left.
+    # At 10 m/s of 15 the bell exp(-50 / 3.78) is all but gone; 0.3 (1 - 5 / (1 + 15 / 2)) is left.
     assert score(10.0, 0.0, 1.0) == close(0.123531, rel=1e-5)
     assert score(10.0, 0.0, 1.0, tail=0.0) < 1e-5
     assert score(6.5, 0.0, 1.0) < 1e-15  # where the line ends
@@ -239,18 +240,18 @@ def test_a_tail_gives_the_kernels_a_slope_at_any_error():
 def test_an_average_forgets_exponentially():
     error = jnp.zeros(3)
     for _ in range(40):
-        error = rewards.averaged(error, jnp.array([1.0, -2.0, 0.0]), 0.2, 0.005)
+        error = rewards.exponential_average(error, jnp.array([1.0, -2.0, 0.0]), 0.2, 0.005)
     gained = 1.0 - math.exp(-1.0)  # after as long as it remembers
     np.testing.assert_allclose(error, [gained, -2.0 * gained, 0.0], rtol=1e-5)
-    np.testing.assert_array_equal(rewards.averaged(error, jnp.ones(3), 0.0, 0.005), 1.0)
+    np.testing.assert_array_equal(rewards.exponential_average(error, jnp.ones(3), 0.0, 0.005), 1.0)
 
 
-def test_narrow_kernels_tell_slow_motion_and_small_yaw_rates_apart():
+def test_narrow_shapes_tell_slow_motion_and_small_yaw_rates_apart():
     still, turn, slow = jnp.zeros(1), jnp.array([0.3]), jnp.array([0.5, 0.0])
-    kernel = Kernel(floor=0.2, width=8.0, yaw_width=0.3)
+    shape = TrackingShape(floor=0.2, width=8.0, yaw_width=0.3)
     yaw = functools.partial(rewards.velocity_tracking, slow, slow, still, turn, 0.0)
     assert float(yaw()) == close(0.835270, rel=1e-5)  # exp(-0.18)
-    assert float(yaw(kernel)) == close(0.135335, rel=1e-5)  # exp(-2)
+    assert float(yaw(shape)) == close(0.135335, rel=1e-5)  # exp(-2)
     late = functools.partial(rewards.velocity_tracking, jnp.zeros(2), slow, still, still, 1.0)
     assert float(late()) == close(0.606531, rel=1e-5)  # exp(-0.5)
-    assert float(late(kernel)) == close(1.13318e-5, rel=1e-3)  # exp(-0.5 / (0.04 + 0.00390625))
+    assert float(late(shape)) == close(1.13318e-5, rel=1e-3)  # exp(-0.5 / (0.04 + 0.00390625))

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.env.termination import fall, tangled
+from bp2_rl.env.termination import fall, fall_in_training, self_collision
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import TerminationConfig
+from bp2_rl.settings.env import EnvConfig, TerminationConfig
 
 CONFIG = TerminationConfig()
 
@@ -73,12 +73,24 @@ def test_legs_may_be_in_each_other_by_so_much(max_overlap, ends):
     qpos, _ = state()
     qpos[[7, 11]] = 0.4, -0.4
     config = TerminationConfig(max_overlap=max_overlap)
-    assert tangled(qpos, config, HardwareSpec(solid_legs=True)) == ends
-    assert tangled(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))  # NaN is no way out
-    assert tangled(qpos, config, HardwareSpec()) is None
+    assert self_collision(qpos, config, HardwareSpec(solid_legs=True)) == ends
+    assert self_collision(np.full(23, math.nan), config, HardwareSpec(solid_legs=True))  # NaN is no way out
+    assert self_collision(qpos, config, HardwareSpec()) is None
+
+
+@pytest.mark.parametrize(("torque", "action"), [(0.0, math.nan), (math.inf, 0.0)])
+def test_in_training_numbers_that_are_not_finite_and_legs_in_each_other_end_an_episode_too(torque, action):
+    config, (qpos, qvel) = EnvConfig(hardware=HardwareSpec(solid_legs=True)), state()
+    still, bad_torque, bad_action = np.zeros(12), np.zeros(12), np.zeros(12)
+    bad_torque[5], bad_action[3] = torque, action
+    assert not fall_in_training(qpos, qvel, still, still, config).happened
+    assert fall_in_training(qpos, qvel, bad_torque, bad_action, config)[:3] == (True, False, False)
+    qpos[[7, 11]] = 0.4, -0.4
+    assert fall_in_training(qpos, qvel, still, still, config) == (False, False, False, True)
+    assert fall_in_training(qpos, qvel, still, still, EnvConfig()).self_collision is None
 
 
 def test_a_fall_asks_after_legs_only_where_it_was_told_to():
     judged = fall(*state(), CONFIG)
     assert not judged.happened
-    assert judged._replace(tangled=np.bool_(True)).happened
+    assert judged._replace(self_collision=np.bool_(True)).happened

@@ -17,7 +17,8 @@ from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.training import TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import TrainConfig
 
 PER_STEP = 16 * 4  # control steps
 STEPS = 8
@@ -227,7 +228,7 @@ def test_a_resumed_run_knows_the_judge_results_before_and_has_the_others_judged(
         return signals.caught
 
     with monkeypatch.context() as patch:
-        patch.setattr("bp2_rl.learning.loop.StopSignals.heard", caught_in_the_fourth_step)
+        patch.setattr("bp2_rl.learning.loop.StopSignals.received", caught_in_the_fourth_step)
         with pytest.raises(RunStopped):
             training.start(small(), tmp_path / "run", judge=judge)
     run = tmp_path / "run"

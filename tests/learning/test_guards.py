@@ -20,7 +20,7 @@ from bp2_rl.learning import run as training
 from bp2_rl.learning.checkpoint import FAILED, latest_step, leaves_by_path, restore_checkpoint
 from bp2_rl.learning.fleet import FAULTS, Fleet
 from bp2_rl.learning.monitor import Monitor
-from bp2_rl.learning.ppo import PPO, STUCK
+from bp2_rl.learning.ppo import NOT_FINITE, PPO
 from bp2_rl.settings.training import TrainConfig
 
 STEPS = 12
@@ -63,13 +63,13 @@ def assert_equal(a, b):
 
 # --- A robot's fault stays with the robot ---------------------------------------------------------------------
 def step_fleet(env, change=lambda state, action: (state, action)):
-    """(Fleet after one step, the bank it was given.)"""
+    """(Fleet after one step, the fresh episodes it was given.)"""
     fleet = Fleet(env, episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
-    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
+    fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
     young = dataclasses.replace(state, info={**state.info, "steps": jnp.zeros(ROBOTS, jnp.int32)})
     state, action = change(young, jnp.zeros((ROBOTS, 12)))
-    return fleet.step(state, action, bank), bank
+    return fleet.step(state, action, fresh), fresh
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def step_fleet(env, change=lambda state, action: (state, action)):
     ],
 )
 def test_a_step_that_is_not_finite_ends_that_robots_episode_and_no_others(fault, cause):
-    after, bank = step_fleet(StandIn(fault, rarity=4))
+    after, fresh = step_fleet(StandIn(fault, rarity=4))
     sound, _ = step_fleet(StandIn())
     struck = np.asarray(after.metrics[cause]) == 1
     assert 5 < struck.sum() < 30
@@ -91,7 +91,7 @@ def test_a_step_that_is_not_finite_ends_that_robots_episode_and_no_others(fault,
     assert np.all(np.asarray(after.info["truncation"]) == 0)
     assert np.all(np.asarray(after.reward)[struck] == 0)
     for name in after.obs:
-        np.testing.assert_array_equal(np.asarray(after.obs[name])[struck], np.asarray(bank.obs[name])[struck])
+        np.testing.assert_array_equal(np.asarray(after.obs[name])[struck], np.asarray(fresh.obs[name])[struck])
     for ours, theirs in zip(jax.tree.leaves(after), jax.tree.leaves(sound), strict=True):
         np.testing.assert_array_equal(np.asarray(ours)[~struck], np.asarray(theirs)[~struck])
     assert sum(float(jnp.sum(after.metrics[name])) for name in FAULTS) == struck.sum()
@@ -128,25 +128,25 @@ def test_an_end_that_is_neither_yes_nor_no_is_an_end():
         def step(self, state, action):
             return super().step(state, action).replace(done=jnp.nan)
 
-    after, bank = step_fleet(Broken())
+    after, fresh = step_fleet(Broken())
     assert_finite(after)
     assert np.all(np.asarray(after.done) == 1)
-    np.testing.assert_array_equal(after.obs["state"], bank.obs["state"])
+    np.testing.assert_array_equal(after.obs["state"], fresh.obs["state"])
 
 
 def test_a_reset_that_is_not_finite_is_replaced_by_the_robots_own_state_and_counted_where_it_was_used():
     fleet = Fleet(StandIn("reset", rarity=4), episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
-    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
-    bad = np.asarray(bank.metrics["fault/reset"]) == 1
+    fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), ROBOTS))
+    bad = np.asarray(fresh.metrics["fault/reset"]) == 1
     assert 5 < bad.sum() < 30
-    assert_finite(bank)
-    np.testing.assert_array_equal(np.asarray(bank.obs["state"])[bad], np.asarray(state.obs["state"])[bad])
-    assert not np.any(np.asarray(bank.obs["state"])[~bad] == np.asarray(state.obs["state"])[~bad])
-    assert np.all(np.asarray(bank.info["steps"]) == 0)
+    assert_finite(fresh)
+    np.testing.assert_array_equal(np.asarray(fresh.obs["state"])[bad], np.asarray(state.obs["state"])[bad])
+    assert not np.any(np.asarray(fresh.obs["state"])[~bad] == np.asarray(state.obs["state"])[~bad])
+    assert np.all(np.asarray(fresh.info["steps"]) == 0)
     ending = np.arange(ROBOTS) < 32
     state = dataclasses.replace(state, info={**state.info, "steps": jnp.where(ending, 99, 0)})
-    after = fleet.step(state, jnp.zeros((ROBOTS, 12)), bank)
+    after = fleet.step(state, jnp.zeros((ROBOTS, 12)), fresh)
     np.testing.assert_array_equal(after.metrics["fault/reset"], bad & ending)
 
 
@@ -186,12 +186,12 @@ def test_a_loss_that_overflows_leaves_the_state_as_it_was_and_stops_the_run(faul
     state = learner.init(0)
     for _ in range(step):
         state, metrics = learner.train_step(state)
-        assert float(metrics["stuck"]) == 0
+        assert float(metrics["not_finite"]) == 0
     failed = restore(run, folder=FAILED)
     assert_equal(state, failed)
     for _ in range(3):
         state, metrics = learner.train_step(state)
-        assert float(metrics["stuck"]) == 1
+        assert float(metrics["not_finite"]) == 1
     assert_equal(state, failed)
 
     assert command.main(["--replay", str(run)]) == 0
@@ -367,7 +367,7 @@ def test_a_warning_is_said_once_until_it_has_been_away(monkeypatch):
     lines = log.Log(monitor, TINY, log.Unlogged())
     for step, present in enumerate((kl, kl | falls, kl, {}, kl)):
         monkeypatch.setattr(guards, "warnings", lambda means, ppo, present=present: present)
-        lines.add({STUCK: jnp.zeros(())})
+        lines.add({NOT_FINITE: jnp.zeros(())})
         lines.close(step)
         lines.flush()
         heard.append([said.pop() for _ in list(said)])

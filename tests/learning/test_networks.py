@@ -11,6 +11,7 @@ from brax.training.acme import running_statistics, specs
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.mirror import ACTION, mirror_of
 from bp2_rl.env.observations import CRITIC_LAYOUT, LAYOUT
+from bp2_rl.learning import networks as networks_module
 from bp2_rl.learning.networks import dense_layers, make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -75,14 +76,23 @@ def test_an_ordinary_network_does_the_same_with_twice_the_weights(symmetric):
     networks, statistics, actor, _, observation = symmetric
     layers = dense_layers(actor, MIRRORS)
     hidden = np.asarray((observation["state"] - statistics.mean["state"]) / statistics.std["state"], float)
-    for kernel, bias in layers[:-1]:
-        hidden = np.asarray(jax.nn.swish(hidden @ kernel + bias))
-    kernel, bias = layers[-1]
+    for weight, bias in layers[:-1]:
+        hidden = np.asarray(jax.nn.swish(hidden @ weight + bias))
+    weight, bias = layers[-1]
     mean, _ = networks.policy_network.apply(statistics, actor, observation)
-    np.testing.assert_allclose(hidden @ kernel + bias, mean, rtol=0, atol=1e-5)
-    assert [kernel.shape for kernel, _ in layers] == list(itertools.pairwise((47, 32, 16, 12)))
+    np.testing.assert_allclose(hidden @ weight + bias, mean, rtol=0, atol=1e-5)
+    assert [weight.shape for weight, _ in layers] == list(itertools.pairwise((47, 32, 16, 12)))
     blocks = [block for name, block in actor["params"]["SymmetricMLP_0"].items() if not name.startswith("bias")]
     assert 2 * sum(block.size for block in blocks) == pytest.approx(sum(k.size for k, _ in layers), rel=0.01)
+
+
+def test_layers_are_assembled_in_numpy_as_the_compiled_network_does(symmetric):
+    actor, bases = symmetric[2], (MIRRORS["state"].parities(), MIRRORS["action"].parities())
+    compiled = jax.jit(lambda blocks: networks_module._assemble(blocks, *bases))(actor["params"]["SymmetricMLP_0"])
+    layers = dense_layers(actor, MIRRORS)
+    assert all(isinstance(array, np.ndarray) and array.dtype == np.float32 for layer in layers for array in layer)
+    # Weights are at most about 1, and XLA may round a product and a sum once where NumPy rounds each.
+    jax.tree.map(lambda ours, theirs: np.testing.assert_allclose(ours, theirs, rtol=0, atol=1.2e-7), layers, compiled)
 
 
 def test_without_symmetry_the_networks_are_braxs():

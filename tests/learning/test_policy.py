@@ -246,7 +246,7 @@ def test_an_export_never_replaces_a_folder_that_is_no_policy(brax_params: Any, n
 
 def test_a_network_that_is_not_the_cards_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
     before = (policy_dir / "card.json").read_bytes()
-    with pytest.raises(PolicyError, match=r"layer_1/kernel has shape \(32, 16\), its card says \(32, 20\)"):
+    with pytest.raises(PolicyError, match=r"layer_1/weight has shape \(32, 16\), its card says \(32, 20\)"):
         export_policy(
             policy_dir, params=brax_params, normalizer=normalizer, card=make_card(hidden_layer_sizes=(32, 20))
         )
@@ -258,7 +258,7 @@ def test_a_network_that_is_not_the_cards_is_not_exported(brax_params: Any, norma
 def test_a_policy_that_is_not_finite_is_not_exported(brax_params: Any, normalizer: Any, policy_dir: Path):
     before = (policy_dir / "weights.npz").read_bytes()
     broken = jax.tree.map(lambda x: x * jnp.nan, brax_params)
-    with pytest.raises(PolicyError, match="layer_0/kernel is not finite"):
+    with pytest.raises(PolicyError, match="layer_0/weight is not finite"):
         export_policy(policy_dir, params=broken, normalizer=normalizer, card=make_card())
     assert (policy_dir / "weights.npz").read_bytes() == before
 
@@ -348,7 +348,7 @@ def test_an_archive_of_another_precision(policy_dir: Path, tmp_path: Path):
 
 def test_weights_of_another_shape(policy_dir: Path):
     edit_card(policy_dir, action_size=13)
-    assert "holds layer_2/kernel as float32[16, 12], expected float32[16, 13]" in refusal(policy_dir)
+    assert "holds layer_2/weight as float32[16, 12], expected float32[16, 13]" in refusal(policy_dir)
 
 
 def test_a_truncated_card(policy_dir: Path):
@@ -429,9 +429,9 @@ def test_strangers_arrays_are_not_unpacked(policy_dir: Path, tmp_path: Path):
         ("std", -1.0, "std is not positive"),
         ("std", 1e-38, "std is so small that an observation may overflow"),
         ("mean", np.nan, "mean is not finite"),
-        ("layer_1/kernel", np.inf, "layer_1/kernel is not finite"),
-        ("layer_0/kernel", 3e38, "layer_0/kernel is so large that an action may overflow"),
-        ("layer_2/kernel", 1e36, "layer_2/kernel is so large that an action may overflow"),
+        ("layer_1/weight", np.inf, "layer_1/weight is not finite"),
+        ("layer_0/weight", 3e38, "layer_0/weight is so large that an action may overflow"),
+        ("layer_2/weight", 1e36, "layer_2/weight is so large that an action may overflow"),
     ],
 )
 def test_numbers_that_no_action_can_come_of_are_refused_by_name(
@@ -442,7 +442,7 @@ def test_numbers_that_no_action_can_come_of_are_refused_by_name(
     arrays[name] = np.full_like(arrays[name], value)
     forge(policy_dir, archive(tmp_path, **arrays))
     assert words in refusal(policy_dir)
-    layers = tuple((arrays[f"layer_{i}/kernel"], arrays[f"layer_{i}/bias"]) for i in range(3))
+    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(3))
     broken = dataclasses.replace(load_policy(exported), mean=arrays["mean"], std=arrays["std"], layers=layers)
     with pytest.raises(PolicyError, match=f"not exported to .*: {words}"):
         save_policy(tmp_path / "p", broken)

@@ -115,7 +115,7 @@ def test_minibatches_hold_every_robot_once_with_equal_shares_of_each_block():
     config = dataclasses.replace(TINY, num_envs=64, num_minibatches=4)
     learner = PPO(Aim(), config)
     robots = jnp.arange(64)[:, None]
-    batches = np.asarray(jax.jit(learner.minibatches)(robots, jax.random.PRNGKey(0)))[..., 0]
+    batches = np.asarray(jax.jit(learner.shuffle)(robots, jax.random.PRNGKey(0)))[..., 0]
     assert batches.shape == (4, 16)
     assert sorted(batches.ravel()) == list(range(64))
     assert not np.array_equal(batches.ravel(), np.arange(64))
@@ -132,13 +132,13 @@ def test_devices_that_cannot_share_a_minibatch_evenly_are_refused(devices):
 def test_a_fleet_selects_the_bank_where_an_episode_ends():
     fleet = Fleet(Aim(ends_after=2), episode_length=100)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
-    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), 4))
+    fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), 4))
     action = jnp.zeros((4, 1))
-    first = fleet.step(state, action, bank)
-    second = fleet.step(first, action, bank)
+    first = fleet.step(state, action, fresh)
+    second = fleet.step(first, action, fresh)
     assert np.all(np.asarray(first.done) == 0.0)
     assert np.all(np.asarray(second.done) == 1.0)
-    np.testing.assert_array_equal(second.obs, bank.obs)
+    np.testing.assert_array_equal(second.obs, fresh.obs)
     assert np.all(np.asarray(second.info["steps"]) == 0)
     # The reward of the step that ended it is still there.
     np.testing.assert_allclose(second.reward, -np.square(np.asarray(first.obs)[:, 0]), rtol=1e-6)
@@ -148,8 +148,8 @@ def test_time_limits_truncate_and_do_not_terminate():
     fleet = Fleet(Aim(), episode_length=3)
     state = fleet.reset(jax.random.split(jax.random.PRNGKey(0), 4))
     state = dataclasses.replace(state, info={**state.info, "steps": jnp.array([0, 1, 2, 2])})
-    bank = fleet.bank(state, jax.random.split(jax.random.PRNGKey(1), 4))
-    after = fleet.step(state, jnp.zeros((4, 1)), bank)
+    fresh = fleet.fresh_episodes(state, jax.random.split(jax.random.PRNGKey(1), 4))
+    after = fleet.step(state, jnp.zeros((4, 1)), fresh)
     np.testing.assert_array_equal(after.info["truncation"], [0.0, 0.0, 1.0, 1.0])
     np.testing.assert_array_equal(after.done, [0.0, 0.0, 1.0, 1.0])
 
@@ -240,7 +240,8 @@ def test_the_divergence_aimed_at_falls_with_the_train_steps():
     rates = []
     for share in (0.4, 1.0, 2.5):  # of the divergence aimed at
         step = jnp.asarray(10.0 * (0.1 * share / kl - 1.0))
-        _, metrics = learner.descend(moved, jax.tree.map(jnp.copy, state.optimizer), state.normalizer, data, key, step)
+        optimizer = jax.tree.map(jnp.copy, state.optimizer)
+        _, metrics = learner.gradient_step(state.replace(params=moved, optimizer=optimizer, step=step), data, key)
         rates.append(float(metrics["learning_rate"]) / TINY.learning_rate)
     assert rates == pytest.approx([1.5, 1.0, 1.0 / 1.5])
 

@@ -149,8 +149,8 @@ import jax
 jax.distributed.initialize("localhost:" + sys.argv[1], 2, int(sys.argv[2]))
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.env.bp2_env import BP2Env
-simulator = BP2Env(EnvConfig()).simulate
-arrays = [x for x in jax.tree.leaves((simulator.model, simulator._template)) if isinstance(x, jax.Array)]
+engine = BP2Env(EnvConfig()).engine
+arrays = [x for x in jax.tree.leaves((engine.model, engine._template)) if isinstance(x, jax.Array)]
 assert len(arrays) > 100 and all(x.is_fully_addressable for x in arrays)
 """
     port = free_port()

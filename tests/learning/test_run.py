@@ -22,8 +22,9 @@ from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_che
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
+from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.tracking import tracked
-from bp2_rl.settings.training import Parent, Stage, TrainConfig, make_config
+from bp2_rl.settings.training import Parent, Stage, TrainConfig
 from bp2_rl.tools.throughput.measure import COMPILED, compilations
 
 CLOCKS = ("wall_time", "steps_per_second")
@@ -150,7 +151,7 @@ def test_the_relaxed_stage_takes_policy_critic_normaliser_and_levels(run, tmp_pa
     with learner.compiling():
         fresh = learner.init(3)
     key = np.asarray(fresh.key)
-    adopted = training._adopt(fresh, training._inherit(parent, config, learner.shape)[0])
+    adopted = training._with_inherited(fresh, training._inherit(parent, config, learner.shape)[0])
     for name in ("params", "normalizer"):
         for a, b in zip(jax.tree.leaves(getattr(adopted, name)), jax.tree.leaves(getattr(old, name)), strict=True):
             np.testing.assert_array_equal(a, b)

@@ -16,8 +16,8 @@ from bp2_rl.cli import train as command
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.settings import tracking
+from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.tracking import TRACKED, Tracked, choose_tracker, tracked
-from bp2_rl.settings.training import make_config
 
 CONFIG = make_config("imitation", "smoke")
 

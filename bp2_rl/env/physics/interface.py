@@ -20,14 +20,14 @@ from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import specs
 
 
-def ages(targets: int) -> Float[np.ndarray, "5 targets"]:
-    """How long ago each of the last so many targets was issued when each physics step begins, s, newest first."""
+def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
+    """Return how long ago each of the last targets was issued when a physics step begins, s, newest first."""
     return np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(targets))
 
 
-AGES = ages(3)
-"""Those of `target_history`."""
-LONGEST_LATENCY = float(AGES[0, -1])  # s, for which a target is remembered
+TARGET_AGES = target_ages(3)
+"""The ages of the targets in `target_history`."""
+LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remembered
 
 
 class Physics(struct.PyTreeNode):
@@ -54,12 +54,15 @@ class PhysicsEngine(Protocol):
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
-        """Five physics steps of one robot: (after, mean effort, 1 for each foot that touches the ground at the end)."""
+        """Take five physics steps of one robot.
+
+        Return the state afterwards, the mean effort, and 1 for each foot that touches the ground at the end.
+        """
         ...
 
 
-def in_force(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
-    """Which of the targets of these ages the joints follow: the newest that has got through the latency (s).
+def newest_active(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> Int[Any, "*robots"]:
+    """Return which of the targets of these ages the joints follow: the newest that is older than the latency (s).
 
     NumPy and JAX arrays alike.
     """
@@ -68,6 +71,6 @@ def in_force(ages: Float[Any, " targets"], latency: Float[Any, "*robots"]) -> In
 
 
 def target_history(physics: Physics, targets: Targets) -> tuple[Targets, Targets]:
-    """The joint targets issued now and at the last two control steps, newest first ("3 12"); and the first two."""
+    """Return the joint targets of this and of the last two control steps, newest first ("3 12"), and the first two."""
     history = jax.tree.map(lambda now, before: jnp.concatenate([now[None], before]), targets, physics.targets)
     return history, jax.tree.map(lambda x: x[:-1], history)

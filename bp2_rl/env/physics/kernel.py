@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
+from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
@@ -36,7 +36,7 @@ class KernelPhysics:
     def __init__(self, model: mujoco.MjModel, motors: Actuator, resistance: Resistance | None):
         self.design = Design.of(model)
         self.motors, self.resistance = motors, resistance
-        self._one = custom_vmap(self._alone)
+        self._one = custom_vmap(self._single)
         self._one.def_vmap(self._batched)
 
     def __call__(
@@ -45,7 +45,7 @@ class KernelPhysics:
         """See `interface.PhysicsEngine`; under `jax.vmap` the robots of the batch are computed side by side."""
         return self._one(physics, targets, robot)
 
-    def _alone(
+    def _single(
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         batch = jax.tree.map(lambda x: x[None], (physics, targets, robot))
@@ -72,8 +72,8 @@ class KernelPhysics:
             resistance = randomization.randomize_resistance(resistance, robot)
         history, remembered = jax.vmap(target_history)(physics, targets)
 
-        def millisecond(state: _State, ages: Array) -> tuple["_State", tuple[Array, ...]]:
-            now = in_force(ages, robot.latency)
+        def physics_step(state: _State, ages: Array) -> tuple["_State", tuple[Array, ...]]:
+            now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = state.moving.qpos.T, state.moving.qvel.T
             q, qd = qpos[:, MOTOR_QPOS], qvel[:, MOTOR_QVEL]
@@ -85,7 +85,9 @@ class KernelPhysics:
             return _State(moving, torque), (torque, torque * qd, heights)
 
         before = Moving(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
-        after, (torques, powers, heights) = jax.lax.scan(millisecond, _State(before, physics.torque), jnp.asarray(AGES))
+        after, (torques, powers, heights) = jax.lax.scan(
+            physics_step, _State(before, physics.torque), jnp.asarray(TARGET_AGES)
+        )
         touching = (heights[-1].T <= specs.FOOT_RADIUS).astype(jnp.float32)
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         moved = jax.tree.map(lambda x: x.T, after.moving)
@@ -93,7 +95,7 @@ class KernelPhysics:
 
 
 class _State(NamedTuple):
-    """What one millisecond hands to the next."""
+    """The state that one physics step leaves to the next."""
 
     moving: Moving
     torque: Float[Array, "N 12"]  # Nm

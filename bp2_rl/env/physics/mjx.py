@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
-from bp2_rl.env.physics.interface import AGES, Effort, Physics, in_force, target_history
+from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
@@ -24,7 +24,7 @@ SOLVER_LIMITS = 1 << 9 | 1 << 10
 
 
 class Remembered(NamedTuple):
-    """What one millisecond hands to the next: all else in `mjx.Data` is computed anew, and costs memory to carry."""
+    """The state that a physics step leaves to the next; all else in `mjx.Data` is computed anew, to save memory."""
 
     qpos: Float[Array, "23"]
     qvel: Float[Array, "22"]
@@ -75,23 +75,23 @@ class MjxPhysics:
         history, remembered = target_history(physics, targets)
 
         def substep(state: Remembered, ages: Array) -> tuple[Remembered, tuple[Array, ...]]:
-            now = in_force(ages, robot.latency)
-            after, height = self.millisecond(
+            now = newest_active(ages, robot.latency)
+            after, height = self.physics_step(
                 model, motors, resistance, state, Targets(history.position[now], history.velocity[now])
             )
             torque, qd = after.torque, state.qvel[MOTOR_QVEL]
             return after, (torque, torque * qd, height)
 
         before = Remembered(physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque)
-        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(AGES))
+        after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(TARGET_AGES))
         touching = heights[-1] <= specs.FOOT_RADIUS
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
-    def millisecond(
+    def physics_step(
         self, model: mjx.Model, motors: Actuator, resistance: Resistance | None, state: Remembered, targets: Targets
     ) -> tuple[Remembered, Float[Array, "4"]]:
-        """One physics step under the motors that follow `targets`: (after, heights of the feet's centres, m)."""
+        """Take one physics step; return the state afterwards and the heights of the feet's centres, m."""
         qpos, qvel, warmstart, torque = state
         q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
         torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, specs.PHYSICS_STEP)
@@ -103,7 +103,7 @@ class MjxPhysics:
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:
-    """MJX's model and an empty state, on this process's own device: MJX would take the first one of all processes."""
+    """Return MJX's model and an empty state on this process's own device; MJX would take the first of all processes."""
     device = jax.local_devices()[0]
     if impl == "jax":
         return mjx.put_model(model, device=device), mjx.make_data(model, device=device)

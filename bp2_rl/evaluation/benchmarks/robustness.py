@@ -20,7 +20,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
-from bp2_rl.settings.training import on_robot
+from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun, rollout_batch
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.schedule import Ramp

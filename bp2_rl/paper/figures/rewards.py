@@ -12,7 +12,7 @@ from bp2_rl.env.rewards import speed_schedule
 from bp2_rl.evaluation.benchmarks.outcome import Table
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.settings import RewardsSettings
-from bp2_rl.settings.training import OURS, PAPER
+from bp2_rl.settings.presets.rewards import OURS, PAPER
 
 STAGES = ("imitation", "relaxed")
 ROWS = {

@@ -15,10 +15,9 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from bp2_rl import NPROC_IS_OURS
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
-from bp2_rl.base.workers import PARENT, spawned
+from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.settings.jobs import JobsConfig
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.specs import RobotName
-from bp2_rl.settings.training import Preset, Stage, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.training import Preset, Stage
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 
@@ -40,9 +41,10 @@ VARIANTS: dict[str, Variant] = {
     "hopping": Variant("a motion library whose slow trots hop", ("--env.library.path", "bp2_trot")),
     "no_history": Variant("no history in the observation", ("--env.control.history",)),
     "paper_kernel": _both(
-        "the paper's tracking kernel", "--env.reward.kernel.floor", "1", "--env.reward.kernel.width", "inf",
-        "--env.reward.kernel.tail", "0", "--env.reward.kernel.yaw-width", "1", "--env.reward.kernel.yaw-reach", "1",
-        "--env.reward.kernel.memory", "0",
+        "the paper's tracking kernel",
+        "--env.reward.tracking-shape.floor", "1", "--env.reward.tracking-shape.width", "inf",
+        "--env.reward.tracking-shape.tail", "0", "--env.reward.tracking-shape.yaw-width", "1",
+        "--env.reward.tracking-shape.yaw-reach", "1", "--env.reward.tracking-shape.memory", "0",
     ),
     "unscheduled": _both("rewards that do not depend on speed", "--env.reward.schedule", "off"),
     "no_symmetry_reward": Variant("no reward for symmetry", relaxed=("--env.reward.symmetry", "0"), imitation="ours"),

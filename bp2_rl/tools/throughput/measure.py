@@ -305,7 +305,7 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
     def simulate(carry: tuple[()], physics: Any, targets: Any, robots: Any) -> tuple[tuple[()], Any]:
         def control_step(physics: Any, _: None) -> tuple[Any, None]:
             with jax.default_matmul_precision("highest"):
-                return jax.vmap(env.simulate)(physics, targets, robots)[0], None
+                return jax.vmap(env.engine)(physics, targets, robots)[0], None
 
         return carry, jax.lax.scan(control_step, physics, length=learner.config.unroll_length)[0]
 
@@ -314,16 +314,16 @@ def _physics(learner: PPO, env: BP2Env, state: TrainState) -> BenchPart:
 
 
 def _live(learner: PPO, fleet: envs.State, action: jax.Array, keys: jax.Array) -> tuple[envs.State, tuple[()]]:
-    bank = learner.fleet.bank(fleet, keys)
+    fresh = learner.fleet.fresh_episodes(fleet, keys)
 
     def control_step(fleet: envs.State, _: None) -> tuple[envs.State, None]:
-        return learner.fleet.step(fleet, action, bank), None
+        return learner.fleet.step(fleet, action, fresh), None
 
     return jax.lax.scan(control_step, fleet, length=learner.config.unroll_length)[0], ()
 
 
 def _reset(learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array) -> tuple[tuple[()], envs.State]:
-    return carry, learner.fleet.bank(fleet, keys)
+    return carry, learner.fleet.fresh_episodes(fleet, keys)
 
 
 def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array) -> tuple[envs.State, Any]:
@@ -355,7 +355,8 @@ def _policy(learner: PPO, networks: tuple[Any, Any], observations: Any, keys: ja
 def _sgd(learner: PPO, state: TrainState, data: Transition) -> BenchPart:
     def improve(carry: tuple[Any, Any], normalizer: Any, data: Transition, key: jax.Array) -> tuple[Any, Any]:
         params, optimizer = carry
-        params, optimizer, metrics = learner.improve(params, normalizer, optimizer, data, key, state.step)
+        before = state.replace(params=params, optimizer=optimizer, normalizer=normalizer)
+        params, optimizer, metrics = learner.improve(before, data, key)
         return (params, optimizer), metrics
 
     fixed = (state.normalizer, data, state.key)

@@ -30,7 +30,7 @@ def compiled(hardware: HardwareSpec, impl: Impl):
 
     def control_step(physics, robot):
         q = physics.qpos[MOTOR_QPOS]
-        after, *_ = env.simulate(physics, Targets(q, jnp.zeros(12)), robot)
+        after, *_ = env.engine(physics, Targets(q, jnp.zeros(12)), robot)
         return after
 
     nominal = randomization.nominal(env.mj_model.nbody, hardware)

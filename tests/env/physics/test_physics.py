@@ -10,7 +10,7 @@ import pytest
 from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.physics.interface import AGES, in_force
+from bp2_rl.env.physics.interface import TARGET_AGES, newest_active
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 
@@ -110,8 +110,8 @@ def test_latency_chooses_the_newest_target_that_has_got_through():
     """Targets are issued every 5 ms, and a physics step takes 1 ms."""
     latency = np.array([0.0, 0.001, 0.003, 0.005, 0.006, 0.010])
     chosen = [[0, 1, 1, 1, 2, 2], [0, 0, 1, 1, 1, 2], [0, 0, 1, 1, 1, 2], [0, 0, 0, 1, 1, 2], [0, 0, 0, 1, 1, 2]]
-    assert [list(in_force(ages, latency)) for ages in AGES] == chosen
-    assert [list(in_force(jnp.asarray(ages), jnp.asarray(latency))) for ages in AGES] == chosen
+    assert [list(newest_active(ages, latency)) for ages in TARGET_AGES] == chosen
+    assert [list(newest_active(jnp.asarray(ages), jnp.asarray(latency))) for ages in TARGET_AGES] == chosen
 
 
 SOLID = EnvConfig(
@@ -130,20 +130,20 @@ def crossed():
     return state.replace(pipeline_state=tangle)
 
 
-def assert_tangled(engine: Impl):
+def assert_self_collision(engine: Impl):
     step = jax.jit(jax.vmap(BP2Env(SOLID, impl=engine, num_robots=ROBOTS).step))
     after = step(crossed(), jnp.zeros((ROBOTS, 12)))
-    np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/tangled"]), [3])
+    np.testing.assert_array_equal(np.flatnonzero(after.metrics["fall/self_collision"]), [3])
     assert after.done[3] == 1.0
 
 
 def test_legs_in_each_other_end_an_episode_whoever_simulates_it(impl):
-    assert_tangled(impl)
-    assert "fall/tangled" not in start(True).metrics
+    assert_self_collision(impl)
+    assert "fall/self_collision" not in start(True).metrics
 
 
 def test_legs_in_each_other_end_an_episode_in_mjx():
-    assert_tangled("jax")
+    assert_self_collision("jax")
 
 
 def test_the_large_presets_train_in_our_kernel_unless_told_otherwise():

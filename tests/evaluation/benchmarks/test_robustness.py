@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.env.commands import fastest_turn
+from bp2_rl.env.commands import max_yaw_rate_at
 from bp2_rl.evaluation.benchmarks import robustness as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.robustness import (
@@ -27,7 +27,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
-from bp2_rl.settings.training import on_robot
+from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun
 
 DT = 5e-3
@@ -126,7 +126,7 @@ def test_the_ranges_are_said_in_words():
 
 def test_the_limit_of_the_steering_is_that_of_the_environment():
     commands = CommandConfig(max_turn=3.0)
-    limit = float(fastest_turn(jnp.asarray(10.74), commands))
+    limit = float(max_yaw_rate_at(jnp.asarray(10.74), commands))
     assert describe_steering(commands, 10.74).endswith(f"{limit:.3f} rad/s at 10.74 m/s")
 
 

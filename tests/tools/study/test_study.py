@@ -23,9 +23,11 @@ from bp2_rl.cli.train import TrainArguments, _parse
 from bp2_rl.evaluation import judge
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
-from bp2_rl.settings.env import Kernel
+from bp2_rl.settings.env import TrackingShape
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import PAPER, RunConfig, Stage, TrainConfig, make_config
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets.rewards import PAPER
+from bp2_rl.settings.training import RunConfig, Stage, TrainConfig
 from bp2_rl.tools.study import measuring, outcome, places, training
 from bp2_rl.tools.study.measuring import PolicyMeasurement
 from bp2_rl.tools.study.plan import STAGES, VARIANTS, Plan, Training, default_steps
@@ -57,7 +59,7 @@ SETS = {
     "no_averaging": {"ppo.averaging": 0.0},
     "hopping": {"env.library.path": "bp2_trot"},
     "no_history": {"env.control.history": ()},
-    "paper_kernel": {"env.reward.kernel": Kernel()},
+    "paper_kernel": {"env.reward.tracking_shape": TrackingShape()},
     "unscheduled": {"env.reward.schedule": "off"},
     "no_launch_limit": {"env.control.launching": math.inf, "env.control.launching_speed": math.inf},
     "no_randomization": {"env.randomization.enabled": False},

@@ -9,7 +9,7 @@ from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 

@@ -203,7 +203,7 @@ class RobotGroup:
             warmstart=np.stack([data.qacc_warmstart for data in simulator.data]),
             phase=remembered.phase,
             action=remembered.last_action,
-            seen=remembered.seen,
+            seen=remembered.past_frames,
             steps=remembered.steps,
             command=np.asarray(runner.next_command, np.float64),
             position=runner.position[:, 1:].copy(),

@@ -1,0 +1,22 @@
+"""The presets: a module for each size of machine, with a function for each stage; rewards and robots' ranges beside.
+
+A preset is a config, never a code path: what it does not set is the default of `settings.env` and `settings.ppo`.
+docs/notes/training.md says what was tried.
+"""
+
+from bp2_rl.robot.specs import RobotName
+from bp2_rl.settings.presets import cpu, gpu, smoke
+from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
+
+PRESETS = {
+    "smoke": {"imitation": smoke.imitation, "relaxed": smoke.relaxed},
+    "cpu": {"imitation": cpu.imitation, "relaxed": cpu.relaxed},
+    "gpu": {"imitation": gpu.imitation, "relaxed": gpu.relaxed},
+}
+
+
+def make_config(
+    stage: Stage, preset: Preset, weights: Weights | None = None, robot: RobotName = "built"
+) -> TrainConfig:
+    """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`."""
+    return PRESETS[preset][stage](weights or ("paper" if preset == "smoke" else "ours"), robot)
