@@ -49,7 +49,8 @@ class TrainArguments:
     stage: Stage = "imitation"
     """imitation: from random weights; relaxed: continues from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
+    """auto: gpu where JAX sees an accelerator, else cpu; first: a first
+    training that learns to trot in minutes; smoke: the shortest one, for tests"""
     weights: Weights | None = None
     """paper: the rewards of Table S4, the default of the preset smoke; ours, the default of cpu and gpu: tracking worth
     more (1.25 in cpu, 2 in gpu) and rewarded at larger errors the faster the command, which 10 m/s needs"""

@@ -14,7 +14,7 @@ from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 
 Stage = Literal["imitation", "relaxed"]
-Preset = Literal["smoke", "cpu", "gpu"]
+Preset = Literal["smoke", "first", "cpu", "gpu"]
 
 Weights = Literal["ours", "paper"]
 Steps = Annotated[int, Within(1, 10**15)]

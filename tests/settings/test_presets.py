@@ -43,7 +43,7 @@ def test_smoke_alone_has_the_papers_rewards_by_default(preset):
     assert make_config("relaxed", preset) == make_config("relaxed", preset, default)
 
 
-@pytest.mark.parametrize(("preset", "tracking"), [("gpu", 2.0), ("cpu", 1.25)])
+@pytest.mark.parametrize(("preset", "tracking"), [("gpu", 2.0), ("cpu", 1.25), ("first", 1.25)])
 @every_stage
 def test_our_tracking_is_worth_what_the_help_says(stage, preset, tracking):
     assert make_config(stage, preset).env.reward.tracking == tracking

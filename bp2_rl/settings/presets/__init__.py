@@ -5,11 +5,12 @@ docs/notes/training.md says what was tried.
 """
 
 from bp2_rl.robot.specs import RobotName
-from bp2_rl.settings.presets import cpu, gpu, smoke
+from bp2_rl.settings.presets import cpu, first, gpu, smoke
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 
 PRESETS = {
     "smoke": {"imitation": smoke.imitation, "relaxed": smoke.relaxed},
+    "first": {"imitation": first.imitation, "relaxed": first.relaxed},
     "cpu": {"imitation": cpu.imitation, "relaxed": cpu.relaxed},
     "gpu": {"imitation": gpu.imitation, "relaxed": gpu.relaxed},
 }
