@@ -58,19 +58,19 @@ def _figure(name: str, argv: Sequence[str]) -> None:
     drawn = entry.draw(arguments.settings)  # what it is told is read first: a mistake leaves no folder
     open_folder(arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure)
     show(drawn)
-    leave(arguments.out, name, arguments.settings, drawn)
+    leave(arguments, name, drawn)
     print(f"pictures and numbers: {arguments.out}")
 
 
-def leave(folder: Path, name: str, settings: Any, drawn: "Drawn") -> None:
-    """Write a figure's pictures and numbers to an open folder."""
+def leave(arguments: Any, name: str, drawn: "Drawn") -> None:
+    """Write a figure's pictures and numbers to the open folder that its arguments name."""
     from bp2_rl.base.plotting import save_figure
 
     said = tuple(to_json(comparison) for comparison in drawn.comparisons)
-    report = FigureReport(name, FIGURES[name].panel, to_json(settings), said, to_json(drawn.results))
-    save_config(folder / METRICS, report)
+    report = FigureReport(name, FIGURES[name].panel, to_json(arguments.settings), said, to_json(drawn.results))
+    save_config(arguments.out / METRICS, report)
     for picture, figure in drawn.pictures.items():
-        save_figure(figure, folder / f"{picture}.png")
+        save_figure(figure, arguments.out / f"{picture}.{arguments.format}")
 
 
 def show(drawn: "Drawn") -> None:

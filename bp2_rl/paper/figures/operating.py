@@ -198,11 +198,10 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
                 color = LEG_COLORS[LEGS[motor // 3]]
                 axes.plot(part.joint_velocity[:, motor], part.torque[:, motor], color=color, linewidth=0.9)
             axes.plot(kind.speed, kind.torque, "*", ms=12, color="#F0E442", mec=INK, mew=0.8, zorder=5)
-            axes.set_title(f"{kind.name.capitalize()}, {run.speed:.1f} m/s", fontsize=9.5)
-            said = f"{kind.on_envelope:.1%} on the envelope\npeaks {kind.driving:.0f}, -{kind.braking:.0f} W"
-            box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"}
-            axes.annotate(said, (0.03, 0.03), xycoords="axes fraction", fontsize=8, va="bottom", bbox=box)
-            axes.set(xlim=(-reach, reach), ylim=(-1.45 * hardware.joint_peak_torque, 1.25 * hardware.joint_peak_torque))
+            axes.set_title(f"{kind.name.capitalize()}, {run.speed:.1f} m/s\n", fontsize=9.5)
+            said = f"{kind.on_envelope:.1%} on the envelope; -{kind.braking:.0f} to {kind.driving:.0f} W"
+            axes.annotate(said, (0.0, 1.0), (0, 5), "axes fraction", "offset points", fontsize=8)
+            axes.set(xlim=(-reach, reach), ylim=(-1.2 * hardware.joint_peak_torque, 1.2 * hardware.joint_peak_torque))
         row[0].set_ylabel("Joint torque [Nm]")
     for axes in panels[-1]:
         axes.set_xlabel("Joint speed [rad/s]")
@@ -215,7 +214,7 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
         Line2D([], [], color="#F0E442", marker="*", ms=10, mec=INK, mew=0.8, linestyle="", label="RMS"),
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=8, handlelength=1.5, columnspacing=1.1)
-    figure.suptitle(f"{CYCLES} cycles", x=0.01, ha="left", fontsize=9.5)
+    figure.suptitle(f"{CYCLES} cycles; range of power", x=0.01, ha="left", fontsize=9.5)
     return figure
 
 

@@ -30,6 +30,13 @@ def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys)
     assert str(out) in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("form", "begins"), [("pdf", b"%PDF-"), ("svg", b"<?xml")])
+def test_a_picture_is_left_in_the_format_that_is_named(form, begins, tmp_path):
+    assert main(["rewards", "--out", str(tmp_path), "--format", form]) == 0
+    assert (tmp_path / f"rewards.{form}").read_bytes().startswith(begins)
+    assert not list(tmp_path.glob("*.png"))
+
+
 def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):
     assert main(["race", "--out", str(tmp_path)]) == 0
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())

@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.labels import HALO, label
+from bp2_rl.paper.figures.labels import label
 from bp2_rl.paper.figures.scaling.numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
@@ -99,16 +99,14 @@ def _draw_ratios(axes: Axes, numbers: ScalingNumbers) -> None:
     axes.axvspan(*BAND, color=QUIET, alpha=0.18, linewidth=0)
     axes.axvline(numbers.spread.median, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
     axes.annotate(
-        f"median {numbers.spread.median:.2f}", (numbers.spread.median, len(ranked) - 0.6), (4, 0),
-        textcoords="offset points", fontsize=8, va="center",
-    )  # fmt: skip
+        f"median {numbers.spread.median:.2f}", (BAND[1], 0.0), (4, 0), textcoords="offset points", va="center"
+    )
     for place, robot in enumerate(ranked):
         demand, color = robot.demand_as_printed or 0.0, _color(numbers, robot)
         axes.plot((0.0, demand), (place, place), color=color, linewidth=0.8, alpha=0.6)
         axes.plot(demand, place, _mark(numbers, robot), ms=5, color=color)
-        axes.annotate(f"{demand:.3f}", (demand, place), (6, 0), textcoords="offset points", va="center",
-                      fontsize=7.5, path_effects=[HALO])  # fmt: skip
-    axes.set(yticks=range(len(ranked)), ylim=(-0.8, len(ranked)), xlim=(0.0, 1.12 * (ranked[-1].demand or 1.0)))
+        axes.annotate(f"{demand:.3f}", (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+    axes.set(yticks=range(len(ranked)), ylim=(-0.8, len(ranked)), xlim=(0.0, 1.04 * (ranked[-1].demand or 1.0)))
     axes.set_yticklabels([robot.name for robot in ranked], fontsize=7.5)
     spread = numbers.spread
     axes.set(title=f"C   m g v over that: {len(spread.within)} of {spread.number} others in {BAND[0]:g} to {BAND[1]:g}")
