@@ -11,9 +11,8 @@ from matplotlib.lines import Line2D
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FAINT, FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.cycles import CYCLES, cycles
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
-from bp2_rl.paper.figures.reports import read_runs
+from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs

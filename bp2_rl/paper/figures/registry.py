@@ -71,7 +71,7 @@ FIGURES = {
         "beyond the paper",
         "which limits hold the optimiser back over speed, and the policy beside it; takes minutes",
         BindingSettings,
-        "binding.figure:binding",
+        "binding:binding",
     ),
 }
 """By name."""

@@ -19,11 +19,14 @@ from bp2_rl.paper.figures.identifiability.numbers import (
     IdentifiabilityNumbers,
     RowNumbers,
     decompose_jacobian,
+    heating_rate,
+    hip_heat,
     jacobian,
     left_of_range,
     measure,
+    reversal,
+    sprint,
 )
-from bp2_rl.paper.figures.identifiability.readings import heating_rate, hip_heat, reversal, sprint
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot.specs import MotorHeat

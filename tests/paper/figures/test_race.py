@@ -15,6 +15,7 @@ from bp2_rl.paper.figures.race.figure import race
 from bp2_rl.paper.figures.race.numbers import (
     Profile,
     check_paper,
+    compare,
     exponential,
     fading,
     fit,
@@ -22,7 +23,6 @@ from bp2_rl.paper.figures.race.numbers import (
     judge,
     measure_start,
 )
-from bp2_rl.paper.figures.race.statements import compare
 from bp2_rl.paper.figures.settings import RaceSettings
 
 

@@ -14,19 +14,10 @@ from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.endurance import figures
+from bp2_rl.paper.benchmarks.endurance import figures, tables
 from bp2_rl.paper.benchmarks.endurance.calibration import calibrated, family, seconds_to
 from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingTry, run_hot
 from bp2_rl.paper.benchmarks.endurance.measured import DrawnRobots, EnduranceAtSpeed, EnduranceMetrics, Held
-from bp2_rl.paper.benchmarks.endurance.tables import (
-    TILES,
-    describe_course,
-    describe_heat,
-    endurance_results,
-    endurance_rows,
-    endurance_tables,
-    verdict,
-)
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot import specs
@@ -97,16 +88,16 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         ),
         family=family(setup.heat, cold_heat, max(runs[-1].endured.first.heat)),
     )
-    said = conditions(policy, describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, tables.describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="endurance",
         subject=describe_command(policy, setup, top),
         backend="C MuJoCo",
-        conditions=said | {"motor heat": describe_heat(metrics)},
-        verdict=verdict(metrics),
+        conditions=said | {"motor heat": tables.describe_heat(metrics)},
+        verdict=tables.verdict(metrics),
         good=all(held.told.cause != "fall" for held in metrics.held),
-        rows=endurance_rows(metrics),
-        tiles=TILES,
+        rows=tables.endurance_rows(metrics),
+        tiles=tables.TILES,
         pictures=(
             Picture("temperatures", figures.TEMPERATURES, figures.temperature_figure(metrics, cheap)),
             Picture("operating_points", figures.OPERATING, figures.operating_figure(metrics, runs, robot)),
@@ -115,8 +106,8 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             Picture("calibration", figures.CALIBRATION, figures.calibration_figure(metrics)),
         ),
         metrics=metrics,
-        results=endurance_results(metrics),
-        tables=endurance_tables(metrics),
+        results=tables.endurance_results(metrics),
+        tables=tables.endurance_tables(metrics),
     )
 
 

@@ -14,7 +14,7 @@ from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.mechanism import figures
+from bp2_rl.paper.benchmarks.mechanism import figures, tables
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, decompose_run
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     STRIDES,
@@ -23,14 +23,6 @@ from bp2_rl.paper.benchmarks.mechanism.measured import (
     OptimisedMechanism,
     Ran,
     measure_forces,
-)
-from bp2_rl.paper.benchmarks.mechanism.tables import (
-    TILES,
-    describe_runs,
-    mechanism_results,
-    mechanism_rows,
-    mechanism_tables,
-    verdict,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import (
@@ -56,7 +48,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     ran = run_speeds(decompose, policy, ramp, commands, setup)
     found = tuple(each.at for each in ran)
     metrics = MechanismMetrics(found, optimised([at.speed for at in found if at.forces is not None]))
-    said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     pictures = [Picture("sources", figures.SOURCES, figures.sources_figure(metrics))] if metrics.decomposed else []
     if metrics.decomposed:
         fastest = next(each for each in ran[::-1] if each.stride is not None)
@@ -66,14 +58,14 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         subject=describe_command(policy, setup, top),
         backend="C MuJoCo",
         conditions=said,
-        verdict=verdict(metrics),
+        verdict=tables.verdict(metrics),
         good=all(at.forces is not None for at in metrics.speeds),
-        rows=mechanism_rows(metrics),
-        tiles=TILES,
+        rows=tables.mechanism_rows(metrics),
+        tiles=tables.TILES,
         pictures=tuple(pictures),
         metrics=metrics,
-        results=mechanism_results(metrics),
-        tables=mechanism_tables(metrics),
+        results=tables.mechanism_results(metrics),
+        tables=tables.mechanism_tables(metrics),
     )
 
 

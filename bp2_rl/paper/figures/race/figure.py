@@ -15,12 +15,12 @@ from bp2_rl.paper.figures.race.numbers import (
     RaceNumbers,
     Racer,
     Start,
+    compare,
     measure,
     paper_profile,
     read,
     read_reports,
 )
-from bp2_rl.paper.figures.race.statements import compare
 from bp2_rl.paper.figures.settings import RaceSettings
 
 DOTS, DASHES = (0, (1.2, 1.2)), (0, (4, 2))

@@ -169,7 +169,7 @@ def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
     Raises:
         UserError: no such report, or its robot ran no whole second.
     """
-    from bp2_rl.paper.figures.reports import read_runs  # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs  # slow to import, and mostly not needed
 
     robots = []
     for name, report, run in read_runs(folders, BENCHMARK):
