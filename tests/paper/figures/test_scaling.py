@@ -10,8 +10,8 @@ from matplotlib.text import Annotation
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config, to_json
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
-from bp2_rl.paper.figures.scaling.figure import scaling, scaling_figure
-from bp2_rl.paper.figures.scaling.numbers import ScalingNumbers, compare, count, find, measure, shipped
+from bp2_rl.paper.figures.scaling import scaling, scaling_figure
+from bp2_rl.paper.figures.scaling_numbers import ScalingNumbers, compare, count, find, measure, shipped
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PublishedRobot
 

@@ -11,7 +11,7 @@ from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, sty
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.labels import label
-from bp2_rl.paper.figures.scaling.numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
+from bp2_rl.paper.figures.scaling_numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
 from bp2_rl.robot.specs import GRAVITY

@@ -22,7 +22,7 @@ from bp2_rl.optimiser.collocation import fastest, solve
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.figures.identifiability.assumed import ASSUMED, HEAT, LOST, MECHANICAL
+from bp2_rl.paper.figures.assumed import ASSUMED, HEAT, LOST, MECHANICAL
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force

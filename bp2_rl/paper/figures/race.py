@@ -9,7 +9,7 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import TRACK, read_standards
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.race.numbers import (
+from bp2_rl.paper.figures.race_numbers import (
     LAUNCH,
     Profile,
     RaceNumbers,
