@@ -27,7 +27,7 @@ from bp2_rl.simulation.schedule import Ramp
 
 SPEED = specs.OUTDOOR_TOP_SPEED
 LONGEST = 2.0 * specs.ENDURANCE_TIME + 8.0  # s
-PACE = 4.0  # of the cheap runs: heat over seconds wavers, so a faster pace samples too few of them
+PACE = 4.0  # of the accelerated runs: heat over seconds wavers, so a faster pace samples too few of them
 LIMITLESS = 1000.0  # C: copper melts at 1085
 CALIBRATION = 12.0  # s of cold running; a hip's heat wavers by a tenth from one second to the next
 ROBOTS = 8  # drawn
@@ -42,12 +42,12 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     gait = HeatingTry(robot, setup.operator, ramp, _network(setup.heat), math.inf, longest=0.0, pace=1.0).at(SPEED)
     scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
     others = () if setup.quick else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
-    laps = [
-        dataclasses.replace(gait, cold_lap=CALIBRATION),
+    tries = [
+        dataclasses.replace(gait, cold_window=CALIBRATION),
         *(gait.at(speed) for speed in scan),
         *(dataclasses.replace(gait, robot=other) for other in others),
     ]
-    ran = [run.endured for run in run_hot(policy, laps)]
+    ran = [run.endured for run in run_hot(policy, tries)]
     cold, of_others = ran[: 1 + len(scan)], ran[1 + len(scan) :]
     cold_heat = max(cold[0].first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
@@ -56,7 +56,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     kinds = [fast] if setup.quick else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
     hot = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
     by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
-    runs, cheap = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
+    runs, accelerated = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
     limitless = [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]
     metrics = EnduranceMetrics(
         heat=heat,
@@ -65,12 +65,12 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         held=tuple(
             Held(
                 full=None if setup.quick else run.endured,
-                cheap=fast.endured,
+                accelerated=fast.endured,
                 limitless=beyond,
-                by_first_lap=_seconds_to_limit(run.endured, heat),
+                by_cold_gait=_seconds_to_limit(run.endured, heat),
                 course=run.course,
             )
-            for run, fast, beyond in zip(runs, cheap, limitless, strict=True)
+            for run, fast, beyond in zip(runs, accelerated, limitless, strict=True)
         ),
         speeds=tuple(
             _at_speed(run, heat)
@@ -95,11 +95,11 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         backend="C MuJoCo",
         conditions=said | {"motor heat": tables.describe_heat(metrics)},
         verdict=tables.verdict(metrics),
-        good=all(held.told.cause != "fall" for held in metrics.held),
+        good=all(held.result.cause != "fall" for held in metrics.held),
         rows=tables.endurance_rows(metrics),
         tiles=tables.TILES,
         pictures=(
-            Picture("temperatures", figures.TEMPERATURES, figures.temperature_figure(metrics, cheap)),
+            Picture("temperatures", figures.TEMPERATURES, figures.temperature_figure(metrics, accelerated)),
             Picture("operating_points", figures.OPERATING, figures.operating_figure(metrics, runs, robot)),
             Picture("margin", figures.MARGIN_CAPTION, figures.margin_figure(metrics)),
             Picture("endurance", figures.ENDURANCE, figures.endurance_figure(metrics)),

@@ -13,31 +13,31 @@ class Held:
     """One speed, held to the end."""
 
     full: Endured | None  # with heat as fast as motion; None in the quick version
-    cheap: Endured  # with heat faster than motion
-    limitless: Endured | None  # cheap, and windings may get as hot as they will; None in the quick version
-    by_first_lap: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
+    accelerated: Endured  # with heat faster than motion
+    limitless: Endured | None  # accelerated, and windings may get as hot as they will; None in the quick version
+    by_cold_gait: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
     course: HeatingCourse  # of the full run where there is one
 
     @property
-    def told(self) -> Endured:
+    def result(self) -> Endured:
         """What counts."""
-        return self.full or self.cheap
+        return self.full or self.accelerated
 
     @property
     def motor(self) -> int:
         """The one that ends it: the hottest, or, where heat does not, the one that is on its envelope most."""
-        by_heat = self.told.cause in ("winding", "none")
-        return _greatest(self.told.winding if by_heat else self.told.last.on_envelope)
+        by_heat = self.result.cause in ("winding", "none")
+        return _greatest(self.result.winding if by_heat else self.result.last.on_envelope)
 
     @property
     def hottest(self) -> int:
         """The motor with the hottest winding at the end."""
-        return _greatest(self.told.winding)
+        return _greatest(self.result.winding)
 
     @property
     def disagreement(self) -> float | None:
-        """The cheap run's time over the full one's, less 1."""
-        return self.cheap.seconds / self.full.seconds - 1.0 if self.full and self.full.seconds > 0.0 else None
+        """The accelerated run's time over the full one's, less 1."""
+        return self.accelerated.seconds / self.full.seconds - 1.0 if self.full and self.full.seconds > 0.0 else None
 
 
 @dataclasses.dataclass(frozen=True)
