@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FAINT, FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import Table
+from bp2_rl.paper.benchmarks.efficiency.measured import ENDS, motors_of
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingSettings
@@ -22,8 +23,7 @@ from bp2_rl.simulation.metrics import envelope_use, steady_window
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "topspeed"
-ENDS = {"fore": "F", "hind": "R"}  # and how their legs' names begin
-KINDS = tuple((end, joint) for end in ENDS for joint in ("hip", "knee"))
+KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in ("hip", "knee"))
 FULL = "hind hip", "fore knee"  # which the paper says use their envelopes fully
 USED = 0.01  # share of time on the envelope from which it is used
 DASHED = (0, (4, 2))
@@ -95,21 +95,16 @@ def measure(run: Trajectory) -> RunNumbers:
     return RunNumbers(
         speed=float(np.mean(steady.ground_velocity[:, 0])),
         commanded=float(steady.command[-1, 0]),
-        kinds=tuple(_kind(steady, near, end, joint) for end, joint in KINDS),
+        kinds=tuple(_kind(steady, near, name) for name in KINDS),
     )
 
 
-def motors(end: str, joint: str) -> list[int]:
-    """The motors of a kind, right and left."""
-    return [3 * leg + specs.JOINTS.index(joint) for leg, name in enumerate(LEGS) if name.startswith(ENDS[end])]
-
-
-def _kind(run: Trajectory, near: Bool[np.ndarray, "N 12"], end: str, joint: str) -> KindNumbers:
-    chosen = motors(end, joint)
+def _kind(run: Trajectory, near: Bool[np.ndarray, "N 12"], name: str) -> KindNumbers:
+    chosen = motors_of(name)
     torque, qd = run.torque[:, chosen], run.joint_velocity[:, chosen]
     power = torque * qd
     return KindNumbers(
-        name=f"{end} {joint}",
+        name=name,
         driving=max(float(np.max(power)), 0.0),
         braking=max(-float(np.min(power)), 0.0),
         torque=float(np.sqrt(np.mean(torque**2))),
@@ -191,9 +186,9 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
     reach = 1.08 * max(hardware.joint_no_load_speed, *(float(np.max(np.abs(part.joint_velocity))) for part in parts))
     speeds = np.linspace(-reach, reach, 801)
     for row, part, run in zip(panels, parts, numbers.runs, strict=True):
-        for axes, (end, joint), kind in zip(row, KINDS, run.kinds, strict=True):
+        for axes, kind in zip(row, run.kinds, strict=True):
             _draw_limits(axes, speeds, cold, hot)
-            for motor in motors(end, joint):
+            for motor in motors_of(kind.name):
                 color = LEG_COLORS[LEGS[motor // 3]]
                 axes.plot(part.joint_velocity[:, motor], part.torque[:, motor], color=color, linewidth=0.9)
             axes.plot(kind.speed, kind.torque, "*", ms=12, color="#F0E442", mec=INK, mew=0.8, zorder=5)

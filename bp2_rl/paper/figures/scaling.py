@@ -11,7 +11,7 @@ from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, sty
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.labels import label
-from bp2_rl.paper.figures.scaling_numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
+from bp2_rl.paper.figures.scaling_numbers import BAND, BP2, ComparedRobot, ScalingNumbers, compare, measure
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
 from bp2_rl.robot.specs import GRAVITY
@@ -137,7 +137,7 @@ def _name_motors(axes: Axes, numbers: ScalingNumbers) -> None:
     label(axes, [_motor_point(robot) for robot in everyone], names, [_color(numbers, robot) for robot in everyone])
 
 
-def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[Placed], tuple[float, float]]) -> None:
+def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[ComparedRobot], tuple[float, float]]) -> None:
     named = set()
     for robot in (*numbers.robots, numbers.treadmill, *numbers.simulated):
         if np.isnan(point(robot)).any():
@@ -149,18 +149,18 @@ def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[Placed], tupl
         named.add(group)
 
 
-def _motor_point(robot: Placed) -> tuple[float, float]:
+def _motor_point(robot: ComparedRobot) -> tuple[float, float]:
     if robot.motor_envelope is None:
         return np.nan, np.nan
     return robot.motor_envelope, robot.mass * PAPER_GRAVITY * robot.top_speed
 
 
-def _with_share(numbers: ScalingNumbers, robot: Placed) -> str:
+def _with_share(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     ours = robot.name in (BP2, numbers.treadmill.name) or robot in numbers.simulated
     return f"{robot.name}, {robot.share:.2f} of the law" if ours else robot.name
 
 
-def _group(numbers: ScalingNumbers, robot: Placed) -> str:
+def _group(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     if robot in numbers.simulated:
         return "BP2, simulated"
     if robot.name in (BP2, numbers.treadmill.name):
@@ -168,11 +168,11 @@ def _group(numbers: ScalingNumbers, robot: Placed) -> str:
     return "wheels on legs" if robot.wheels else "legs"
 
 
-def _mark(numbers: ScalingNumbers, robot: Placed) -> str:
+def _mark(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     return {"legs": "o", "wheels on legs": "s"}.get(_group(numbers, robot), "*")
 
 
-def _color(numbers: ScalingNumbers, robot: Placed) -> str:
+def _color(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     colors = {"legs": INK, "wheels on legs": WHEELED, "BP2, measured": PAPER, "BP2, simulated": SIMULATED}
     return colors[_group(numbers, robot)]
 

@@ -16,8 +16,8 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.endurance import figures, tables
 from bp2_rl.paper.benchmarks.endurance.calibration import calibrated, family, seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingTry, run_hot
-from bp2_rl.paper.benchmarks.endurance.measured import DrawnRobots, EnduranceAtSpeed, EnduranceMetrics, Held
+from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingTry, run_hot
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, RandomRobot
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot import specs
@@ -63,7 +63,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         is_input=setup.heat.winding_to_case is None,
         cold_heat=cold_heat,
         held=tuple(
-            Held(
+            HeldSpeed(
                 full=None if setup.quick else run.endured,
                 accelerated=fast.endured,
                 limitless=beyond,
@@ -77,7 +77,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             for run in sorted((*cold, *(run.endured for run in runs[1:])), key=lambda run: run.commanded_speed)
         ),
         drawn=tuple(
-            DrawnRobots(
+            RandomRobot(
                 other.friction,
                 other.mass_scale / robot.mass_scale,
                 other.peak_torque / robot.peak_torque,
@@ -139,7 +139,7 @@ def _network(heat: MotorHeat) -> Network:
     return Network.from_spec(heat, heat.winding_to_case or 1.0)
 
 
-def _at_speed(cold: Endured, heat: MotorHeat) -> EnduranceAtSpeed:
+def _at_speed(cold: EnduranceResult, heat: MotorHeat) -> EnduranceAtSpeed:
     most = int(np.argmax(cold.first.heat))
     return EnduranceAtSpeed(
         commanded_speed=cold.commanded_speed,
@@ -152,7 +152,7 @@ def _at_speed(cold: Endured, heat: MotorHeat) -> EnduranceAtSpeed:
     )
 
 
-def _seconds_to_limit(run: Endured, heat: MotorHeat) -> float | None:
+def _seconds_to_limit(run: EnduranceResult, heat: MotorHeat) -> float | None:
     """By the heat of the cold gait alone; None of a robot that never got into it."""
     if run.cause == "fall" and run.seconds == 0.0:
         return None

@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.paper.benchmarks.endurance.calibration import MEMBERS, RISE, course
-from bp2_rl.paper.benchmarks.endurance.heating import MARGIN, HotRun
-from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics, Held, joint_of
+from bp2_rl.paper.benchmarks.endurance.heating import MARGIN, HeatedRun
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -44,7 +44,7 @@ CALIBRATION = (
 
 
 @styled
-def temperature_figure(metrics: EnduranceMetrics, accelerated: Sequence[HotRun]) -> Figure:
+def temperature_figure(metrics: EnduranceMetrics, accelerated: Sequence[HeatedRun]) -> Figure:
     """All windings over time, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(metrics.held), sharey=True))
@@ -79,7 +79,7 @@ def temperature_figure(metrics: EnduranceMetrics, accelerated: Sequence[HotRun])
 
 
 @styled
-def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HotRun], robot: HardwareSpec) -> Figure:
+def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HeatedRun], robot: HardwareSpec) -> Figure:
     """Torque over speed, coloured by time: rows are speeds, columns hip and knee of the hottest leg."""
     count = len(metrics.held)
     figure = Figure(figsize=(WIDTH, 0.6 + 3.3 * count), layout="constrained")
@@ -233,5 +233,5 @@ def calibration_figure(metrics: EnduranceMetrics) -> Figure:
     return figure
 
 
-def _title(held: Held) -> str:
+def _title(held: HeldSpeed) -> str:
     return f"{held.result.first.speed:.1f} m/s ({held.result.commanded_speed:g} commanded)"

@@ -148,7 +148,7 @@ class AveragingWindow:
 
 
 @dataclasses.dataclass(frozen=True)
-class Endured:
+class EnduranceResult:
     """How a run with warming motors went."""
 
     commanded_speed: float  # m/s
@@ -163,17 +163,17 @@ class Endured:
 
 
 @dataclasses.dataclass(frozen=True)
-class HotRun:
+class HeatedRun:
     """A run, and what its figures need."""
 
-    endured: Endured
+    endured: EnduranceResult
     course: HeatingCourse
     time: Float[np.ndarray, " M"]  # s of heat, of some milliseconds, drawn at random
     rate: Float[np.ndarray, "M 12"]  # rad/s, then
     torque: Float[np.ndarray, "M 12"]  # Nm, then
 
 
-def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HotRun]:
+def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HeatedRun]:
     """Run robots until a winding is too hot, they have no torque margin left, they fall, or it was long enough."""
     return simulate_all(_measure, policy, [_watched(policy.card.env, one) for one in tries])
 
@@ -189,12 +189,12 @@ def _watched(config: EnvConfig, one: HeatingTry) -> _Watched:
     return _Watched(one.ramp, one.robot, one.operator, watch=heating, cold_window=one.cold_window)
 
 
-def _measure(one: _Watched, run: Trajectory) -> HotRun:
+def _measure(one: _Watched, run: Trajectory) -> HeatedRun:
     assert isinstance(one.watch, Heating)
     return hot_run(run, one.watch, one.cold_window)
 
 
-def hot_run(run: Trajectory, heating: Heating, cold_window: float = WINDOW) -> HotRun:
+def hot_run(run: Trajectory, heating: Heating, cold_window: float = WINDOW) -> HeatedRun:
     """What a watched run comes to, with its last `cold_window` seconds before the clock's start."""
     history, cold, start = heating.history, heating.cold, heating.start
     winding, case = (np.stack([getattr(t, part) for t in history]) for part in ("winding", "case"))
@@ -217,8 +217,8 @@ def hot_run(run: Trajectory, heating: Heating, cold_window: float = WINDOW) -> H
     middle = update[seconds + SECOND // 2]
     clock = np.arange(start, end)
     shown = np.sort(np.random.default_rng(0).choice(clock, min(POINTS, len(clock)), replace=False))
-    return HotRun(
-        endured=Endured(
+    return HeatedRun(
+        endured=EnduranceResult(
             commanded_speed=round(float(run.command[-1, 0]), 6),  # it was told in float32
             pace=pace,
             seconds=_seconds(run, heating),

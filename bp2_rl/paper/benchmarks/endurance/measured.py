@@ -2,24 +2,26 @@
 
 import dataclasses
 
-from bp2_rl.paper.benchmarks.endurance.calibration import Member, straightest
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingCourse
+from bp2_rl.paper.benchmarks.endurance.calibration import CalibratedMotor, straightest
+from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingCourse
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import MotorHeat
 
 
 @dataclasses.dataclass(frozen=True)
-class Held:
+class HeldSpeed:
     """One speed, held to the end."""
 
-    full: Endured | None  # with heat as fast as motion; None in the quick version
-    accelerated: Endured  # with heat faster than motion
-    limitless: Endured | None  # accelerated, and windings may get as hot as they will; None in the quick version
+    full: EnduranceResult | None  # with heat as fast as motion; None in the quick version
+    accelerated: EnduranceResult  # with heat faster than motion
+    limitless: (
+        EnduranceResult | None
+    )  # accelerated, and windings may get as hot as they will; None in the quick version
     by_cold_gait: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
     course: HeatingCourse  # of the full run where there is one
 
     @property
-    def result(self) -> Endured:
+    def result(self) -> EnduranceResult:
         """What counts."""
         return self.full or self.accelerated
 
@@ -54,8 +56,8 @@ class EnduranceAtSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
-class DrawnRobots:
-    """A robot drawn as in training, at the paper's speed, with the motor of the robot that was not."""
+class RandomRobot:
+    """A robot drawn at random as in training, run at the paper's speed with the motor of the designed robot."""
 
     friction: float  # of its feet
     mass: float  # factor on every body
@@ -71,10 +73,10 @@ class EnduranceMetrics:
     heat: MotorHeat  # as calibrated
     is_input: bool  # whether the heating rate at the paper's speed was put in
     cold_heat: float  # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was calibrated on
-    held: tuple[Held, ...]  # the paper's speed, then the top
+    held: tuple[HeldSpeed, ...]  # the paper's speed, then the top
     speeds: tuple[EnduranceAtSpeed, ...]
-    drawn: tuple[DrawnRobots, ...]  # none in the quick version
-    family: tuple[Member, ...]  # of motors that heat at the paper's rate
+    drawn: tuple[RandomRobot, ...]  # none in the quick version
+    family: tuple[CalibratedMotor, ...]  # of motors that heat at the paper's rate
 
     @property
     def drawn_times(self) -> tuple[float, ...]:
@@ -82,7 +84,7 @@ class EnduranceMetrics:
         return tuple(sorted(one.ran.seconds for one in self.drawn if one.ran.seconds is not None and not one.ran.fell))
 
     @property
-    def straightest(self) -> Member:
+    def straightest(self) -> CalibratedMotor:
         """The one of the family that heats most nearly at a constant rate."""
         return straightest(self.family)
 

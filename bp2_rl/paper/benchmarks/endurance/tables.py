@@ -6,8 +6,8 @@ import numpy as np
 
 from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show
-from bp2_rl.paper.benchmarks.endurance.heating import EASING, MARGIN, UPDATE, WINDOW, Endured
-from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, Held, joint_of
+from bp2_rl.paper.benchmarks.endurance.heating import EASING, MARGIN, UPDATE, WINDOW, EnduranceResult
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -17,7 +17,7 @@ TILES = "At 10.74 m/s", "At the top", "Speed at the top", "Hottest motor", "Ende
 CAUSES = {"torque margin": "torque margin", "fall": "fall", "none": "nothing within the limit"}
 
 
-def cause(metrics: EnduranceMetrics, run: Endured) -> str:
+def cause(metrics: EnduranceMetrics, run: EnduranceResult) -> str:
     """What ended a run."""
     if run.cause != "winding":
         return CAUSES[run.cause]
@@ -62,26 +62,26 @@ def endurance_rows(metrics: EnduranceMetrics) -> tuple[Row, ...]:
     )  # fmt: skip
 
 
-def mean_rate(metrics: EnduranceMetrics, held: Held) -> float:
+def mean_rate(metrics: EnduranceMetrics, held: HeldSpeed) -> float:
     """K/s, of the hottest winding over the whole run."""
     rise = max(held.result.winding) - metrics.heat.air
     return rise / held.result.seconds if held.result.seconds > 0.0 else 0.0
 
 
-def hip_to_knee(metrics: EnduranceMetrics, held: Held) -> float:
+def hip_to_knee(metrics: EnduranceMetrics, held: HeldSpeed) -> float:
     """How much more the hip of the hottest motor's leg warmed than its knee."""
     leg = 3 * (held.hottest // 3)
     hip, knee = (held.result.winding[leg + joint] - metrics.heat.air for joint in (1, 2))
     return hip / knee if knee > 0.0 else 1.0
 
 
-def growth(held: Held, quantity: str) -> float:
+def growth(held: HeldSpeed, quantity: str) -> float:
     """Return by what factor the hottest motor's torque (root mean square) or joint speed grows over the windows."""
     first, last = (getattr(window, quantity)[held.hottest] for window in (held.result.first, held.result.last))
     return last / first if first > 0.0 else 1.0
 
 
-def margin_end(held: Held) -> str:
+def margin_end(held: HeldSpeed) -> str:
     """When and how hot the torque margin would be gone if nothing burnt before."""
     run = held.limitless
     if run is None:
@@ -95,7 +95,7 @@ def drawn_range(metrics: EnduranceMetrics) -> str:
     return f"{times[0]:.0f} to {times[-1]:.0f} s" if times else NOT_MEASURED
 
 
-def on_envelope(held: Held) -> str:
+def on_envelope(held: HeldSpeed) -> str:
     """The hottest motor's share of time on the envelope, cold and hot."""
     first, last = (window.on_envelope[held.hottest] for window in (held.result.first, held.result.last))
     return f"{first:.1%}, {last:.1%}"
@@ -169,7 +169,7 @@ def paper_table(metrics: EnduranceMetrics) -> Table:
     )  # fmt: skip
 
 
-def hot_torque(metrics: EnduranceMetrics, held: Held) -> tuple[float, float]:
+def hot_torque(metrics: EnduranceMetrics, held: HeldSpeed) -> tuple[float, float]:
     """Change of the hottest motor's greatest torque at the end of a run, at the corner and near the no-load speed."""
     motors = Actuator.from_hardware()
     network = Network.from_spec(metrics.heat, metrics.heat.winding_to_case or 1.0)
@@ -200,7 +200,7 @@ def run_table(metrics: EnduranceMetrics) -> Table:
     return Table("Runs", head, lines)
 
 
-def motor_table(metrics: EnduranceMetrics, held: Held) -> Table:
+def motor_table(metrics: EnduranceMetrics, held: HeldSpeed) -> Table:
     """Every motor of a run."""
     run = held.result
     head = "Motor", "Heat, cold [W]", "RMS torque [Nm]", "Winding [°C]", "Case [°C]", "On envelope", "... at the end"
@@ -280,7 +280,7 @@ def endurance_results(metrics: EnduranceMetrics) -> dict[str, Any]:
     """What a policy's card says."""
     slow, top = metrics.held[0], metrics.held[-1]
 
-    def said(held: Held) -> dict[str, Any]:
+    def said(held: HeldSpeed) -> dict[str, Any]:
         return {
             "commanded_speed": held.result.commanded_speed,
             "speed": held.result.first.speed,

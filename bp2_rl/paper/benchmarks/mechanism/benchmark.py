@@ -20,8 +20,8 @@ from bp2_rl.paper.benchmarks.mechanism.measured import (
     STRIDES,
     MechanismAtSpeed,
     MechanismMetrics,
+    MechanismRun,
     OptimisedMechanism,
-    Ran,
     measure_forces,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
@@ -74,18 +74,20 @@ def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
 
 
-def decompose(ramp: Ramp, run: Trajectory) -> Ran:
+def decompose(ramp: Ramp, run: Trajectory) -> MechanismRun:
     """Take the last strides of a run's hold apart."""
     command = ramp.target[0]
     if (chosen := steady_strides(run, ramp, STRIDES)) is None:
-        return Ran(MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
+        return MechanismRun(
+            MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None
+        )
     part, strides = chosen
     forces = decompose_run(part)
     at = MechanismAtSpeed(
         command, float(np.mean(part.ground_velocity[:, 0])), None, measure_forces(forces, strides, run.dt)
     )
     hip = HIPS_AND_KNEES[2 * LEG]
-    return Ran(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
+    return MechanismRun(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
 
 
 def optimised(speeds: list[float]) -> tuple[OptimisedMechanism, ...]:

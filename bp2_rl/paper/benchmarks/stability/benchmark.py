@@ -67,6 +67,8 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     metrics = StabilityMetrics(
         mass=float(load_model(robot, visual=False).body_mass.sum()), speeds=tuple(one.metrics for one in ran)
     )
+    followed = any(speed.returns is not None and speed.returns.sizes for speed in metrics.speeds)
+    pushed = any(speed.pushes for speed in metrics.speeds)
     said = conditions(policy, describe_strides(asked), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="stability",
@@ -81,8 +83,8 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             Picture("sections", figures.SECTIONS, figures.section_figure(ran)),
             Picture("spectra", figures.SPECTRA, figures.spectrum_figure(ran[0])),
             Picture("touchdowns", figures.TOUCHDOWNS, figures.touchdown_figure(ran)),
-            *((Picture("returns", figures.RETURNS, figures.return_figure(ran)),) if any_returns(metrics) else ()),
-            *((Picture("pushes", figures.PUSHES, figures.push_figure(ran)),) if any_pushes(metrics) else ()),
+            *((Picture("returns", figures.RETURNS, figures.return_figure(ran)),) if followed else ()),
+            *((Picture("pushes", figures.PUSHES, figures.push_figure(ran)),) if pushed else ()),
         ),
         metrics=metrics,
         results=tables.stability_results(metrics),
@@ -97,16 +99,6 @@ def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
             setup, speed=setup.speed or SPEED, acceleration=setup.acceleration or QUICK_ACCELERATION
         )
     return ramp_to_topspeed(policy, setup)
-
-
-def any_returns(metrics: StabilityMetrics) -> bool:
-    """Whether there is a map that was followed."""
-    return any(speed.returns is not None and speed.returns.sizes for speed in metrics.speeds)
-
-
-def any_pushes(metrics: StabilityMetrics) -> bool:
-    """Whether anyone was pushed."""
-    return any(speed.pushes for speed in metrics.speeds)
 
 
 DEFINITIONS = (

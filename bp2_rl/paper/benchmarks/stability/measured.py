@@ -133,7 +133,7 @@ class ShownStability:
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class SpeedResult:
     """One speed, measured and to be shown."""
 
     metrics: SpeedMetrics

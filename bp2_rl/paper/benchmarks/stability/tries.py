@@ -11,11 +11,11 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.stability.coordinates import SMALLEST, Coordinates
 from bp2_rl.paper.benchmarks.stability.group import GroupRecording, GroupState, RobotGroup, join
 from bp2_rl.paper.benchmarks.stability.measured import (
-    Found,
     MapMetrics,
     PushMetrics,
     RadiusMetrics,
     SpeedMetrics,
+    SpeedResult,
 )
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit
 from bp2_rl.paper.benchmarks.stability.steady import (
@@ -90,7 +90,7 @@ class StabilityTry:
         return np.tile(np.array([self.speed, 0.0, 0.0]), (strides * self.ticks, robots, 1))
 
 
-def try_speed(policy: Policy, one: StabilityTry) -> Found:
+def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
     """All of it at one speed."""
     extent, noise = one.extent, RandomizationConfig()
     group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
@@ -135,7 +135,7 @@ def try_speed(policy: Policy, one: StabilityTry) -> Found:
             returns=measure_returns(policy, one, last.of([-1]), [state.of(upright) for state in starts]),
             pushes=push_all(policy, one, passed),
         )
-    return Found(metrics, to_show(noisy, quiet, one.period))
+    return SpeedResult(metrics, to_show(noisy, quiet, one.period))
 
 
 def _steady(recording: GroupRecording | None, robot: int) -> Steady:

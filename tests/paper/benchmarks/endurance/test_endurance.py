@@ -10,7 +10,7 @@ from bp2_rl.paper.benchmarks.endurance import benchmark as module
 from bp2_rl.paper.benchmarks.endurance import calibration
 from bp2_rl.paper.benchmarks.endurance.benchmark import draw_robots, endurance, ramp_to_endurance
 from bp2_rl.paper.benchmarks.endurance.calibration import seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import AveragingWindow, Endured, HeatingCourse, HotRun
+from bp2_rl.paper.benchmarks.endurance.heating import AveragingWindow, EnduranceResult, HeatedRun, HeatingCourse
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.robot import specs
@@ -51,13 +51,13 @@ def ran(monkeypatch):
         window = AveragingWindow(one.speed, _each(heat), _each(torque), _each(0.1 * torque), (0.1,) * 12)
         cause = "winding" if too_hot else "none"
         hot = _each(winding[-1])
-        endured = Endured(one.speed, one.pace, time, cause, window, window, hot, (30.0,) * 12, 0)
+        endured = EnduranceResult(one.speed, one.pace, time, cause, window, window, hot, (30.0,) * 12, 0)
         course = HeatingCourse(
             _each(one.pace * (0.5 + np.arange(n))), tuple(map(_each, winding[1:-1])), ((30.0,) * 12,) * n,
             ((0.1,) * 12,) * n, (one.speed,) * n,
         )  # fmt: skip
         cloud = np.linspace(-1.0, 1.0, 40)[:, None]
-        return HotRun(endured, course, np.linspace(0.0, time, 40), 20.0 * cloud + 0 * heat, cloud * torque)
+        return HeatedRun(endured, course, np.linspace(0.0, time, 40), 20.0 * cloud + 0 * heat, cloud * torque)
 
     monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     return asked
@@ -141,8 +141,8 @@ def test_a_robot_that_falls_on_its_way_up_has_endured_nothing(make_policy, monke
 
     def run(policy, one):
         window = AveragingWindow(0.0, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12)
-        endured = Endured(one.speed, one.pace, 0.0, "fall", window, window, (25.0,) * 12, (25.0,) * 12, 0)
-        return HotRun(endured, HeatingCourse((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
+        endured = EnduranceResult(one.speed, one.pace, 0.0, "fall", window, window, (25.0,) * 12, (25.0,) * 12, 0)
+        return HeatedRun(endured, HeatingCourse((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
 
     monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))
