@@ -61,9 +61,9 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture as PNG, whole or not at all; raises as `files.new_file`."""
+    """Write a picture, PNG, PDF or SVG by the file's name, whole or not at all; raises as `files.new_file`."""
     with new_file(path) as file:
-        figure.savefig(file, format="png")
+        figure.savefig(file, format=path.suffix.removeprefix("."))
 
 
 def moving_mean(values: Float[np.ndarray, "N ..."], samples: int) -> Float[np.ndarray, "N ..."]:

@@ -15,14 +15,14 @@ from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import choose
 from bp2_rl.paper.cli.index import FLAG, run_all
 from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
-from bp2_rl.paper.figures.registry import FIGURES
+from bp2_rl.paper.figures.registry import FIGURES, draw
 
 if TYPE_CHECKING:
     from bp2_rl.paper.figures.drawn import Drawn
 
 OUT = Path("reports/figures")
 COLUMNS = 130  # of a table
-COMMANDS = {name: f"{entry.what} ({entry.panel})" for name, entry in FIGURES.items()} | {
+COMMANDS = {name: (told.__doc__ or "").splitlines()[0] for name, told in FIGURES.items()} | {
     FLAG: "every panel that can be made, and a page that says of each item of the paper what is ours"
 }
 
@@ -32,7 +32,6 @@ class FigureReport:
     """What metrics.json holds."""
 
     figure: str
-    panel: str  # of the paper
     settings: dict[str, Any]
     comparisons: tuple[dict[str, Any], ...]
     results: dict[str, Any]
@@ -52,25 +51,24 @@ def _run(name: str, argv: Sequence[str]) -> int:
 
 def _figure(name: str, argv: Sequence[str]) -> None:
     """Draw a figure as the command line says, print its tables, and leave its report."""
-    entry = FIGURES[name]
-    arguments = app.parse(with_folder(entry.settings, OUT / name), argv, f"bp2 paper figures {name}")
+    arguments = app.parse(with_folder(FIGURES[name], OUT / name), argv, f"bp2 paper figures {name}")
     require_name(arguments.out)
-    drawn = entry.draw(arguments.settings)  # what it is told is read first: a mistake leaves no folder
+    drawn = draw(name, arguments.settings)  # what it is told is read first: a mistake leaves no folder
     open_folder(arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure)
     show(drawn)
-    leave(arguments.out, name, arguments.settings, drawn)
+    leave(arguments, name, drawn)
     print(f"pictures and numbers: {arguments.out}")
 
 
-def leave(folder: Path, name: str, settings: Any, drawn: "Drawn") -> None:
-    """Write a figure's pictures and numbers to an open folder."""
+def leave(arguments: Any, name: str, drawn: "Drawn") -> None:
+    """Write a figure's pictures and numbers to the open folder that its arguments name."""
     from bp2_rl.base.plotting import save_figure
 
     said = tuple(to_json(comparison) for comparison in drawn.comparisons)
-    report = FigureReport(name, FIGURES[name].panel, to_json(settings), said, to_json(drawn.results))
-    save_config(folder / METRICS, report)
+    report = FigureReport(name, to_json(arguments.settings), said, to_json(drawn.results))
+    save_config(arguments.out / METRICS, report)
     for picture, figure in drawn.pictures.items():
-        save_figure(figure, folder / f"{picture}.png")
+        save_figure(figure, arguments.out / f"{picture}.{arguments.format}")
 
 
 def show(drawn: "Drawn") -> None:

@@ -20,8 +20,7 @@ from bp2_rl.base.folders import find_folder, new_folder, open_report
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.paper.index.item import IndexRow, fill
-from bp2_rl.paper.index.items import GROUPS
+from bp2_rl.paper.index.item import IndexRow, fill, read_items
 from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
 
 FLAG = "--all"
@@ -165,7 +164,7 @@ def _write(chosen: IndexArguments, missing: dict[str, str]) -> None:
     reports = {
         source.name: read_json(folders[source.name] / source.numbers) for source in SOURCES if source.name in folders
     }
-    groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in GROUPS.items()}
+    groups = {heading: [fill(item, reports, missing) for item in items] for heading, items in read_items().items()}
     seconds = {name: load_config(Key, folder / KEY).seconds for name, folder in folders.items()}
     made = [Made(source, folders[source.name], seconds[source.name]) for source in SOURCES if source.name in folders]
     commands = {source.name: source.command for source in SOURCES}

@@ -102,5 +102,5 @@ def _report(name: str, argv: Sequence[str]) -> None:
     results = {kind: [to_json(one) for one in found] for kind, found in study.results.items()}
     save_config(folder / METRICS, PendulumReport(command, to_json(settings), results))
     write_npz(folder / f"{name}.npz", study.arrays, compressed=True)
-    save_figure(study.figure, folder / f"{name}.png")
+    save_figure(study.figure, folder / f"{name}.{arguments.format}")
     print(f"picture, numbers and curves: {folder}")

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -16,11 +16,13 @@ METRICS = "metrics.json"
 
 
 def with_folder(settings: type[Any], out: Path) -> type[Any]:
-    """Return the arguments of a command: its `settings`, and `out`, the folder where its report goes."""
+    """Return the arguments of a command: its `settings`, `out`, the folder where its report goes, and `format`."""
     where = tyro.conf.arg(metavar="DIR", help="the report's folder")
+    how = tyro.conf.arg(help="of the pictures")
     fields = (
         ("settings", Annotated[settings, tyro.conf.arg(name="")], settings()),
         ("out", Annotated[Path, where], out),
+        ("format", Annotated[Literal["png", "pdf", "svg"], how], "png"),
     )
     return dataclasses.make_dataclass("Arguments", fields, frozen=True, namespace={"__doc__": settings.__doc__})
 

@@ -11,9 +11,9 @@ from matplotlib.lines import Line2D
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FAINT, FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.cycles import CYCLES, cycles
+from bp2_rl.paper.benchmarks.efficiency.measured import ENDS, motors_of
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
-from bp2_rl.paper.figures.reports import read_runs
+from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
@@ -23,8 +23,7 @@ from bp2_rl.simulation.metrics import envelope_use, steady_window
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "topspeed"
-ENDS = {"fore": "F", "hind": "R"}  # and how their legs' names begin
-KINDS = tuple((end, joint) for end in ENDS for joint in ("hip", "knee"))
+KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in ("hip", "knee"))
 FULL = "hind hip", "fore knee"  # which the paper says use their envelopes fully
 USED = 0.01  # share of time on the envelope from which it is used
 DASHED = (0, (4, 2))
@@ -96,21 +95,16 @@ def measure(run: Trajectory) -> RunNumbers:
     return RunNumbers(
         speed=float(np.mean(steady.ground_velocity[:, 0])),
         commanded=float(steady.command[-1, 0]),
-        kinds=tuple(_kind(steady, near, end, joint) for end, joint in KINDS),
+        kinds=tuple(_kind(steady, near, name) for name in KINDS),
     )
 
 
-def motors(end: str, joint: str) -> list[int]:
-    """The motors of a kind, right and left."""
-    return [3 * leg + specs.JOINTS.index(joint) for leg, name in enumerate(LEGS) if name.startswith(ENDS[end])]
-
-
-def _kind(run: Trajectory, near: Bool[np.ndarray, "N 12"], end: str, joint: str) -> KindNumbers:
-    chosen = motors(end, joint)
+def _kind(run: Trajectory, near: Bool[np.ndarray, "N 12"], name: str) -> KindNumbers:
+    chosen = motors_of(name)
     torque, qd = run.torque[:, chosen], run.joint_velocity[:, chosen]
     power = torque * qd
     return KindNumbers(
-        name=f"{end} {joint}",
+        name=name,
         driving=max(float(np.max(power)), 0.0),
         braking=max(-float(np.min(power)), 0.0),
         torque=float(np.sqrt(np.mean(torque**2))),
@@ -192,17 +186,16 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
     reach = 1.08 * max(hardware.joint_no_load_speed, *(float(np.max(np.abs(part.joint_velocity))) for part in parts))
     speeds = np.linspace(-reach, reach, 801)
     for row, part, run in zip(panels, parts, numbers.runs, strict=True):
-        for axes, (end, joint), kind in zip(row, KINDS, run.kinds, strict=True):
+        for axes, kind in zip(row, run.kinds, strict=True):
             _draw_limits(axes, speeds, cold, hot)
-            for motor in motors(end, joint):
+            for motor in motors_of(kind.name):
                 color = LEG_COLORS[LEGS[motor // 3]]
                 axes.plot(part.joint_velocity[:, motor], part.torque[:, motor], color=color, linewidth=0.9)
             axes.plot(kind.speed, kind.torque, "*", ms=12, color="#F0E442", mec=INK, mew=0.8, zorder=5)
-            axes.set_title(f"{kind.name.capitalize()}, {run.speed:.1f} m/s", fontsize=9.5)
-            said = f"{kind.on_envelope:.1%} on the envelope\npeaks {kind.driving:.0f}, -{kind.braking:.0f} W"
-            box = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"}
-            axes.annotate(said, (0.03, 0.03), xycoords="axes fraction", fontsize=8, va="bottom", bbox=box)
-            axes.set(xlim=(-reach, reach), ylim=(-1.45 * hardware.joint_peak_torque, 1.25 * hardware.joint_peak_torque))
+            axes.set_title(f"{kind.name.capitalize()}, {run.speed:.1f} m/s\n", fontsize=9.5)
+            said = f"{kind.on_envelope:.1%} on the envelope; -{kind.braking:.0f} to {kind.driving:.0f} W"
+            axes.annotate(said, (0.0, 1.0), (0, 5), "axes fraction", "offset points", fontsize=8)
+            axes.set(xlim=(-reach, reach), ylim=(-1.2 * hardware.joint_peak_torque, 1.2 * hardware.joint_peak_torque))
         row[0].set_ylabel("Joint torque [Nm]")
     for axes in panels[-1]:
         axes.set_xlabel("Joint speed [rad/s]")
@@ -215,7 +208,7 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
         Line2D([], [], color="#F0E442", marker="*", ms=10, mec=INK, mew=0.8, linestyle="", label="RMS"),
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=8, handlelength=1.5, columnspacing=1.1)
-    figure.suptitle(f"{CYCLES} cycles", x=0.01, ha="left", fontsize=9.5)
+    figure.suptitle(f"{CYCLES} cycles; range of power", x=0.01, ha="left", fontsize=9.5)
     return figure
 
 

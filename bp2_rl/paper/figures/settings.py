@@ -99,10 +99,9 @@ class IdentifiabilitySettings:
 
 @dataclasses.dataclass(frozen=True)
 class BindingSettings:
-    """Draw which limits hold the optimiser's trots back at each speed and what a little more of each would bring, and
-    how far the policy's gait is from the optimiser's at the same speed on the same robot.
+    """Draw which limits hold the optimiser's trots back at each speed, and how far a policy's gait is from them.
 
-    Takes some minutes: trajectories are solved.
+    Shown is, too, what a little more of each limit would bring. Takes some minutes: trajectories are solved.
     """
 
     speeds: tuple[Annotated[float, Within(0.5, 30.0)], ...] = (10.0, 13.0, 15.0, 17.0)

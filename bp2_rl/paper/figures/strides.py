@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import Table
-from bp2_rl.paper.figures.cycles import CYCLES, LEG, cycles
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
-from bp2_rl.paper.figures.reports import read_runs
+from bp2_rl.paper.figures.runs import CYCLES, LEG, cycles, read_runs
 from bp2_rl.paper.figures.settings import StridesSettings
 from bp2_rl.paper.figures.silhouette import draw, outlines
 from bp2_rl.robot.model import load_model

@@ -1,13 +1,15 @@
 """A row of the index: an item of the paper, the command that makes ours, and what has to hold for "same"."""
 
 import dataclasses
-import functools
 import math
 import re
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json
 
 Verdict = Literal["same", "differs", "not comparable", "needs hardware", "not run"]
 Stated = Literal["same", "differs", "not comparable", "needs hardware"]
@@ -59,8 +61,13 @@ class Item:
         return self.place.partition("/")[2]
 
 
-unprinted = functools.partial(Item, stated="not comparable", because="the panel's numbers are not published")
-"""A panel of the paper that prints no number to compare ours with."""
+def read_items() -> dict[str, tuple[Item, ...]]:
+    """Return all items by heading, in the order of the paper, and then what goes beyond it: those of items.toml."""
+    with Path(__file__).with_name("items.toml").open("rb") as file:
+        return {
+            heading: tuple(from_json(Item, entry) for entry in entries)
+            for heading, entries in tomllib.load(file).items()
+        }
 
 
 class ReportNumber(NamedTuple):

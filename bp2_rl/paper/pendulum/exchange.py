@@ -13,9 +13,9 @@ from scipy.integrate import cumulative_simpson
 
 from bp2_rl.base.plotting import FAINT, INK, WIDTH, styled
 from bp2_rl.paper.pendulum import beam, exact
+from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumSimulateSettings
 from bp2_rl.paper.pendulum.study import BEAM, PENDULUMS, PendulumStudy, numbered, remark
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 SAMPLES = 100  # of a natural period
 EVEN = 0.05  # of m g l: means that differ by less are called even

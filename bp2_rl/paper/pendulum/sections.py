@@ -17,9 +17,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.distance import directed_hausdorff
 
 from bp2_rl.base.plotting import WIDTH, styled
+from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 from bp2_rl.paper.pendulum.settings import PendulumSectionsSettings
 from bp2_rl.paper.pendulum.study import ONE, TWO, PendulumStudy, numbered, remark
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
 
 Instant = Literal["beam", "pendulum"]
 INSTANTS: dict[Instant, str] = {

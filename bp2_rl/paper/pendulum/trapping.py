@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
 from bp2_rl.paper.pendulum import exact
+from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, swing
 from bp2_rl.paper.pendulum.settings import PendulumTrappingSettings
 from bp2_rl.paper.pendulum.study import BEAM, ONE, TWO, PendulumStudy, numbered
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, swing
 
 MASS_RATIOS = (0.25, 200.0)  # of a sweep
 SAMPLES = 24  # of a natural period

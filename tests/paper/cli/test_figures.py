@@ -23,11 +23,18 @@ def test_a_figure_leaves_its_picture_and_all_its_numbers(name, tmp_path, capsys)
     for _ in range(2):  # an old report is replaced
         assert main([name, "--out", str(out)]) == 0
     report = load_config(FigureReport, out / "metrics.json")
-    assert (report.figure, report.panel) == (name, FIGURES[name].panel)
+    assert report.figure == name
     assert report.comparisons
     assert report.results
     assert {path.suffix for path in out.iterdir()} == {".json", ".png"}
     assert str(out) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("form", "begins"), [("pdf", b"%PDF-"), ("svg", b"<?xml")])
+def test_a_picture_is_left_in_the_format_that_is_named(form, begins, tmp_path):
+    assert main(["rewards", "--out", str(tmp_path), "--format", form]) == 0
+    assert (tmp_path / f"rewards.{form}").read_bytes().startswith(begins)
+    assert not list(tmp_path.glob("*.png"))
 
 
 def test_the_terminal_shows_what_the_file_holds(tmp_path, capsys):

@@ -64,7 +64,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("all") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(all_figures, "SOURCES", SOURCES)
-        patch.setattr(all_figures, "GROUPS", GROUPS)
+        patch.setattr(all_figures, "read_items", lambda: GROUPS)
         assert figures.main(["--all", "--out", str(folder)]) == 0
         yield folder
 

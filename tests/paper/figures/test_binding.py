@@ -6,9 +6,8 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import CostWeights
 from bp2_rl.optimiser.solution import NotSolved
-from bp2_rl.paper.figures.binding import numbers as numbers_module
-from bp2_rl.paper.figures.binding.figure import binding
-from bp2_rl.paper.figures.binding.numbers import describe_run
+from bp2_rl.paper.figures import binding as numbers_module
+from bp2_rl.paper.figures.binding import binding, describe_run
 from bp2_rl.paper.figures.settings import BindingSettings
 from bp2_rl.paper.trajectories.described import running_cost
 from bp2_rl.paper.trajectories.shadow_prices import weigh

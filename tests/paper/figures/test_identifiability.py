@@ -9,21 +9,24 @@ from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.paper.figures.identifiability import numbers as numbers_module
-from bp2_rl.paper.figures.identifiability.assumed import ASSUMED, HEAT, MECHANICAL
-from bp2_rl.paper.figures.identifiability.figure import compare
-from bp2_rl.paper.figures.identifiability.numbers import (
+from bp2_rl.paper.figures import identifiability_numbers as numbers_module
+from bp2_rl.paper.figures.assumed import ASSUMED, HEAT, MECHANICAL
+from bp2_rl.paper.figures.identifiability import compare
+from bp2_rl.paper.figures.identifiability_numbers import (
     OUTDOORS,
     PRINTED,
     SPRINT,
     IdentifiabilityNumbers,
     RowNumbers,
     decompose_jacobian,
+    heating_rate,
+    hip_heat,
     jacobian,
     left_of_range,
     measure,
+    reversal,
+    sprint,
 )
-from bp2_rl.paper.figures.identifiability.readings import heating_rate, hip_heat, reversal, sprint
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot.specs import MotorHeat

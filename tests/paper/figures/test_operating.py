@@ -8,7 +8,8 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, save_config, to_json
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
-from bp2_rl.paper.figures.operating import OperatingNumbers, compare, measure, motors, operating
+from bp2_rl.paper.benchmarks.efficiency.measured import motors_of
+from bp2_rl.paper.figures.operating import OperatingNumbers, compare, measure, operating
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.robot.specs import BUILT, MOTOR_NAMES
 
@@ -45,8 +46,8 @@ def known(make_run):
 
 
 def test_motors_are_those_of_their_names():
-    assert [MOTOR_NAMES[i] for i in motors("hind", "hip")] == ["RR_hip", "RL_hip"]
-    assert [MOTOR_NAMES[i] for i in motors("fore", "knee")] == ["FR_knee", "FL_knee"]
+    assert [MOTOR_NAMES[i] for i in motors_of("hind hip")] == ["RR_hip", "RL_hip"]
+    assert [MOTOR_NAMES[i] for i in motors_of("fore knee")] == ["FR_knee", "FL_knee"]
 
 
 def test_points_are_measured_in_all_quadrants(known):

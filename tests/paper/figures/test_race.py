@@ -11,10 +11,11 @@ from bp2_rl.evaluation.benchmarks.sprint import measure_first_metres, measure_sp
 from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import Athlete
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
-from bp2_rl.paper.figures.race.figure import race
-from bp2_rl.paper.figures.race.numbers import (
+from bp2_rl.paper.figures.race import race
+from bp2_rl.paper.figures.race_numbers import (
     Profile,
     check_paper,
+    compare,
     exponential,
     fading,
     fit,
@@ -22,7 +23,6 @@ from bp2_rl.paper.figures.race.numbers import (
     judge,
     measure_start,
 )
-from bp2_rl.paper.figures.race.statements import compare
 from bp2_rl.paper.figures.settings import RaceSettings
 
 

@@ -10,8 +10,8 @@ from matplotlib.text import Annotation
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config, to_json
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
-from bp2_rl.paper.figures.scaling.figure import scaling, scaling_figure
-from bp2_rl.paper.figures.scaling.numbers import ScalingNumbers, compare, count, find, measure, shipped
+from bp2_rl.paper.figures.scaling import scaling, scaling_figure
+from bp2_rl.paper.figures.scaling_numbers import ScalingNumbers, compare, count, find, measure, shipped
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PublishedRobot
 
@@ -149,3 +149,13 @@ def test_no_robots_name_covers_another(numbers, more):
         assert not touching
         page = axes.get_window_extent(renderer)
         assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for box in boxes)
+
+
+def test_no_line_strikes_a_name_beside_the_law(numbers):
+    law = scaling_figure(numbers).axes[0]
+    renderer = FigureCanvasAgg(law.get_figure(root=True)).get_renderer()
+    names = [text for text in law.texts if isinstance(text, Annotation) and text.get_path_effects()]
+    for line in (each for each in law.get_lines() if len(np.asarray(each.get_xydata())) > 1):
+        path = line.get_transform().transform_path(line.get_path())
+        for name in names:
+            assert not path.intersects_bbox(name.get_window_extent(renderer), filled=False), name.get_text()

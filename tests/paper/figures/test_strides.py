@@ -6,7 +6,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
-from bp2_rl.paper.figures.cycles import CYCLES, cycles
+from bp2_rl.paper.figures.runs import CYCLES, cycles
 from bp2_rl.paper.figures.settings import StridesSettings
 from bp2_rl.paper.figures.strides import measure, strides
 

@@ -11,13 +11,12 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
 from bp2_rl.paper.cli import figures, pendulum, trajectories
 from bp2_rl.paper.cli.eval import DeepBenchmarkName
-from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places
-from bp2_rl.paper.index.items import GROUPS
+from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places, read_items
 from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
 
 SKELETON = Path(__file__).with_name("paper_items.tex")
 """The paper without its words: where its figures, tables, equations and movies are, and what panels they have."""
-ITEMS = [item for group in GROUPS.values() for item in group]
+ITEMS = [item for group in read_items().values() for item in group]
 BY_NAME = {source.name: source for source in SOURCES}
 REPORTS = {"one": {"runs": [{"name": "a.b", "speed": 10.0, "share": 0.5}], "said": "wind", "none": None}}
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from bp2_rl.paper.pendulum import beam, exact
-from bp2_rl.paper.pendulum.swing import NATURAL_PERIOD, SwingMotion, swing
+from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
 
 EXACT = 1e-13  # tolerance of the integration where a period is wanted to 1e-9
 

@@ -12,21 +12,13 @@ from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.efficiency import figures
+from bp2_rl.paper.benchmarks.efficiency import figures, tables
 from bp2_rl.paper.benchmarks.efficiency.measured import (
     EfficiencyAtSpeed,
     EfficiencyMetrics,
     OptimisedEfficiency,
     measure_energy,
     measure_optimiser,
-)
-from bp2_rl.paper.benchmarks.efficiency.tables import (
-    TILES,
-    describe_runs,
-    efficiency_results,
-    efficiency_rows,
-    efficiency_tables,
-    verdict,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import (
@@ -51,20 +43,20 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     commands = commands_below(SHORT if setup.quick else SPEEDS, top)
     ran = run_speeds(account, policy, ramp, commands, setup)
     metrics = EfficiencyMetrics(tuple(ran), optimised([at.speed for at in ran if at.energy is not None]))
-    said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="efficiency",
         subject=describe_command(policy, setup, top),
         backend="C MuJoCo",
         conditions=said,
-        verdict=verdict(metrics),
+        verdict=tables.verdict(metrics),
         good=all(at.energy is not None for at in metrics.speeds),
-        rows=efficiency_rows(metrics),
-        tiles=TILES,
+        rows=tables.efficiency_rows(metrics),
+        tiles=tables.TILES,
         pictures=(Picture("efficiency", figures.CAPTION, figures.efficiency_figure(metrics)),) if metrics.found else (),
         metrics=metrics,
-        results=efficiency_results(metrics),
-        tables=efficiency_tables(metrics),
+        results=tables.efficiency_results(metrics),
+        tables=tables.efficiency_tables(metrics),
     )
 
 

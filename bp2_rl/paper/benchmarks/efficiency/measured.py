@@ -168,9 +168,14 @@ def measure_optimiser(solution: Solution) -> OptimisedEfficiency:
     return OptimisedEfficiency(problem.speed, positive, braking, copper, Electrical.of(positive, braking, copper, bus))
 
 
+def motors_of(kind: str) -> list[int]:
+    """Return the motors of a kind, `hind hip`, right and left."""
+    end, joint = kind.split()
+    return [3 * leg + specs.JOINTS.index(joint) for leg, name in enumerate(LEGS) if name.startswith(ENDS[end])]
+
+
 def _joint(name: str, ledger: Ledger) -> Joint:
-    end, joint = name.split()
-    chosen = [3 * leg + specs.JOINTS.index(joint) for leg, which in enumerate(LEGS) if which.startswith(ENDS[end])]
+    chosen = motors_of(name)
     power, copper = ledger.motors[:, chosen], ledger.copper[:, chosen]
     return Joint(
         name=name,

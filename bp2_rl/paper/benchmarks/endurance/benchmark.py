@@ -14,19 +14,10 @@ from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.endurance import figures
+from bp2_rl.paper.benchmarks.endurance import figures, tables
 from bp2_rl.paper.benchmarks.endurance.calibration import calibrated, family, seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingTry, run_hot
-from bp2_rl.paper.benchmarks.endurance.measured import DrawnRobots, EnduranceAtSpeed, EnduranceMetrics, Held
-from bp2_rl.paper.benchmarks.endurance.tables import (
-    TILES,
-    describe_course,
-    describe_heat,
-    endurance_results,
-    endurance_rows,
-    endurance_tables,
-    verdict,
-)
+from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingTry, run_hot
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, RandomRobot
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot import specs
@@ -36,7 +27,7 @@ from bp2_rl.simulation.schedule import Ramp
 
 SPEED = specs.OUTDOOR_TOP_SPEED
 LONGEST = 2.0 * specs.ENDURANCE_TIME + 8.0  # s
-PACE = 4.0  # of the cheap runs: heat over seconds wavers, so a faster pace samples too few of them
+PACE = 4.0  # of the accelerated runs: heat over seconds wavers, so a faster pace samples too few of them
 LIMITLESS = 1000.0  # C: copper melts at 1085
 CALIBRATION = 12.0  # s of cold running; a hip's heat wavers by a tenth from one second to the next
 ROBOTS = 8  # drawn
@@ -51,12 +42,12 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     gait = HeatingTry(robot, setup.operator, ramp, _network(setup.heat), math.inf, longest=0.0, pace=1.0).at(SPEED)
     scan = () if setup.quick else tuple(speed for speed in SCAN if speed < top)
     others = () if setup.quick else draw_robots(robot, setup.robots or ROBOTS, setup.seed or 0)
-    laps = [
-        dataclasses.replace(gait, cold_lap=CALIBRATION),
+    tries = [
+        dataclasses.replace(gait, cold_window=CALIBRATION),
         *(gait.at(speed) for speed in scan),
         *(dataclasses.replace(gait, robot=other) for other in others),
     ]
-    ran = [run.endured for run in run_hot(policy, laps)]
+    ran = [run.endured for run in run_hot(policy, tries)]
     cold, of_others = ran[: 1 + len(scan)], ran[1 + len(scan) :]
     cold_heat = max(cold[0].first.heat[hip] for hip in REAR_HIPS)
     heat = calibrated(setup.heat, cold_heat)
@@ -65,28 +56,28 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     kinds = [fast] if setup.quick else [full, fast, dataclasses.replace(fast, limit=LIMITLESS)]
     hot = run_hot(policy, [kind.at(speed) for kind in kinds for speed in commands])
     by_kind = [hot[i : i + len(commands)] for i in range(0, len(hot), len(commands))]
-    runs, cheap = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
+    runs, accelerated = by_kind[0], by_kind[min(1, len(by_kind) - 1)]
     limitless = [None] * len(commands) if setup.quick else [run.endured for run in by_kind[2]]
     metrics = EnduranceMetrics(
         heat=heat,
         is_input=setup.heat.winding_to_case is None,
         cold_heat=cold_heat,
         held=tuple(
-            Held(
+            HeldSpeed(
                 full=None if setup.quick else run.endured,
-                cheap=fast.endured,
+                accelerated=fast.endured,
                 limitless=beyond,
-                by_first_lap=_seconds_to_limit(run.endured, heat),
+                by_cold_gait=_seconds_to_limit(run.endured, heat),
                 course=run.course,
             )
-            for run, fast, beyond in zip(runs, cheap, limitless, strict=True)
+            for run, fast, beyond in zip(runs, accelerated, limitless, strict=True)
         ),
         speeds=tuple(
             _at_speed(run, heat)
             for run in sorted((*cold, *(run.endured for run in runs[1:])), key=lambda run: run.commanded_speed)
         ),
         drawn=tuple(
-            DrawnRobots(
+            RandomRobot(
                 other.friction,
                 other.mass_scale / robot.mass_scale,
                 other.peak_torque / robot.peak_torque,
@@ -97,26 +88,26 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         ),
         family=family(setup.heat, cold_heat, max(runs[-1].endured.first.heat)),
     )
-    said = conditions(policy, describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, tables.describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="endurance",
         subject=describe_command(policy, setup, top),
         backend="C MuJoCo",
-        conditions=said | {"motor heat": describe_heat(metrics)},
-        verdict=verdict(metrics),
-        good=all(held.told.cause != "fall" for held in metrics.held),
-        rows=endurance_rows(metrics),
-        tiles=TILES,
+        conditions=said | {"motor heat": tables.describe_heat(metrics)},
+        verdict=tables.verdict(metrics),
+        good=all(held.result.cause != "fall" for held in metrics.held),
+        rows=tables.endurance_rows(metrics),
+        tiles=tables.TILES,
         pictures=(
-            Picture("temperatures", figures.TEMPERATURES, figures.temperature_figure(metrics, cheap)),
+            Picture("temperatures", figures.TEMPERATURES, figures.temperature_figure(metrics, accelerated)),
             Picture("operating_points", figures.OPERATING, figures.operating_figure(metrics, runs, robot)),
             Picture("margin", figures.MARGIN_CAPTION, figures.margin_figure(metrics)),
             Picture("endurance", figures.ENDURANCE, figures.endurance_figure(metrics)),
             Picture("calibration", figures.CALIBRATION, figures.calibration_figure(metrics)),
         ),
         metrics=metrics,
-        results=endurance_results(metrics),
-        tables=endurance_tables(metrics),
+        results=tables.endurance_results(metrics),
+        tables=tables.endurance_tables(metrics),
     )
 
 
@@ -148,7 +139,7 @@ def _network(heat: MotorHeat) -> Network:
     return Network.from_spec(heat, heat.winding_to_case or 1.0)
 
 
-def _at_speed(cold: Endured, heat: MotorHeat) -> EnduranceAtSpeed:
+def _at_speed(cold: EnduranceResult, heat: MotorHeat) -> EnduranceAtSpeed:
     most = int(np.argmax(cold.first.heat))
     return EnduranceAtSpeed(
         commanded_speed=cold.commanded_speed,
@@ -161,7 +152,7 @@ def _at_speed(cold: Endured, heat: MotorHeat) -> EnduranceAtSpeed:
     )
 
 
-def _seconds_to_limit(run: Endured, heat: MotorHeat) -> float | None:
+def _seconds_to_limit(run: EnduranceResult, heat: MotorHeat) -> float | None:
     """By the heat of the cold gait alone; None of a robot that never got into it."""
     if run.cause == "fall" and run.seconds == 0.0:
         return None

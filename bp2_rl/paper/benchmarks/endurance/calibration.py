@@ -25,7 +25,7 @@ Numbers = Float[np.ndarray, "..."]
 
 
 @dataclasses.dataclass(frozen=True)
-class Member:
+class CalibratedMotor:
     """One pair that heats at the paper's mean rate."""
 
     winding_capacity: float  # J/K
@@ -66,7 +66,7 @@ def most_copper(heat: MotorHeat, cold_heat: float) -> float:
     return float(np.exp(low))
 
 
-def family(heat: MotorHeat, cold_heat: float, top_heat: float) -> tuple[Member, ...]:
+def family(heat: MotorHeat, cold_heat: float, top_heat: float) -> tuple[CalibratedMotor, ...]:
     """Pairs from next to no copper to as much as there can be, all at the paper's mean rate."""
     capacity = most_copper(heat, cold_heat) * np.linspace(0.1, 1.0, MEMBERS)
     start = np.full(MEMBERS, cold_heat)
@@ -78,14 +78,14 @@ def family(heat: MotorHeat, cold_heat: float, top_heat: float) -> tuple[Member, 
     rates = np.diff(t.winding, axis=0) / np.diff(time)[:, None]
     at_top = seconds_to(network, np.full(MEMBERS, top_heat), heat.limit)
     return tuple(
-        Member(*map(float, row[:-1]), at_top=float(row[-1]) if np.isfinite(row[-1]) else None)
+        CalibratedMotor(*map(float, row[:-1]), at_top=float(row[-1]) if np.isfinite(row[-1]) else None)
         for row in zip(
             capacity, network.winding_to_case, bend, rates[0], rates[-1], t.case[-1], at_top, strict=True
         )
     )  # fmt: skip
 
 
-def straightest(members: tuple[Member, ...]) -> Member:
+def straightest(members: tuple[CalibratedMotor, ...]) -> CalibratedMotor:
     """The pair whose winding heats most nearly at a constant rate."""
     return min(members, key=lambda member: member.bend)
 

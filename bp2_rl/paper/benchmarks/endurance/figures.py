@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.paper.benchmarks.endurance.calibration import MEMBERS, RISE, course
-from bp2_rl.paper.benchmarks.endurance.heating import MARGIN, HotRun
-from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics, Held, joint_of
+from bp2_rl.paper.benchmarks.endurance.heating import MARGIN, HeatedRun
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -44,13 +44,13 @@ CALIBRATION = (
 
 
 @styled
-def temperature_figure(metrics: EnduranceMetrics, cheap: Sequence[HotRun]) -> Figure:
+def temperature_figure(metrics: EnduranceMetrics, accelerated: Sequence[HeatedRun]) -> Figure:
     """All windings over time, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(metrics.held), sharey=True))
     air, limit = metrics.heat.air, metrics.heat.limit
-    for axes, held, fast in zip(panels, metrics.held, cheap, strict=True):
-        run = held.told
+    for axes, held, fast in zip(panels, metrics.held, accelerated, strict=True):
+        run = held.result
         time = np.concatenate([[0.0], held.course.time, [run.seconds]])
         winding = np.vstack([np.full((1, 12), air), np.reshape(held.course.winding, (-1, 12)), [run.winding]])
         for i, name in enumerate(specs.MOTOR_NAMES):
@@ -71,7 +71,7 @@ def temperature_figure(metrics: EnduranceMetrics, cheap: Sequence[HotRun]) -> Fi
     handles = [Line2D([], [], color=color, linewidth=3, label=leg) for leg, color in LEG_COLORS.items()]
     handles += [Line2D([], [], color=INK, linestyle=DASHES[j], label=j) for j in ("hip", "knee", "abad")]
     handles += [
-        Line2D([], [], color=INK, marker="o", mfc="white", linestyle="", ms=4.5, label="cheap"),
+        Line2D([], [], color=INK, marker="o", mfc="white", linestyle="", ms=4.5, label="accelerated"),
         Line2D([], [], color=PAPER, alpha=0.35, linewidth=6, label="paper"),
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=9, handlelength=1.7, columnspacing=1.2)
@@ -79,7 +79,7 @@ def temperature_figure(metrics: EnduranceMetrics, cheap: Sequence[HotRun]) -> Fi
 
 
 @styled
-def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HotRun], robot: HardwareSpec) -> Figure:
+def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HeatedRun], robot: HardwareSpec) -> Figure:
     """Torque over speed, coloured by time: rows are speeds, columns hip and knee of the hottest leg."""
     count = len(metrics.held)
     figure = Figure(figsize=(WIDTH, 0.6 + 3.3 * count), layout="constrained")
@@ -90,7 +90,7 @@ def operating_figure(metrics: EnduranceMetrics, runs: Sequence[HotRun], robot: H
     speeds = np.linspace(-reach, reach, 601)
     cold = torque_limits(motors, speeds)
     for row, held, run in zip(panels, metrics.held, runs, strict=True):
-        end, points = held.told, None
+        end, points = held.result, None
         for axes, joint in zip(row, (1, 2), strict=True):
             i = 3 * (held.hottest // 3) + joint
             hot = heated(motors, network, Temperatures(np.array([end.winding[i]]), np.array([end.case[i]])))
@@ -119,7 +119,7 @@ def margin_figure(metrics: EnduranceMetrics) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
     panels = np.reshape(figure.subplots(2, count, sharex="col", sharey="row", height_ratios=(1.6, 1)), (2, count))
     for (share, speed), held in zip(panels.T, metrics.held, strict=True):
-        on, cold = np.reshape(held.course.on_envelope, (-1, 12)), held.told.first.speed
+        on, cold = np.reshape(held.course.on_envelope, (-1, 12)), held.result.first.speed
         for name, members in GROUPS.items():
             values = 100.0 * np.mean(on[:, [specs.MOTOR_NAMES.index(motor) for motor in members]], axis=1)
             share.plot(held.course.time, values, color=GROUP_COLORS[name])
@@ -130,7 +130,7 @@ def margin_figure(metrics: EnduranceMetrics) -> Figure:
             "below this, no torque margin", (0.0, 100.0 * MARGIN), (6, 3), textcoords="offset points", va="bottom",
             color=FALL, fontsize=9,
         )  # fmt: skip
-        speed.set(xlabel="Time [s]", xlim=(0.0, max(held.told.seconds, 1.0)))
+        speed.set(xlabel="Time [s]", xlim=(0.0, max(held.result.seconds, 1.0)))
     panels[0, 0].set_ylabel("On the envelope [%]")
     panels[0, 0].set_ylim(0.0, None)
     panels[1, 0].set_ylabel("Speed [% of cold]")
@@ -159,7 +159,7 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
             mec=QUIET,
             label="drawn robots, by that heat",
         )
-    run = [(held.told.first.speed, held.told.seconds) for held in metrics.held if held.told.cause == "winding"]
+    run = [(held.result.first.speed, held.result.seconds) for held in metrics.held if held.result.cause == "winding"]
     if run:
         axes.plot(*zip(*run, strict=True), "s", color=FALL, ms=8, label="run with warming motors")
     axes.plot(specs.OUTDOOR_TOP_SPEED, ENDURANCE_TIME, "*", color=PAPER, ms=15, mec=INK, mew=0.6, label="paper, 86 s")
@@ -233,5 +233,5 @@ def calibration_figure(metrics: EnduranceMetrics) -> Figure:
     return figure
 
 
-def _title(held: Held) -> str:
-    return f"{held.told.first.speed:.1f} m/s ({held.told.commanded_speed:g} commanded)"
+def _title(held: HeldSpeed) -> str:
+    return f"{held.result.first.speed:.1f} m/s ({held.result.commanded_speed:g} commanded)"

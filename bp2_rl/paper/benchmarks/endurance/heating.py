@@ -30,12 +30,12 @@ from bp2_rl.simulation.trajectory import Trajectory
 
 Cause = Literal["winding", "torque margin", "fall", "none"]
 EASING = 2.0  # s under the last command till the gait is steady
-LAP = 6.0  # s of running, over which work and speed are averaged
+WINDOW = 6.0  # s of running, over which work and speed are averaged
 MARGIN = 0.95  # of the cold speed: a robot that makes good less over a second has no torque margin left
 UPDATE = 50  # ms of running, after which the motors get the envelope of their temperatures
 POINTS = 6000  # of a cloud of torque over speed
 DT = specs.PHYSICS_STEP
-SECOND, LAP_STEPS = round(1.0 / DT), round(LAP / DT)
+SECOND, WINDOW_STEPS = round(1.0 / DT), round(WINDOW / DT)
 
 
 class Heating:
@@ -71,8 +71,8 @@ class Heating:
 
     @property
     def cold_speed(self) -> float:
-        """m/s, made good over the last lap before the clock starts; 0 where it never does."""
-        return self._made_good(self._places[: self.start // UPDATE], LAP_STEPS)
+        """m/s, made good over the last window before the clock starts; 0 where it never does."""
+        return self._made_good(self._places[: self.start // UPDATE], WINDOW_STEPS)
 
     def _warm_up(self) -> Actuator:
         """Warm the motors up by the heat since the last update; return the motors that they are then."""
@@ -103,7 +103,7 @@ class HeatingTry:
     limit: float  # C, of a winding
     longest: float  # s of heat
     pace: float
-    cold_lap: float = LAP  # s, the last before the clock starts
+    cold_window: float = WINDOW  # s, the last before the clock starts
 
     @property
     def speed(self) -> float:
@@ -117,12 +117,12 @@ class HeatingTry:
     @property
     def ramp(self) -> Ramp:
         """The schedule."""
-        return dataclasses.replace(self.rise, hold=EASING + self.cold_lap + self.longest / self.pace)
+        return dataclasses.replace(self.rise, hold=EASING + self.cold_window + self.longest / self.pace)
 
     @property
     def start(self) -> float:
         """s into the run, when the clock starts: after a whole number of updates."""
-        return math.ceil((self.ramp.steady_from + EASING + self.cold_lap) / DT / UPDATE) * UPDATE * DT
+        return math.ceil((self.ramp.steady_from + EASING + self.cold_window) / DT / UPDATE) * UPDATE * DT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,8 +137,8 @@ class HeatingCourse:
 
 
 @dataclasses.dataclass(frozen=True)
-class Lap:
-    """How every motor works over a lap of running."""
+class AveragingWindow:
+    """How every motor works over a window of running."""
 
     speed: float  # m/s, made good
     heat: tuple[float, ...]  # W, of the windings if they were at T_0, mean
@@ -148,64 +148,64 @@ class Lap:
 
 
 @dataclasses.dataclass(frozen=True)
-class Endured:
+class EnduranceResult:
     """How a run with warming motors went."""
 
     commanded_speed: float  # m/s
     pace: float
     seconds: float  # of heat, from the clock's start to the end
     cause: Cause
-    first: Lap  # the last before the clock's start
-    last: Lap  # the one before the end
+    first: AveragingWindow  # the last before the clock's start
+    last: AveragingWindow  # the one before the end
     winding: tuple[float, ...]  # C, at the end
     case: tuple[float, ...]  # C, at the end
     outside_envelope: int  # samples of any motor outside the envelope of the moment: must be 0
 
 
 @dataclasses.dataclass(frozen=True)
-class HotRun:
+class HeatedRun:
     """A run, and what its figures need."""
 
-    endured: Endured
+    endured: EnduranceResult
     course: HeatingCourse
     time: Float[np.ndarray, " M"]  # s of heat, of some milliseconds, drawn at random
     rate: Float[np.ndarray, "M 12"]  # rad/s, then
     torque: Float[np.ndarray, "M 12"]  # Nm, then
 
 
-def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HotRun]:
+def run_hot(policy: Policy, tries: Sequence[HeatingTry]) -> list[HeatedRun]:
     """Run robots until a winding is too hot, they have no torque margin left, they fall, or it was long enough."""
     return simulate_all(_measure, policy, [_watched(policy.card.env, one) for one in tries])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Watched(RunRequest):
-    cold_lap: float  # s
+    cold_window: float  # s
 
 
 def _watched(config: EnvConfig, one: HeatingTry) -> _Watched:
     cold = motors_of(dataclasses.replace(config, hardware=one.robot))
     heating = Heating(one.network, cold, start=one.start, pace=one.pace, limit=one.limit)
-    return _Watched(one.ramp, one.robot, one.operator, watch=heating, cold_lap=one.cold_lap)
+    return _Watched(one.ramp, one.robot, one.operator, watch=heating, cold_window=one.cold_window)
 
 
-def _measure(one: _Watched, run: Trajectory) -> HotRun:
+def _measure(one: _Watched, run: Trajectory) -> HeatedRun:
     assert isinstance(one.watch, Heating)
-    return hot_run(run, one.watch, one.cold_lap)
+    return hot_run(run, one.watch, one.cold_window)
 
 
-def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:
-    """What a watched run comes to, with its last `cold_lap` seconds before the clock's start."""
+def hot_run(run: Trajectory, heating: Heating, cold_window: float = WINDOW) -> HeatedRun:
+    """What a watched run comes to, with its last `cold_window` seconds before the clock's start."""
     history, cold, start = heating.history, heating.cold, heating.start
     winding, case = (np.stack([getattr(t, part) for t in history]) for part in ("winding", "case"))
     update = np.clip((np.arange(len(run)) - start) // UPDATE, 0, len(history) - 1)
     motors = heated(cold, heating.network, Temperatures(winding[update], case[update]))
     use, end, pace = envelope_use(run, motors), len(run), heating.pace
 
-    def lap(stop: int, steps: int) -> Lap:
+    def window(stop: int, steps: int) -> AveragingWindow:
         part = slice(max(stop - steps, 0), max(stop, 1))
         torque, rate = run.torque[part], run.joint_velocity[part]
-        return Lap(
+        return AveragingWindow(
             speed=float(np.linalg.norm(run.qpos[part][-1, :2] - run.qpos[part][0, :2])) / (len(torque) * DT),
             heat=_each(np.mean(winding_heat(cold, torque), axis=0)),
             torque=_each(np.sqrt(np.mean(torque**2, axis=0))),
@@ -217,14 +217,14 @@ def hot_run(run: Trajectory, heating: Heating, cold_lap: float = LAP) -> HotRun:
     middle = update[seconds + SECOND // 2]
     clock = np.arange(start, end)
     shown = np.sort(np.random.default_rng(0).choice(clock, min(POINTS, len(clock)), replace=False))
-    return HotRun(
-        endured=Endured(
+    return HeatedRun(
+        endured=EnduranceResult(
             commanded_speed=round(float(run.command[-1, 0]), 6),  # it was told in float32
             pace=pace,
             seconds=_seconds(run, heating),
             cause="fall" if run.fell_at is not None else heating.over or "none",
-            first=lap(min(start, end), round(cold_lap / DT)),
-            last=lap(end, LAP_STEPS),
+            first=window(min(start, end), round(cold_window / DT)),
+            last=window(end, WINDOW_STEPS),
             winding=_each(winding[-1]),
             case=_each(case[-1]),
             outside_envelope=int(np.sum(use.outside)),

@@ -2,42 +2,44 @@
 
 import dataclasses
 
-from bp2_rl.paper.benchmarks.endurance.calibration import Member, straightest
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingCourse
+from bp2_rl.paper.benchmarks.endurance.calibration import CalibratedMotor, straightest
+from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingCourse
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import MotorHeat
 
 
 @dataclasses.dataclass(frozen=True)
-class Held:
+class HeldSpeed:
     """One speed, held to the end."""
 
-    full: Endured | None  # with heat as fast as motion; None in the quick version
-    cheap: Endured  # with heat faster than motion
-    limitless: Endured | None  # cheap, and windings may get as hot as they will; None in the quick version
-    by_first_lap: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
+    full: EnduranceResult | None  # with heat as fast as motion; None in the quick version
+    accelerated: EnduranceResult  # with heat faster than motion
+    limitless: (
+        EnduranceResult | None
+    )  # accelerated, and windings may get as hot as they will; None in the quick version
+    by_cold_gait: float | None  # s to the limit, by the heat of the cold gait alone; None: never within an hour
     course: HeatingCourse  # of the full run where there is one
 
     @property
-    def told(self) -> Endured:
+    def result(self) -> EnduranceResult:
         """What counts."""
-        return self.full or self.cheap
+        return self.full or self.accelerated
 
     @property
     def motor(self) -> int:
         """The one that ends it: the hottest, or, where heat does not, the one that is on its envelope most."""
-        by_heat = self.told.cause in ("winding", "none")
-        return _greatest(self.told.winding if by_heat else self.told.last.on_envelope)
+        by_heat = self.result.cause in ("winding", "none")
+        return _greatest(self.result.winding if by_heat else self.result.last.on_envelope)
 
     @property
     def hottest(self) -> int:
         """The motor with the hottest winding at the end."""
-        return _greatest(self.told.winding)
+        return _greatest(self.result.winding)
 
     @property
     def disagreement(self) -> float | None:
-        """The cheap run's time over the full one's, less 1."""
-        return self.cheap.seconds / self.full.seconds - 1.0 if self.full and self.full.seconds > 0.0 else None
+        """The accelerated run's time over the full one's, less 1."""
+        return self.accelerated.seconds / self.full.seconds - 1.0 if self.full and self.full.seconds > 0.0 else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,8 +56,8 @@ class EnduranceAtSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
-class DrawnRobots:
-    """A robot drawn as in training, at the paper's speed, with the motor of the robot that was not."""
+class RandomRobot:
+    """A robot drawn at random as in training, run at the paper's speed with the motor of the designed robot."""
 
     friction: float  # of its feet
     mass: float  # factor on every body
@@ -71,10 +73,10 @@ class EnduranceMetrics:
     heat: MotorHeat  # as calibrated
     is_input: bool  # whether the heating rate at the paper's speed was put in
     cold_heat: float  # W, of the hottest rear hip's winding at T_0, at the paper's speed: what it was calibrated on
-    held: tuple[Held, ...]  # the paper's speed, then the top
+    held: tuple[HeldSpeed, ...]  # the paper's speed, then the top
     speeds: tuple[EnduranceAtSpeed, ...]
-    drawn: tuple[DrawnRobots, ...]  # none in the quick version
-    family: tuple[Member, ...]  # of motors that heat at the paper's rate
+    drawn: tuple[RandomRobot, ...]  # none in the quick version
+    family: tuple[CalibratedMotor, ...]  # of motors that heat at the paper's rate
 
     @property
     def drawn_times(self) -> tuple[float, ...]:
@@ -82,7 +84,7 @@ class EnduranceMetrics:
         return tuple(sorted(one.ran.seconds for one in self.drawn if one.ran.seconds is not None and not one.ran.fell))
 
     @property
-    def straightest(self) -> Member:
+    def straightest(self) -> CalibratedMotor:
         """The one of the family that heats most nearly at a constant rate."""
         return straightest(self.family)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, rounded, show
-from bp2_rl.paper.benchmarks.endurance.heating import EASING, LAP, MARGIN, UPDATE, Endured
-from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, Held, joint_of
+from bp2_rl.paper.benchmarks.endurance.heating import EASING, MARGIN, UPDATE, WINDOW, EnduranceResult
+from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -17,7 +17,7 @@ TILES = "At 10.74 m/s", "At the top", "Speed at the top", "Hottest motor", "Ende
 CAUSES = {"torque margin": "torque margin", "fall": "fall", "none": "nothing within the limit"}
 
 
-def cause(metrics: EnduranceMetrics, run: Endured) -> str:
+def cause(metrics: EnduranceMetrics, run: EnduranceResult) -> str:
     """What ended a run."""
     if run.cause != "winding":
         return CAUSES[run.cause]
@@ -28,8 +28,8 @@ def verdict(metrics: EnduranceMetrics) -> str:
     """All runs in one sentence."""
     ends = {"winding": "{} too hot", "torque margin": "{} too weak", "fall": "fell", "none": "not ended"}
     return "; ".join(
-        f"{held.told.commanded_speed:g} m/s: {held.told.seconds:.0f} s, "
-        f"{ends[held.told.cause].format(specs.MOTOR_NAMES[held.motor])}"
+        f"{held.result.commanded_speed:g} m/s: {held.result.seconds:.0f} s, "
+        f"{ends[held.result.cause].format(specs.MOTOR_NAMES[held.motor])}"
         for held in metrics.held
     )
 
@@ -37,18 +37,19 @@ def verdict(metrics: EnduranceMetrics) -> str:
 def endurance_rows(metrics: EnduranceMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     slow, top = metrics.held[0], metrics.held[-1]
+    cold = top.result.first
     put_in = "put in: calibrated on the paper's 86 s" if metrics.is_input else "predicted, with the motor given"
     agreements = [abs(held.disagreement) for held in metrics.held if held.disagreement is not None]
     return (
-        Row("At 10.74 m/s", f"{slow.told.seconds:.1f} s", put_in),
-        Row("At the top", f"{top.told.seconds:.1f} s", f"predicted; {top.told.commanded_speed:g} m/s commanded"),
-        Row("Speed at the top", f"{top.told.first.speed:.2f} m/s", f"cold; {top.told.last.speed:.2f} m/s at the end"),
+        Row("At 10.74 m/s", f"{slow.result.seconds:.1f} s", put_in),
+        Row("At the top", f"{top.result.seconds:.1f} s", f"predicted; {top.result.commanded_speed:g} m/s commanded"),
+        Row("Speed at the top", f"{cold.speed:.2f} m/s", f"cold; {top.result.last.speed:.2f} m/s at the end"),
         Row("Hottest motor", joint_of(slow.hottest), f"predicted; at the top {joint_of(top.hottest)}"),
-        Row("Ended by", cause(metrics, slow.told), f"predicted; at the top {cause(metrics, top.told)}"),
+        Row("Ended by", cause(metrics, slow.result), f"predicted; at the top {cause(metrics, top.result)}"),
         Row("Mean rate", f"{mean_rate(metrics, slow):.2f} K/s", "of that motor's winding"),
         Row("... at the top", f"{mean_rate(metrics, top):.2f} K/s", "of the hottest winding there"),
         Row("Hip to knee", f"{hip_to_knee(metrics, slow):.2f}", "rise of the hottest leg's windings"),
-        Row("Magnets", f"{max(slow.told.case):.0f} °C", "hottest case at the end, at 10.74 m/s"),
+        Row("Magnets", f"{max(slow.result.case):.0f} °C", "hottest case at the end, at 10.74 m/s"),
         Row("Torque cycle", f"x {growth(slow, 'torque'):.3f}", "RMS, last seconds over first"),
         Row("Speed cycle", f"x {growth(slow, 'rate'):.3f}", "RMS of its joint, last over first"),
         Row("On the envelope", on_envelope(slow), "hottest motor, first and last seconds"),
@@ -56,31 +57,31 @@ def endurance_rows(metrics: EnduranceMetrics) -> tuple[Row, ...]:
         Row("Margin, no limit", margin_end(slow), "10.74 m/s, if nothing could burn"),
         Row("... at the top", margin_end(top), "top speed, if nothing could burn"),
         Row("Drawn robots", drawn_range(metrics), "10.74 m/s; by the heat of the cold gait"),
-        Row("Cheap and full", show(max(agreements, default=None), ".1%"), "difference of their times, at most"),
+        Row("Accelerated, full", show(max(agreements, default=None), ".1%"), "difference of their times, at most"),
         Row("Outside the envelope", f"{outside(metrics)}", "samples, of the hot one; must be 0"),
     )  # fmt: skip
 
 
-def mean_rate(metrics: EnduranceMetrics, held: Held) -> float:
+def mean_rate(metrics: EnduranceMetrics, held: HeldSpeed) -> float:
     """K/s, of the hottest winding over the whole run."""
-    rise = max(held.told.winding) - metrics.heat.air
-    return rise / held.told.seconds if held.told.seconds > 0.0 else 0.0
+    rise = max(held.result.winding) - metrics.heat.air
+    return rise / held.result.seconds if held.result.seconds > 0.0 else 0.0
 
 
-def hip_to_knee(metrics: EnduranceMetrics, held: Held) -> float:
+def hip_to_knee(metrics: EnduranceMetrics, held: HeldSpeed) -> float:
     """How much more the hip of the hottest motor's leg warmed than its knee."""
     leg = 3 * (held.hottest // 3)
-    hip, knee = (held.told.winding[leg + joint] - metrics.heat.air for joint in (1, 2))
+    hip, knee = (held.result.winding[leg + joint] - metrics.heat.air for joint in (1, 2))
     return hip / knee if knee > 0.0 else 1.0
 
 
-def growth(held: Held, quantity: str) -> float:
-    """Return by what factor the hottest motor's torque (root mean square) or joint speed grows over the laps."""
-    first, last = (getattr(lap, quantity)[held.hottest] for lap in (held.told.first, held.told.last))
+def growth(held: HeldSpeed, quantity: str) -> float:
+    """Return by what factor the hottest motor's torque (root mean square) or joint speed grows over the windows."""
+    first, last = (getattr(window, quantity)[held.hottest] for window in (held.result.first, held.result.last))
     return last / first if first > 0.0 else 1.0
 
 
-def margin_end(held: Held) -> str:
+def margin_end(held: HeldSpeed) -> str:
     """When and how hot the torque margin would be gone if nothing burnt before."""
     run = held.limitless
     if run is None:
@@ -94,15 +95,15 @@ def drawn_range(metrics: EnduranceMetrics) -> str:
     return f"{times[0]:.0f} to {times[-1]:.0f} s" if times else NOT_MEASURED
 
 
-def on_envelope(held: Held) -> str:
+def on_envelope(held: HeldSpeed) -> str:
     """The hottest motor's share of time on the envelope, cold and hot."""
-    first, last = (lap.on_envelope[held.hottest] for lap in (held.told.first, held.told.last))
+    first, last = (window.on_envelope[held.hottest] for window in (held.result.first, held.result.last))
     return f"{first:.1%}, {last:.1%}"
 
 
 def outside(metrics: EnduranceMetrics) -> int:
     """Samples outside the envelope of the moment, in all runs."""
-    runs = (run for held in metrics.held for run in (held.full, held.cheap, held.limitless))
+    runs = (run for held in metrics.held for run in (held.full, held.accelerated, held.limitless))
     return sum(run.outside_envelope for run in runs if run is not None)
 
 
@@ -128,7 +129,7 @@ def paper_table(metrics: EnduranceMetrics) -> Table:
         "Beside the paper's endurance test",
         ("What", "Paper", "Here", "How"),
         [
-            ("Time above 10 m/s", "86 s", f"{slow.told.seconds:.0f} s at {slow.told.first.speed:.2f} m/s", put_in),
+            ("Time above 10 m/s", "86 s", f"{slow.result.seconds:.0f} s at {slow.result.first.speed:.2f} m/s", put_in),
             ("Mean rate of a rear hip", "1.8 K/s", f"{mean_rate(metrics, slow):.2f} K/s", put_in),
             (
                 "Shape of the rise",
@@ -141,8 +142,8 @@ def paper_table(metrics: EnduranceMetrics) -> Table:
             (
                 "What ends it",
                 "torque margin, then balance",
-                cause(metrics, slow.told),
-                "predicted: " + ("same" if slow.told.cause == "torque margin" else "differs"),
+                cause(metrics, slow.result),
+                "predicted: " + ("same" if slow.result.cause == "torque margin" else "differs"),
             ),
             ("Torque margin, were there no limit", "gone after 86 s", margin_end(slow), "predicted: compare"),
             (
@@ -160,7 +161,7 @@ def paper_table(metrics: EnduranceMetrics) -> Table:
             (
                 "Motors close to their envelope",
                 "throughout",
-                f"hottest motor on it {on_envelope(slow)} of the time, first and last lap",
+                f"hottest motor on it {on_envelope(slow)} of the time, first and last seconds",
                 "predicted: compare",
             ),
         ],
@@ -168,11 +169,11 @@ def paper_table(metrics: EnduranceMetrics) -> Table:
     )  # fmt: skip
 
 
-def hot_torque(metrics: EnduranceMetrics, held: Held) -> tuple[float, float]:
+def hot_torque(metrics: EnduranceMetrics, held: HeldSpeed) -> tuple[float, float]:
     """Change of the hottest motor's greatest torque at the end of a run, at the corner and near the no-load speed."""
     motors = Actuator.from_hardware()
     network = Network.from_spec(metrics.heat, metrics.heat.winding_to_case or 1.0)
-    end = Temperatures(*(np.array([values[held.hottest]]) for values in (held.told.winding, held.told.case)))
+    end = Temperatures(*(np.array([values[held.hottest]]) for values in (held.result.winding, held.result.case)))
     hot, changes = heated(motors, network, end), []
     for speed in (motors.corner_speed, 0.95 * motors.no_load_speed):
         at = np.array([speed])
@@ -181,17 +182,17 @@ def hot_torque(metrics: EnduranceMetrics, held: Held) -> tuple[float, float]:
 
 
 def run_table(metrics: EnduranceMetrics) -> Table:
-    """Every run, and how its cheap version and the cold gait alone foretell it."""
-    head = "Command", "Cold [m/s]", "End [m/s]", "Time [s]", "Cheap [s]", "By the first lap [s]", "Ended by", "Motor"
+    """Every run, and how its accelerated version and the cold gait alone foretell it."""
+    head = "Command", "Cold [m/s]", "End [m/s]", "Time [s]", "Accelerated [s]", "By cold gait [s]", "Ended by", "Motor"
     lines = [
         (
-            f"{held.told.commanded_speed:g} m/s",
-            f"{held.told.first.speed:.2f}",
-            f"{held.told.last.speed:.2f}",
-            f"{held.told.seconds:.1f}",
-            f"{held.cheap.seconds:.1f}",
-            show(held.by_first_lap, ".1f"),
-            cause(metrics, held.told),
+            f"{held.result.commanded_speed:g} m/s",
+            f"{held.result.first.speed:.2f}",
+            f"{held.result.last.speed:.2f}",
+            f"{held.result.seconds:.1f}",
+            f"{held.accelerated.seconds:.1f}",
+            show(held.by_cold_gait, ".1f"),
+            cause(metrics, held.result),
             joint_of(held.motor),
         )
         for held in metrics.held
@@ -199,9 +200,9 @@ def run_table(metrics: EnduranceMetrics) -> Table:
     return Table("Runs", head, lines)
 
 
-def motor_table(metrics: EnduranceMetrics, held: Held) -> Table:
+def motor_table(metrics: EnduranceMetrics, held: HeldSpeed) -> Table:
     """Every motor of a run."""
-    run = held.told
+    run = held.result
     head = "Motor", "Heat, cold [W]", "RMS torque [Nm]", "Winding [°C]", "Case [°C]", "On envelope", "... at the end"
     lines = [
         (
@@ -279,16 +280,16 @@ def endurance_results(metrics: EnduranceMetrics) -> dict[str, Any]:
     """What a policy's card says."""
     slow, top = metrics.held[0], metrics.held[-1]
 
-    def said(held: Held) -> dict[str, Any]:
+    def said(held: HeldSpeed) -> dict[str, Any]:
         return {
-            "commanded_speed": held.told.commanded_speed,
-            "speed": held.told.first.speed,
-            "seconds": held.told.seconds,
-            "cause": held.told.cause,
+            "commanded_speed": held.result.commanded_speed,
+            "speed": held.result.first.speed,
+            "seconds": held.result.seconds,
+            "cause": held.result.cause,
             "motor": specs.MOTOR_NAMES[held.motor],
-            "hottest_winding": max(held.told.winding),
-            "hottest_case": max(held.told.case),
-            "cheap_seconds": held.cheap.seconds,
+            "hottest_winding": max(held.result.winding),
+            "hottest_case": max(held.result.case),
+            "accelerated_seconds": held.accelerated.seconds,
             "margin_gone_without_limit": held.limitless and (held.limitless.seconds, held.limitless.cause),
         }
 
@@ -313,7 +314,7 @@ def describe_course(ramp: Ramp, commands: tuple[float, ...]) -> str:
     """The schedules in one line."""
     return (
         f"from a stand to {' and '.join(f'{speed:g}' for speed in commands)} m/s {describe_rise(ramp)}; "
-        f"{EASING + LAP:g} s later the clock starts with motors as warm as the air, and the command is held until a "
+        f"{EASING + WINDOW:g} s later the clock starts with motors as warm as the air, and the command is held until a "
         f"winding is at its limit, or the speed over a second is below {MARGIN:.0%} of the cold one (no torque "
         f"margin), or the robot falls; {ramp.hold:g} s at most"
     )
@@ -327,5 +328,5 @@ def describe_heat(metrics: EnduranceMetrics) -> str:
         f"winding {h.winding_capacity:.4g} J/K, {h.winding_to_case:.3g} K/W to the case ({how}), case "
         f"{h.case_capacity:g} J/K, {h.case_to_air:g} K/W to the air of {h.air:g} °C, copper "
         f"+{h.copper_growth:.2%}/K, magnets -{h.magnet_loss:.2%}/K, iron {h.iron_loss:g} W, limit {h.limit:g} °C; "
-        f"the envelope follows the temperatures every {UPDATE} ms of running; cheap: heat runs faster than motion"
+        f"the envelope follows the temperatures every {UPDATE} ms of running; accelerated: heat runs faster than motion"
     )

@@ -14,23 +14,15 @@ from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.paper.benchmarks.mechanism import figures
+from bp2_rl.paper.benchmarks.mechanism import figures, tables
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, decompose_run
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     STRIDES,
     MechanismAtSpeed,
     MechanismMetrics,
+    MechanismRun,
     OptimisedMechanism,
-    Ran,
     measure_forces,
-)
-from bp2_rl.paper.benchmarks.mechanism.tables import (
-    TILES,
-    describe_runs,
-    mechanism_results,
-    mechanism_rows,
-    mechanism_tables,
-    verdict,
 )
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.speeds import (
@@ -56,7 +48,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     ran = run_speeds(decompose, policy, ramp, commands, setup)
     found = tuple(each.at for each in ran)
     metrics = MechanismMetrics(found, optimised([at.speed for at in found if at.forces is not None]))
-    said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
+    said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     pictures = [Picture("sources", figures.SOURCES, figures.sources_figure(metrics))] if metrics.decomposed else []
     if metrics.decomposed:
         fastest = next(each for each in ran[::-1] if each.stride is not None)
@@ -66,14 +58,14 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         subject=describe_command(policy, setup, top),
         backend="C MuJoCo",
         conditions=said,
-        verdict=verdict(metrics),
+        verdict=tables.verdict(metrics),
         good=all(at.forces is not None for at in metrics.speeds),
-        rows=mechanism_rows(metrics),
-        tiles=TILES,
+        rows=tables.mechanism_rows(metrics),
+        tiles=tables.TILES,
         pictures=tuple(pictures),
         metrics=metrics,
-        results=mechanism_results(metrics),
-        tables=mechanism_tables(metrics),
+        results=tables.mechanism_results(metrics),
+        tables=tables.mechanism_tables(metrics),
     )
 
 
@@ -82,18 +74,20 @@ def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
     return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
 
 
-def decompose(ramp: Ramp, run: Trajectory) -> Ran:
+def decompose(ramp: Ramp, run: Trajectory) -> MechanismRun:
     """Take the last strides of a run's hold apart."""
     command = ramp.target[0]
     if (chosen := steady_strides(run, ramp, STRIDES)) is None:
-        return Ran(MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None)
+        return MechanismRun(
+            MechanismAtSpeed(command, float(np.mean(run.ground_velocity[:, 0])), run.fell_at, None), None
+        )
     part, strides = chosen
     forces = decompose_run(part)
     at = MechanismAtSpeed(
         command, float(np.mean(part.ground_velocity[:, 0])), None, measure_forces(forces, strides, run.dt)
     )
     hip = HIPS_AND_KNEES[2 * LEG]
-    return Ran(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
+    return MechanismRun(at, forces.terms[:, -(len(part) // strides) :, [2, hip, hip + 1]])
 
 
 def optimised(speeds: list[float]) -> tuple[OptimisedMechanism, ...]:

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from bp2_rl.base.plotting import INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.optimiser.figure_style import letter, rows
 from bp2_rl.paper.benchmarks.mechanism.forces import BALANCE, TERMS, WITHIN
-from bp2_rl.paper.benchmarks.mechanism.measured import Decomposed, MechanismAtSpeed, MechanismMetrics, Ran
+from bp2_rl.paper.benchmarks.mechanism.measured import Decomposed, MechanismAtSpeed, MechanismMetrics, MechanismRun
 from bp2_rl.paper.benchmarks.speeds import LEG
 from bp2_rl.paper.trajectories.decomposition import KINDS
 from bp2_rl.paper.trajectories.figures.decomposition import KIND_TITLES, TERM_COLORS
@@ -117,7 +117,7 @@ def _speeds(axes: Axes, metrics: MechanismMetrics) -> None:
 
 
 @styled
-def terms_figure(metrics: MechanismMetrics, ran: Ran) -> Figure:
+def terms_figure(metrics: MechanismMetrics, ran: MechanismRun) -> Figure:
     """Who balances whom in the policy's gait (paper, Fig. robot_model_analysis, A to C and E to L)."""
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     top, bottom = rows(figure, 3.0, 5.4)

@@ -75,7 +75,7 @@ class MechanismAtSpeed:
     forces: Decomposed | None  # None of a run that fell or made no two strides
 
 
-class Ran(NamedTuple):
+class MechanismRun(NamedTuple):
     """One command, and a stride of it for the figures."""
 
     at: MechanismAtSpeed

@@ -19,17 +19,9 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.paper.benchmarks.stability import figures
+from bp2_rl.paper.benchmarks.stability import figures, tables
 from bp2_rl.paper.benchmarks.stability.measured import StabilityMetrics
 from bp2_rl.paper.benchmarks.stability.orbit import whole_strides
-from bp2_rl.paper.benchmarks.stability.tables import (
-    TILES,
-    stability_results,
-    stability_rows,
-    stability_tables,
-    steady,
-    verdict,
-)
 from bp2_rl.paper.benchmarks.stability.tries import FULL, QUICK, Extent, StabilityTry, try_speed
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import load_model
@@ -75,26 +67,28 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     metrics = StabilityMetrics(
         mass=float(load_model(robot, visual=False).body_mass.sum()), speeds=tuple(one.metrics for one in ran)
     )
+    followed = any(speed.returns is not None and speed.returns.sizes for speed in metrics.speeds)
+    pushed = any(speed.pushes for speed in metrics.speeds)
     said = conditions(policy, describe_strides(asked), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="stability",
         subject=describe_command(policy, setup, asked[0].speed),
         backend="C MuJoCo",
         conditions=said | {"noise": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
-        verdict=verdict(metrics),
-        good=all(steady(speed) for speed in metrics.speeds),
-        rows=stability_rows(metrics),
-        tiles=TILES,
+        verdict=tables.verdict(metrics),
+        good=all(tables.steady(speed) for speed in metrics.speeds),
+        rows=tables.stability_rows(metrics),
+        tiles=tables.TILES,
         pictures=(
             Picture("sections", figures.SECTIONS, figures.section_figure(ran)),
             Picture("spectra", figures.SPECTRA, figures.spectrum_figure(ran[0])),
             Picture("touchdowns", figures.TOUCHDOWNS, figures.touchdown_figure(ran)),
-            *((Picture("returns", figures.RETURNS, figures.return_figure(ran)),) if any_returns(metrics) else ()),
-            *((Picture("pushes", figures.PUSHES, figures.push_figure(ran)),) if any_pushes(metrics) else ()),
+            *((Picture("returns", figures.RETURNS, figures.return_figure(ran)),) if followed else ()),
+            *((Picture("pushes", figures.PUSHES, figures.push_figure(ran)),) if pushed else ()),
         ),
         metrics=metrics,
-        results=stability_results(metrics),
-        tables=stability_tables(metrics),
+        results=tables.stability_results(metrics),
+        tables=tables.stability_tables(metrics),
     )
 
 
@@ -105,16 +99,6 @@ def ramp_to_stability(policy: Policy, setup: DeepSetup) -> Ramp:
             setup, speed=setup.speed or SPEED, acceleration=setup.acceleration or QUICK_ACCELERATION
         )
     return ramp_to_topspeed(policy, setup)
-
-
-def any_returns(metrics: StabilityMetrics) -> bool:
-    """Whether there is a map that was followed."""
-    return any(speed.returns is not None and speed.returns.sizes for speed in metrics.speeds)
-
-
-def any_pushes(metrics: StabilityMetrics) -> bool:
-    """Whether anyone was pushed."""
-    return any(speed.pushes for speed in metrics.speeds)
 
 
 DEFINITIONS = (

@@ -1,6 +1,6 @@
 """A robot's closed loop as a vector, on which its return map acts, and back.
 
-Left out is what the loop does not depend on: place and, with nobody steering, heading. In are the body (height, roll,
+Left out is what the loop does not depend on: place and, without an operator, heading. In are the body (height, roll,
 pitch, joints, springs, and all velocities, in the frame of the heading), and everything that remembers: the last action
 with the target that it made, older targets on their way to the joints, the current loop's torque, the operator's
 command.
@@ -51,7 +51,7 @@ class Coordinates:
         return BODY + 12 + 12 * self.torque + 12 * self.older + STEERED * self.steered
 
     def read(self, moment: GroupState) -> Float[np.ndarray, "N D"]:
-        """The vectors of a flock."""
+        """Return the vectors of a group."""
         yaw, pitch, roll = angles_of(moment.qpos[:, 3:7])
         cos, sin = np.cos(yaw), np.sin(yaw)
         vx, vy = moment.qvel[:, 0], moment.qvel[:, 1]
@@ -71,7 +71,7 @@ class Coordinates:
         return np.concatenate(parts, axis=-1)
 
     def write(self, vectors: Float[np.ndarray, "N D"], base: GroupState) -> GroupState:
-        """A flock in these states; what vectors leave out is as in `base`, a flock of one, but at x = 0, heading 0."""
+        """Return a group in these states; the rest is as in `base`, a group of one, but at x = 0 and heading 0."""
         count = len(vectors)
         ends = np.cumsum([3, 16, 2, 20, 12, 12 * self.torque, 12 * self.older])
         trunk, joints, level, rates, action, torque, older, steered = np.split(vectors, ends, axis=1)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, styled
-from bp2_rl.paper.benchmarks.stability.measured import Found
+from bp2_rl.paper.benchmarks.stability.measured import SpeedResult
 from bp2_rl.robot import specs
 
 AXES = "roll rate", "pitch rate", "yaw rate"
@@ -33,7 +33,7 @@ PUSHES = "Largest push survived, a jump of the whole robot's velocity [m/s], by 
 
 
 @styled
-def section_figure(ran: Sequence[Found]) -> Figure:
+def section_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Roll over pitch and yaw over pitch, a speed a row."""
     figure = Figure(figsize=(WIDTH, 0.5 + 3.5 * len(ran)), layout="constrained")
     panels = np.reshape(figure.subplots(len(ran), 2), (len(ran), 2))
@@ -58,7 +58,7 @@ def section_figure(ran: Sequence[Found]) -> Figure:
 
 
 @styled
-def spectrum_figure(found: Found) -> Figure:
+def spectrum_figure(found: SpeedResult) -> Figure:
     """Six velocities."""
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
     panels = np.ravel(figure.subplots(3, 2, sharex=True, sharey=True))
@@ -85,7 +85,7 @@ def spectrum_figure(found: Found) -> Figure:
 
 
 @styled
-def touchdown_figure(ran: Sequence[Found]) -> Figure:
+def touchdown_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Legs over strides, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 0.4 + 2.7 * len(ran)), layout="constrained")
     for axes, found in zip(np.atleast_1d(figure.subplots(len(ran), 1)), ran, strict=True):
@@ -100,7 +100,7 @@ def touchdown_figure(ran: Sequence[Found]) -> Figure:
 
 
 @styled
-def return_figure(ran: Sequence[Found]) -> Figure:
+def return_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Distances over strides, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 3.9), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(ran), sharey=True))
@@ -116,7 +116,7 @@ def return_figure(ran: Sequence[Found]) -> Figure:
 
 
 @styled
-def push_figure(ran: Sequence[Found]) -> Figure:
+def push_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Size over direction, a line a phase, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     panels: Sequence[Axes] = np.atleast_1d(figure.subplots(1, len(ran), subplot_kw={"projection": "polar"})).tolist()
@@ -137,6 +137,6 @@ def push_figure(ran: Sequence[Found]) -> Figure:
     return figure
 
 
-def _title(found: Found) -> str:
+def _title(found: SpeedResult) -> str:
     speed = found.metrics.speed
     return f"{found.metrics.commanded:.2f} m/s commanded" + ("" if speed is None else f", {speed:.2f} run")

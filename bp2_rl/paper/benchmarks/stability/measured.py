@@ -71,7 +71,7 @@ class MapMetrics:
     coordinates: int
     under_noise: RadiusMetrics  # stride to stride of the robots with noise
     deviations: tuple[RadiusMetrics, ...]  # of random deviations, by their size
-    unsteered: RadiusMetrics | None  # of the largest deviations, with nobody steering
+    unsteered: RadiusMetrics | None  # of the largest deviations, without an operator
     sizes: tuple[float, ...]  # of deviations that are followed, over each coordinate's scatter under noise
     growth: tuple[tuple[float, ...], ...]  # median distance over the initial one, by size, then stride
     widths: tuple[float, ...]  # of differences, over the scatter
@@ -125,7 +125,7 @@ class StabilityMetrics:
 class ShownStability:
     """What the figures need of a speed beyond its metrics."""
 
-    noisy: tuple[Float[np.ndarray, "n 3"], ...]  # rad/s, points at the clock's stroke, a robot each
+    noisy: tuple[Float[np.ndarray, "n 3"], ...]  # rad/s, points where the clock's phase is 0, a robot each
     quiet: Float[np.ndarray, "n 3"] | None
     loop: Float[np.ndarray, "m 3"] | None  # rad/s, the robot without noise all along a few strides
     spectra: dict[str, Spectrum]  # of a robot with noise
@@ -133,7 +133,7 @@ class ShownStability:
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class SpeedResult:
     """One speed, measured and to be shown."""
 
     metrics: SpeedMetrics

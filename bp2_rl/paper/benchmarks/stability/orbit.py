@@ -1,4 +1,4 @@
-"""The return map of a policy's gait: from one stroke of its clock to the next, of robots that begin side by side."""
+"""The return map of a policy's gait: from one cycle of its clock to the next, of robots that begin side by side."""
 
 import itertools
 import math
@@ -54,14 +54,14 @@ def whole_strides(phase_rate: Callable[[Array], Array], speed: float) -> tuple[f
 
 
 class Orbit:
-    """The map from stroke to stroke of the clock.
+    """The map from the clock's phase 0 to its next phase 0.
 
     Args:
         group: the robots, without noise.
         coordinates: of their states.
         speed: m/s, commanded.
         ticks: control steps a stride.
-        base: one robot at a stroke; says all that coordinates leave out.
+        base: one robot at phase 0; says all that coordinates leave out.
     """
 
     def __init__(self, group: RobotGroup, coordinates: Coordinates, speed: float, ticks: int, base: GroupState):

@@ -13,7 +13,7 @@ from bp2_rl.robot import specs
 from bp2_rl.simulation.metrics import TOUCH_FORCE, contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 
-STROKE, LANDING = "the clock's phase is 0", "RR touches down"
+PHASE_ZERO, LANDING = "the clock's phase is 0", "RR touches down"
 LANDED = specs.LEGS.index("RR")
 SIGNALS = {
     "surge": "even",
@@ -38,7 +38,7 @@ class Steady:
         """rad/s, in the body's frame."""
         return self.run.qvel[:, 3:6]
 
-    def at_stroke(self) -> Float[np.ndarray, "n 3"]:
+    def at_phase_zero(self) -> Float[np.ndarray, "n 3"]:
         """rad/s, each time the clock's phase is 0."""
         return sample(self.angular_velocity, whole_cycles(self.clock))
 
@@ -74,10 +74,10 @@ class Steady:
 
 
 def measure_sections(noisy: list[Steady], quiet: Steady | None) -> tuple[SectionMetrics, ...]:
-    """At the clock's stroke, and at RR's touchdown; of robots that did not fall."""
+    """Return the sections at the clock's phase 0 and at RR's touchdown, of robots that did not fall."""
     return tuple(
         section
-        for taken, points in ((STROKE, Steady.at_stroke), (LANDING, Steady.at_landing))
+        for taken, points in ((PHASE_ZERO, Steady.at_phase_zero), (LANDING, Steady.at_landing))
         if (section := _section(taken, noisy, [points(one) for one in noisy], quiet and points(quiet)))
     )
 
@@ -159,8 +159,8 @@ def to_show(noisy: list[Steady], quiet: Steady | None, period: float) -> ShownSt
         offsets.append(((phases - mean + 0.5) % 1.0 - 0.5) * period)
     loop = quiet and quiet.angular_velocity[-round(LOOPS * period / quiet.run.dt) :]
     return ShownStability(
-        noisy=tuple(one.at_stroke() for one in noisy),
-        quiet=quiet and quiet.at_stroke(),
+        noisy=tuple(one.at_phase_zero() for one in noisy),
+        quiet=quiet and quiet.at_phase_zero(),
         loop=loop,
         spectra=first.spectra() if first else {},
         landings=tuple(offsets),

@@ -21,7 +21,7 @@ PAPER_DRIFT, PAPER_VARIABILITY = 0.071, 0.006  # of the paper, at its speed outd
 
 
 def section_of(speed: SpeedMetrics) -> SectionMetrics | None:
-    """The one at the clock's stroke."""
+    """Return the section at the clock's phase 0."""
     return speed.sections[0] if speed.sections else None
 
 
@@ -66,7 +66,7 @@ def stability_rows(metrics: StabilityMetrics) -> tuple[Row, ...]:
         Row("Inliers", show(section and section.inliers, ".1%"), inlier_floor(section)),
         Row("Radius under noise", show(noise and noise.radius, ".3f"), interval_of(noise)),
         Row("... by differences", show(returns and returns.by_differences, ".3f"), "without noise"),
-        Row("... nobody steering", show(alone and alone.radius, ".3f"), interval_of(alone)),
+        Row("... unsteered", show(alone and alone.radius, ".3f"), interval_of(alone)),
         Row("Touchdown jitter", show(ms(worst_jitter(speed)), ".2f", "ms"), quiet_jitter(speed)),
         Row("CV_f", show(variability, ".4f"), f"worst leg; sampling alone makes {floor:.4f}"),
         Row("Pitch beats", show(pitch and pitch.peak, ".2f"), f"a stride; {leak(pitch)} at odd harmonics"),

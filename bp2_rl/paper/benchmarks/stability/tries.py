@@ -11,11 +11,11 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.benchmarks.stability.coordinates import SMALLEST, Coordinates
 from bp2_rl.paper.benchmarks.stability.group import GroupRecording, GroupState, RobotGroup, join
 from bp2_rl.paper.benchmarks.stability.measured import (
-    Found,
     MapMetrics,
     PushMetrics,
     RadiusMetrics,
     SpeedMetrics,
+    SpeedResult,
 )
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit
 from bp2_rl.paper.benchmarks.stability.steady import (
@@ -34,7 +34,7 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
 from bp2_rl.simulation.schedule import Ramp
 
-NOBODY = HeadingHold(limit=0.0)
+UNSTEERED = HeadingHold(limit=0.0)
 DRAWS = 100  # of the bootstrap
 ENOUGH = 4  # states a coordinate, for a map
 
@@ -50,7 +50,7 @@ class Extent:
     sizes: tuple[float, ...] = (1e-3, 1.0)  # theirs, over each coordinate's scatter under noise
     followed: int = 8  # strides that deviations are followed
     followed_sizes: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 3.0)
-    companions: int = 6  # robots that are followed, of each size
+    per_size: int = 6  # robots that are followed, of each size
     widths: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of differences
     directions: int = 6  # that they are taken along
     phases: int = 4  # of the clock, at which the robot is pushed ...
@@ -62,7 +62,7 @@ class Extent:
 
 FULL = Extent()
 QUICK = Extent(
-    robots=4, strides=30, easing=5, deviations=0, sizes=(), followed=0, followed_sizes=(), companions=0, widths=(),
+    robots=4, strides=30, easing=5, deviations=0, sizes=(), followed=0, followed_sizes=(), per_size=0, widths=(),
     phases=1, ways=4, rounds=4, after=1.0,
 )  # fmt: skip
 
@@ -90,7 +90,7 @@ class StabilityTry:
         return np.tile(np.array([self.speed, 0.0, 0.0]), (strides * self.ticks, robots, 1))
 
 
-def try_speed(policy: Policy, one: StabilityTry) -> Found:
+def try_speed(policy: Policy, one: StabilityTry) -> SpeedResult:
     """All of it at one speed."""
     extent, noise = one.extent, RandomizationConfig()
     group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=one.operator, noise=noise)
@@ -99,13 +99,12 @@ def try_speed(policy: Policy, one: StabilityTry) -> Found:
     start = group.standing(len(share), commands[0])
     scheduled = np.repeat(commands[1:, None], len(share), axis=1)
     eased, down, _ = group.run(start, scheduled, seed=one.seed, noisy=share)
-    strokes: list[GroupState] = []
-
+    starts: list[GroupState] = []  # of the strides
     passed: list[GroupState] = []  # of the robot without noise, in the last stride
 
     def keep(step: int, moment: GroupState) -> None:
         if (step + 1) % one.ticks == 0:
-            strokes.append(moment)
+            starts.append(moment)
         if step >= (extent.strides - 1) * one.ticks - 1:
             passed.append(moment.of([-1]))
 
@@ -133,10 +132,10 @@ def try_speed(policy: Policy, one: StabilityTry) -> Found:
         upright = np.flatnonzero(~fell[:-1])
         metrics = dataclasses.replace(
             metrics,
-            returns=measure_returns(policy, one, last.of([-1]), [stroke.of(upright) for stroke in strokes]),
+            returns=measure_returns(policy, one, last.of([-1]), [state.of(upright) for state in starts]),
             pushes=push_all(policy, one, passed),
         )
-    return Found(metrics, to_show(noisy, quiet, one.period))
+    return SpeedResult(metrics, to_show(noisy, quiet, one.period))
 
 
 def _steady(recording: GroupRecording | None, robot: int) -> Steady:
@@ -148,7 +147,7 @@ def _steady(recording: GroupRecording | None, robot: int) -> Steady:
 
 
 def orbit_of(policy: Policy, one: StabilityTry, at: GroupState, operator: HeadingHold) -> Orbit:
-    """The map from stroke to stroke of a robot that is at one."""
+    """Return the map from phase 0 to phase 0 of a robot at phase 0."""
     group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=operator)
     coordinates = Coordinates.of(policy.card.env, one.robot, group.memory, steered=operator.limit > 0.0)
     base = coordinates.write(coordinates.read(at), at)
@@ -156,11 +155,11 @@ def orbit_of(policy: Policy, one: StabilityTry, at: GroupState, operator: Headin
 
 
 def measure_returns(
-    policy: Policy, one: StabilityTry, quiet: GroupState, strokes: list[GroupState]
+    policy: Policy, one: StabilityTry, quiet: GroupState, starts: list[GroupState]
 ) -> MapMetrics | None:
-    """The map about a stroke of the robot without noise; None where there are too few strides under noise to fit one.
+    """The map about a phase 0 of the robot without noise; None where there are too few strides under noise to fit one.
 
-    Coordinates count over their scatter under noise, from stroke to stroke. They do not hold what a policy with a
+    Coordinates count over their scatter under noise, from stride to stride. They do not hold what a policy with a
     history remembers of the last control steps. Where it has one, deviations are given a stride to become part of it,
     and there are no differences, which would leave it as it was.
     """
@@ -169,19 +168,27 @@ def measure_returns(
     if remembers:
         extent = dataclasses.replace(extent, widths=())
     orbit = orbit_of(policy, one, quiet, one.operator)
-    states = np.stack([orbit.coordinates.read(stroke) for stroke in strokes])
+    states = np.stack([orbit.coordinates.read(state) for state in starts])
     scales = np.maximum(np.std(states, axis=(0, 1)), SMALLEST)
     before, after = (part.reshape(-1, orbit.coordinates.size) / scales for part in (states[:-1], states[1:]))
     under_noise = _radius(before, after, "stride to stride under noise", one.seed)
     if under_noise is None:
         return None
+
+    def drawn(scales: Float[np.ndarray, " D"], size: float) -> Float[np.ndarray, "N D"]:
+        return size * scales * rng.standard_normal((extent.deviations, len(scales)))
+
     changes, width, by_differences = _by_differences(orbit, scales, rng, extent)
     unsteered = None
     if extent.sizes and one.operator.limit > 0.0:
-        alone = orbit_of(policy, one, quiet, NOBODY)
-        own = scales[: alone.coordinates.size]
-        unsteered = _of_deviations(alone, own, extent.sizes[-1], rng, one, ", unsteered", later=remembers)
-    deviations = [_of_deviations(orbit, scales, size, rng, one, "", later=remembers) for size in extent.sizes]
+        alone = orbit_of(policy, one, quiet, UNSTEERED)
+        own, size = scales[: alone.coordinates.size], extent.sizes[-1]
+        what = f"deviations of {size:g}, unsteered"
+        unsteered = _of_deviations(alone, own, drawn(own, size), what, one.seed, later=remembers)
+    deviations = [
+        _of_deviations(orbit, scales, drawn(scales, size), f"deviations of {size:g}", one.seed, later=remembers)
+        for size in extent.sizes
+    ]
     return MapMetrics(
         coordinates=orbit.coordinates.size,
         under_noise=under_noise,
@@ -197,21 +204,12 @@ def measure_returns(
 
 
 def _of_deviations(
-    orbit: Orbit,
-    scales: Float[np.ndarray, " D"],
-    size: float,
-    rng: np.random.Generator,
-    one: StabilityTry,
-    how: str,
-    *,
-    later: bool,
+    orbit: Orbit, scales: Float[np.ndarray, " D"], off: Float[np.ndarray, "N D"], what: str, seed: int, *, later: bool
 ) -> RadiusMetrics | None:
-    """The map fitted to random deviations of one size, or to what is left of them a stride later."""
-    off = size * scales * rng.standard_normal((one.extent.deviations, len(scales)))
+    """The map fitted to deviations, or to what is left of them a stride later."""
     *_, before, after = (orbit.follow(orbit.at + off, 1 + later) - orbit.at) / scales
     back = np.all(np.isfinite(after), axis=1)
-    what = f"deviations of {size:g}{', a stride later' if later else ''}{how}"
-    return _radius(before[back], after[back], what, one.seed)
+    return _radius(before[back], after[back], f"{what}, a stride later" if later else what, seed)
 
 
 def _radius(before: np.ndarray, after: np.ndarray, what: str, seed: int) -> RadiusMetrics | None:
@@ -226,11 +224,11 @@ def _growth(
     orbit: Orbit, scales: Float[np.ndarray, " D"], rng: np.random.Generator, extent: Extent
 ) -> tuple[tuple[float, ...], ...]:
     """Median distance of robots from the one that they began beside, over the initial one, by size and stride."""
-    sizes = np.repeat(extent.followed_sizes, extent.companions)
+    sizes = np.repeat(extent.followed_sizes, extent.per_size)
     off = sizes[:, None] * scales * rng.standard_normal((len(sizes), len(scales)))
     states = orbit.follow(orbit.at + np.concatenate([np.zeros((1, len(scales))), off]), extent.followed) / scales
     distance = np.linalg.norm(states[:, 1:] - states[:, :1], axis=-1)
-    distance = np.where(np.isfinite(distance), distance, np.inf).reshape(len(states), -1, extent.companions)
+    distance = np.where(np.isfinite(distance), distance, np.inf).reshape(len(states), -1, extent.per_size)
     middle = np.median(distance, axis=-1)
     return tuple(tuple(float(value) for value in line) for line in (middle / middle[0]).T)
 
@@ -259,7 +257,7 @@ def _by_differences(
 def push_all(policy: Policy, one: StabilityTry, passed: Sequence[GroupState]) -> tuple[PushMetrics, ...]:
     """The largest push that a robot survives, by the phase of the clock and the direction.
 
-    `passed` are its moments in a stride, from stroke to stroke by the control step.
+    `passed` are its states in a stride, by the control step.
     """
     extent = one.extent
     group = RobotGroup(policy, policy.card.env, hardware=one.robot, operator=one.operator)

@@ -10,7 +10,7 @@ from bp2_rl.paper.benchmarks.endurance import benchmark as module
 from bp2_rl.paper.benchmarks.endurance import calibration
 from bp2_rl.paper.benchmarks.endurance.benchmark import draw_robots, endurance, ramp_to_endurance
 from bp2_rl.paper.benchmarks.endurance.calibration import seconds_to
-from bp2_rl.paper.benchmarks.endurance.heating import Endured, HeatingCourse, HotRun, Lap
+from bp2_rl.paper.benchmarks.endurance.heating import AveragingWindow, EnduranceResult, HeatedRun, HeatingCourse
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.robot import specs
@@ -48,16 +48,16 @@ def ran(monkeypatch):
         too_hot = 0.0 < time < one.longest
         n = int(time / one.pace)
         winding = np.linspace(25.0, np.where(np.arange(12) == HOTTEST, one.limit if too_hot else 100.0, 90.0), n + 2)
-        lap = Lap(one.speed, _each(heat), _each(torque), _each(0.1 * torque), (0.1,) * 12)
-        endured = Endured(
-            one.speed, one.pace, time, "winding" if too_hot else "none", lap, lap, _each(winding[-1]), (30.0,) * 12, 0
-        )
+        window = AveragingWindow(one.speed, _each(heat), _each(torque), _each(0.1 * torque), (0.1,) * 12)
+        cause = "winding" if too_hot else "none"
+        hot = _each(winding[-1])
+        endured = EnduranceResult(one.speed, one.pace, time, cause, window, window, hot, (30.0,) * 12, 0)
         course = HeatingCourse(
             _each(one.pace * (0.5 + np.arange(n))), tuple(map(_each, winding[1:-1])), ((30.0,) * 12,) * n,
             ((0.1,) * 12,) * n, (one.speed,) * n,
         )  # fmt: skip
         cloud = np.linspace(-1.0, 1.0, 40)[:, None]
-        return HotRun(endured, course, np.linspace(0.0, time, 40), 20.0 * cloud + 0 * heat, cloud * torque)
+        return HeatedRun(endured, course, np.linspace(0.0, time, 40), 20.0 * cloud + 0 * heat, cloud * torque)
 
     monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     return asked
@@ -77,10 +77,10 @@ def test_the_papers_86_s_are_put_in_and_the_top_speeds_are_predicted(make_policy
     assert metrics.is_input
     slow, top = metrics.held
     # 180 C are 0.2 K more than 1.8 K/s make of 25 C in 86 s.
-    assert slow.told.seconds == pytest.approx(86.1, abs=0.1)
-    assert slow.by_first_lap == pytest.approx(slow.told.seconds)  # for here the torque stays
+    assert slow.result.seconds == pytest.approx(86.1, abs=0.1)
+    assert slow.by_cold_gait == pytest.approx(slow.result.seconds)  # for here the torque stays
     # Endurance goes with the heat, which goes with the square of torque: a little less, as conduction has less time.
-    assert 0.85 < top.told.seconds / 86.1 * (15.0 / 10.74) ** 2 < 1.0
+    assert 0.85 < top.result.seconds / 86.1 * (15.0 / 10.74) ** 2 < 1.0
     assert specs.MOTOR_NAMES[slow.hottest] == specs.MOTOR_NAMES[top.motor] == "RL_hip"
     assert slow.disagreement == 0.0
     assert evaluation.good
@@ -111,7 +111,7 @@ def test_the_quick_version_runs_both_speeds_fast_and_nothing_else(make_policy, r
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0, quick=True, robot="ideal"))
     assert [(one.speed, one.pace) for one in ran] == [(10.74, 1.0), (10.74, module.PACE), (15.0, module.PACE)]
     assert all(held.full is None and held.limitless is None for held in evaluation.metrics.held)
-    assert evaluation.metrics.held[0].told.seconds == pytest.approx(86.1, abs=0.1)
+    assert evaluation.metrics.held[0].result.seconds == pytest.approx(86.1, abs=0.1)
     assert_fits(evaluation)
 
 
@@ -127,7 +127,7 @@ def test_with_a_motor_given_nothing_is_put_in(make_policy, ran):
 
 def test_a_motor_that_lasts_is_said_to(make_policy, ran):
     evaluation = evaluate(make_policy(), DeepSetup(speed=12.0, hold=20.0))
-    assert [held.told.seconds for held in evaluation.metrics.held] == [20.0, 20.0]
+    assert [held.result.seconds for held in evaluation.metrics.held] == [20.0, 20.0]
     assert evaluation.verdict == "10.74 m/s: 20 s, not ended; 12 m/s: 20 s, not ended"
 
 
@@ -140,9 +140,9 @@ def test_a_robot_that_falls_on_its_way_up_has_endured_nothing(make_policy, monke
     """And has no heat to calibrate a motor on: the report comes all the same."""
 
     def run(policy, one):
-        lap = Lap(0.0, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12)
-        endured = Endured(one.speed, one.pace, 0.0, "fall", lap, lap, (25.0,) * 12, (25.0,) * 12, 0)
-        return HotRun(endured, HeatingCourse((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
+        window = AveragingWindow(0.0, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12, (0.0,) * 12)
+        endured = EnduranceResult(one.speed, one.pace, 0.0, "fall", window, window, (25.0,) * 12, (25.0,) * 12, 0)
+        return HeatedRun(endured, HeatingCourse((), (), (), (), ()), np.zeros(0), np.zeros((0, 12)), np.zeros((0, 12)))
 
     monkeypatch.setattr(module, "run_hot", lambda policy, tries: [run(policy, one) for one in tries])
     evaluation = evaluate(make_policy(), DeepSetup(speed=15.0))

@@ -10,7 +10,7 @@ import pytest
 from runs import run_one
 
 from bp2_rl.env.controller import motors_of
-from bp2_rl.paper.benchmarks.endurance.heating import LAP, UPDATE, Heating, HeatingTry, hot_run
+from bp2_rl.paper.benchmarks.endurance.heating import UPDATE, WINDOW, Heating, HeatingTry, hot_run
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.robot.actuator import Actuator, winding_heat
 from bp2_rl.robot.specs import BUILT, IDEAL, MotorHeat
@@ -63,7 +63,7 @@ def test_a_run_ends_when_a_winding_is_at_its_limit_whatever_the_pace(watched, pa
     assert run.winding[HOTTEST] == pytest.approx(180.0, abs=60.0 * pace * UPDATE * 1e-3)  # K: at 60 K/s
     assert set(run.case) == {25.0}
     assert run.first.heat == pytest.approx(tuple(winding_heat(COLD, TORQUE)), abs=1e-4)
-    assert run.first.speed == pytest.approx(5.0, rel=2e-3)  # over one sample less than the lap
+    assert run.first.speed == pytest.approx(5.0, rel=2e-3)  # over one sample less than the window
     assert len(hot.course.time) == len(hot.course.winding) == math.floor(run.seconds / pace + 1e-6)
     np.testing.assert_allclose(np.diff(hot.course.time), pace)
     assert np.all(np.diff([row[HOTTEST] for row in hot.course.winding]) > 0.0)
@@ -136,5 +136,5 @@ def _run(policy, hardware, action, **motor):
 
 def test_a_try_starts_its_clock_after_a_cold_lap_in_steady_gait():
     one = HeatingTry(IDEAL, HEADING_HOLD, Ramp((10.74, 0.0, 0.0), 2.4), SHUT, 180.0, longest=80.0, pace=8.0)
-    assert one.start == pytest.approx(10.74 / 2.4 + 2.0 + LAP, abs=UPDATE * 1e-3)
+    assert one.start == pytest.approx(10.74 / 2.4 + 2.0 + WINDOW, abs=UPDATE * 1e-3)
     assert one.ramp.duration - one.start == pytest.approx(10.0, abs=UPDATE * 1e-3)

@@ -8,7 +8,7 @@ import pytest
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.paper.benchmarks import speeds
 from bp2_rl.paper.benchmarks.mechanism import benchmark as module
-from bp2_rl.paper.benchmarks.mechanism.benchmark import Ran, mechanism, optimised, ramp_to_mechanism
+from bp2_rl.paper.benchmarks.mechanism.benchmark import MechanismRun, mechanism, optimised, ramp_to_mechanism
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, TERMS, THROUGH, WITHIN, Forces
 from bp2_rl.paper.benchmarks.mechanism.measured import (
     MechanismAtSpeed,
@@ -113,9 +113,9 @@ def ran(monkeypatch):
         speed = one.schedule.target[0]
         asked.append((speed, one.hardware))
         if policy.card.seed == 13 and speed == 8.0:
-            return Ran(MechanismAtSpeed(speed, 2.0, 1.5, None), None)
+            return MechanismRun(MechanismAtSpeed(speed, 2.0, 1.5, None), None)
         forces = known(legs=0.001 * speed)
-        return Ran(
+        return MechanismRun(
             MechanismAtSpeed(speed, speed, None, measure_forces(forces, STRIDES, 1e-3)),
             forces.terms[:, :100, [2, 7, 8]],
         )

@@ -14,7 +14,7 @@ from bp2_rl.simulation.schedule import Ramp
 
 CONFIG = EnvConfig(reference="kinematic")
 RAMP = Ramp((1.5, 0.0, 0.0), acceleration=10.0, hold=0.1)
-NOBODY = HeadingHold(limit=0.0)
+UNSTEERED = HeadingHold(limit=0.0)
 
 
 def still(observation):

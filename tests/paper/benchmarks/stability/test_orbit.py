@@ -1,4 +1,4 @@
-"""The map from stroke to stroke of a robot's clock."""
+"""The map from cycle to cycle of a robot's clock."""
 
 import dataclasses
 
@@ -10,11 +10,10 @@ from bp2_rl.env.controller import motion_of
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.paper.benchmarks.stability.group import RobotGroup
 from bp2_rl.paper.benchmarks.stability.orbit import TICK, Orbit, whole_strides
-from bp2_rl.paper.benchmarks.stability.tries import FULL, StabilityTry, _of_deviations, pushed_by
+from bp2_rl.paper.benchmarks.stability.tries import _of_deviations, pushed_by
 from bp2_rl.robot.specs import IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.schedule import Ramp
 
 
 def clock(command):
@@ -73,7 +72,7 @@ def remembering(observation):
 
 
 def test_what_a_policy_remembers_goes_on_from_stride_to_stride():
-    """Written anew at each stroke, its history would be that of the first."""
+    """Written anew in each cycle, its history would be that of the first."""
     nobody = HeadingHold(limit=0.0)
     config = dataclasses.replace(EnvConfig(), reference="none", control=ControlConfig(history=(5,)))
     group = RobotGroup(remembering, config, hardware=IDEAL, operator=nobody)
@@ -111,9 +110,9 @@ class Linear(Orbit):
 
 @pytest.mark.parametrize("later", [False, True])
 def test_deviations_have_the_maps_radius_also_a_stride_later(later):
-    one = StabilityTry(10.0, 10.0, 60, Ramp((10.0, 0.0, 0.0)), IDEAL, HeadingHold(), 0, FULL)
-    rng = np.random.default_rng(0)
-    found = _of_deviations(Linear(), np.array([1.0, 0.1, 10.0]), 0.5, rng, one, "", later=later)
+    scales = np.array([1.0, 0.1, 10.0])
+    off = 0.5 * scales * np.random.default_rng(0).standard_normal((300, 3))
+    found = _of_deviations(Linear(), scales, off, "deviations", 0, later=later)
     assert found is not None
     assert found.radius == pytest.approx(0.9, abs=1e-6)
     assert ("a stride later" in found.what) is later

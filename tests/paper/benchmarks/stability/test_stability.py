@@ -12,11 +12,11 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.benchmarks.stability import benchmark as module
 from bp2_rl.paper.benchmarks.stability.benchmark import ramp_to_stability, stability
 from bp2_rl.paper.benchmarks.stability.measured import (
-    Found,
     MapMetrics,
     PushMetrics,
     RadiusMetrics,
     SpeedMetrics,
+    SpeedResult,
     StabilityMetrics,
 )
 from bp2_rl.paper.benchmarks.stability.steady import (
@@ -114,7 +114,7 @@ def asked(monkeypatch, make_steady):
             landings=measure_landings(noisy, quiet, 0.25), returns=None if one.extent is module.QUICK else returns,
             pushes=pushes,
         )  # fmt: skip
-        return Found(metrics, to_show(noisy, quiet, 0.25))
+        return SpeedResult(metrics, to_show(noisy, quiet, 0.25))
 
     monkeypatch.setattr(module, "try_speed", run)
     monkeypatch.setattr(module, "in_parallel", lambda run, policy, tasks: [run(policy, task) for task in tasks])
@@ -176,7 +176,7 @@ def test_all_may_fall(make_policy, asked, monkeypatch, assert_fits):
         metrics = dataclasses.replace(
             run(policy, one).metrics, speed=None, fell=2, sections=(), signals=(), landings=(), returns=None, pushes=()
         )
-        return Found(metrics, to_show([], None, 0.25))
+        return SpeedResult(metrics, to_show([], None, 0.25))
 
     monkeypatch.setattr(module, "try_speed", falls)
     evaluation = evaluate(make_policy, DeepSetup())

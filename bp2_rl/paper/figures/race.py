@@ -9,22 +9,22 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import TRACK, read_standards
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.labels import HALO
-from bp2_rl.paper.figures.race.numbers import (
+from bp2_rl.paper.figures.race_numbers import (
     LAUNCH,
     Profile,
     RaceNumbers,
     Racer,
     Start,
+    compare,
     measure,
     paper_profile,
     read,
     read_reports,
 )
-from bp2_rl.paper.figures.race.statements import compare
 from bp2_rl.paper.figures.settings import RaceSettings
 
-DOTS = 0, (1.2, 1.2)
+DOTS, DASHES = (0, (1.2, 1.2)), (0, (4, 2))
+ON_WHITE = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"}  # of a label on a line
 PAPER = FALL  # colour of BP2 as the paper has it
 RUNS = FRONT, LEG_COLORS["RR"], LEG_COLORS["RL"], LEG_COLORS["FL"]  # of policies
 ATHLETES = INK, QUIET, LEG_COLORS["FL"], LEG_COLORS["RL"]
@@ -116,7 +116,7 @@ def _draw_bp2(axes: Axes, runs: Profiles) -> None:
     for number, (name, profile) in enumerate(runs.items()):
         axes.plot(profile.distance, profile.speed, color=RUNS[number % len(RUNS)], linewidth=1.8, label=name)
     paper, label = paper_profile(), "BP2: exponential, 10.74 m/s, 12.2 s"
-    axes.plot(paper.distance, paper.speed, color=PAPER, linewidth=1.6, linestyle=(0, (4, 2)), label=label)
+    axes.plot(paper.distance, paper.speed, color=PAPER, linewidth=1.6, linestyle=DASHES, label=label)
 
 
 def _draw_athletes(axes: Axes, numbers: RaceNumbers, profiles: Profiles, *, steps: bool) -> None:
@@ -148,7 +148,7 @@ def _draw_said(axes: Axes, numbers: RaceNumbers) -> None:
 
 
 def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
-    """A row each: from the gun, and without the reaction where that is known; Table S2 as lines across."""
+    """A row each: from the gun, and without the reaction where that is known; above, Table S2, with lines down."""
     arrived = ((racer.time, racer) for racer in (*numbers.racers, *numbers.runs) if racer.time is not None)
     ranked = sorted(arrived, key=lambda timed: -timed[0])
     for place, (time, racer) in enumerate(ranked):
@@ -156,19 +156,18 @@ def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
         axes.plot(time, place, "o", ms=6.5, color=color, zorder=3)
         if racer.reaction:
             axes.plot(time - racer.reaction, place, "o", ms=6.5, markerfacecolor="white", color=color, zorder=3)
-        words = f"{time:.2f}"
-        axes.annotate(words, (time, place), (8, 0), textcoords="offset points", va="center", path_effects=[HALO])
-    for standard in read_standards():
-        men = standard.category == "male"
-        axes.axvline(standard.time, color=LEG_COLORS["FR" if men else "RL"], linewidth=0.9, linestyle=(0, (4, 2)))
-        axes.annotate(
-            f"{'men' if men else 'women'} {standard.level}", (standard.time, len(ranked) + 0.5), (0, 0),
-            textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8,
-            color=LEG_COLORS["FR" if men else "RL"],
-        )  # fmt: skip
-    axes.set(yticks=range(len(ranked)), yticklabels=[racer.name for _, racer in ranked], ylim=(-0.6, len(ranked) + 0.6))
-    title = "F   Times over 100 m, and what Table S2 asks of men and women for levels 1 to 3"
-    axes.set(title=title, xlabel="Time from the gun, or since the command [s]; open: without the reaction")
+        axes.annotate(f"{time:.2f}", (time, place), (8, 0), textcoords="offset points", va="center", bbox=ON_WHITE)
+    names = [racer.name for _, racer in ranked]
+    for category, whose, leg in (("female", "women", "RL"), ("male", "men", "FR")):
+        row, color = len(names), LEG_COLORS[leg]
+        for standard in (each for each in read_standards() if each.category == category):
+            axes.vlines(standard.time, -0.6, row, color=color, linewidth=0.9, linestyle=DASHES)
+            label = f"{standard.level}"
+            axes.annotate(label, (standard.time, row), ha="center", va="center", color=color, bbox=ON_WHITE)
+        names.append(f"Table S2, {whose}, level")
+    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(-0.6, len(names) - 0.4))
+    axes.set(title="F   Times over 100 m, and what Table S2 asks of men and women for levels 1 to 3")
+    axes.set(xlabel="Time from the gun, or since the command [s]; open: without the reaction")
     axes.set(xlim=(np.floor(ranked[-1][0]) - 0.2, np.ceil(ranked[0][0])))
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)

@@ -10,8 +10,8 @@ from matplotlib.ticker import LogLocator, NullLocator
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.drawn import Drawn
-from bp2_rl.paper.figures.labels import HALO, label
-from bp2_rl.paper.figures.scaling.numbers import BAND, BP2, Placed, ScalingNumbers, compare, measure
+from bp2_rl.paper.figures.labels import label
+from bp2_rl.paper.figures.scaling_numbers import BAND, BP2, ComparedRobot, ScalingNumbers, compare, measure
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
 from bp2_rl.robot.specs import GRAVITY
@@ -99,16 +99,14 @@ def _draw_ratios(axes: Axes, numbers: ScalingNumbers) -> None:
     axes.axvspan(*BAND, color=QUIET, alpha=0.18, linewidth=0)
     axes.axvline(numbers.spread.median, color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
     axes.annotate(
-        f"median {numbers.spread.median:.2f}", (numbers.spread.median, len(ranked) - 0.6), (4, 0),
-        textcoords="offset points", fontsize=8, va="center",
-    )  # fmt: skip
+        f"median {numbers.spread.median:.2f}", (BAND[1], 0.0), (4, 0), textcoords="offset points", va="center"
+    )
     for place, robot in enumerate(ranked):
         demand, color = robot.demand_as_printed or 0.0, _color(numbers, robot)
         axes.plot((0.0, demand), (place, place), color=color, linewidth=0.8, alpha=0.6)
         axes.plot(demand, place, _mark(numbers, robot), ms=5, color=color)
-        axes.annotate(f"{demand:.3f}", (demand, place), (6, 0), textcoords="offset points", va="center",
-                      fontsize=7.5, path_effects=[HALO])  # fmt: skip
-    axes.set(yticks=range(len(ranked)), ylim=(-0.8, len(ranked)), xlim=(0.0, 1.12 * (ranked[-1].demand or 1.0)))
+        axes.annotate(f"{demand:.3f}", (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+    axes.set(yticks=range(len(ranked)), ylim=(-0.8, len(ranked)), xlim=(0.0, 1.04 * (ranked[-1].demand or 1.0)))
     axes.set_yticklabels([robot.name for robot in ranked], fontsize=7.5)
     spread = numbers.spread
     axes.set(title=f"C   m g v over that: {len(spread.within)} of {spread.number} others in {BAND[0]:g} to {BAND[1]:g}")
@@ -139,7 +137,7 @@ def _name_motors(axes: Axes, numbers: ScalingNumbers) -> None:
     label(axes, [_motor_point(robot) for robot in everyone], names, [_color(numbers, robot) for robot in everyone])
 
 
-def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[Placed], tuple[float, float]]) -> None:
+def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[ComparedRobot], tuple[float, float]]) -> None:
     named = set()
     for robot in (*numbers.robots, numbers.treadmill, *numbers.simulated):
         if np.isnan(point(robot)).any():
@@ -151,18 +149,18 @@ def _scatter(axes: Axes, numbers: ScalingNumbers, point: Callable[[Placed], tupl
         named.add(group)
 
 
-def _motor_point(robot: Placed) -> tuple[float, float]:
+def _motor_point(robot: ComparedRobot) -> tuple[float, float]:
     if robot.motor_envelope is None:
         return np.nan, np.nan
     return robot.motor_envelope, robot.mass * PAPER_GRAVITY * robot.top_speed
 
 
-def _with_share(numbers: ScalingNumbers, robot: Placed) -> str:
+def _with_share(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     ours = robot.name in (BP2, numbers.treadmill.name) or robot in numbers.simulated
     return f"{robot.name}, {robot.share:.2f} of the law" if ours else robot.name
 
 
-def _group(numbers: ScalingNumbers, robot: Placed) -> str:
+def _group(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     if robot in numbers.simulated:
         return "BP2, simulated"
     if robot.name in (BP2, numbers.treadmill.name):
@@ -170,11 +168,11 @@ def _group(numbers: ScalingNumbers, robot: Placed) -> str:
     return "wheels on legs" if robot.wheels else "legs"
 
 
-def _mark(numbers: ScalingNumbers, robot: Placed) -> str:
+def _mark(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     return {"legs": "o", "wheels on legs": "s"}.get(_group(numbers, robot), "*")
 
 
-def _color(numbers: ScalingNumbers, robot: Placed) -> str:
+def _color(numbers: ScalingNumbers, robot: ComparedRobot) -> str:
     colors = {"legs": INK, "wheels on legs": WHEELED, "BP2, measured": PAPER, "BP2, simulated": SIMULATED}
     return colors[_group(numbers, robot)]
 

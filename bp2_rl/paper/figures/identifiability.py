@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FRONT, INK, QUIET, WIDTH, mark_level, styled
 from bp2_rl.evaluation.benchmarks.outcome import Table, show
+from bp2_rl.paper.figures.assumed import ASSUMED
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
-from bp2_rl.paper.figures.identifiability.assumed import ASSUMED
-from bp2_rl.paper.figures.identifiability.numbers import (
+from bp2_rl.paper.figures.identifiability_numbers import (
     LAUNCH,
     OUTDOORS,
     SPRINT,

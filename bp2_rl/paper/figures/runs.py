@@ -1,12 +1,16 @@
-"""Runs of policies that a figure is told to show: folders that eval.py leaves."""
+"""Runs of policies that a figure is told to show, from folders that eval.py leaves; and three cycles of a run."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report, read_report
+from bp2_rl.robot.specs import LEGS
+from bp2_rl.simulation.metrics import best_window, contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 
 
@@ -40,3 +44,24 @@ def _read(folder: Path, benchmark: str) -> Report:
         wanted = f"name one that python eval.py --benchmark {benchmark} leaves"
         raise UserError(f"--runs {folder} is a report of {report.benchmark}: {wanted}")
     return report
+
+
+CYCLES = 3
+LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper
+
+
+def cycles(run: Trajectory) -> Trajectory:
+    """The last three cycles that begin within the best second, from touchdown to touchdown; else the run's last.
+
+    Raises:
+        UserError: there are no three.
+    """
+    landed = touchdowns(contacts(run)[:, LEG])
+    best = best_window(run, 1.0)
+    if best is not None:
+        until = np.searchsorted(run.time[landed], best.start + 1.0)
+        landed = landed[: max(int(until), CYCLES + 1)]
+    if len(landed) <= CYCLES:
+        raise UserError(f"the run has {max(len(landed) - 1, 0)} whole strides, {CYCLES} are drawn: name a longer one")
+    first, last = landed[-CYCLES - 1], landed[-1]
+    return run.between(float(run.time[first]), float(run.time[last]))

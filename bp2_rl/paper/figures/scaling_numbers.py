@@ -24,7 +24,7 @@ HOUND_POWER = 1706.0  # W, of a motor at most: paper, Results
 
 
 @dataclasses.dataclass(frozen=True)
-class Placed:
+class ComparedRobot:
     """A robot in the figure."""
 
     name: str
@@ -71,9 +71,9 @@ class Species:
 class ScalingNumbers:
     """All that the figure shows."""
 
-    robots: tuple[Placed, ...]  # Table S1
-    treadmill: Placed
-    simulated: tuple[Placed, ...]
+    robots: tuple[ComparedRobot, ...]  # Table S1
+    treadmill: ComparedRobot
+    simulated: tuple[ComparedRobot, ...]
     mammals: tuple[Species, ...]
     spread: Spread
     froude: float  # v^2 / (g h) of BP2 at its top speed outdoors, h its standing height
@@ -81,7 +81,7 @@ class ScalingNumbers:
     corner_power: float  # W, of one motor of BP2: peak torque x corner speed
 
     @property
-    def bp2(self) -> Placed:
+    def bp2(self) -> ComparedRobot:
         """Outdoors."""
         return find(self.robots, BP2)
 
@@ -107,10 +107,10 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
     )
 
 
-def place(robot: PublishedRobot) -> Placed:
+def place(robot: PublishedRobot) -> ComparedRobot:
     """A robot beside the law and its motors."""
     law = float(speed_law(robot.mass))
-    return Placed(
+    return ComparedRobot(
         robot.robot,
         robot.mass,
         robot.top_speed,
@@ -147,7 +147,7 @@ def count(robots: Sequence[PublishedRobot]) -> Spread:
     )
 
 
-def find(robots: Sequence[Placed], name: str) -> Placed:
+def find(robots: Sequence[ComparedRobot], name: str) -> ComparedRobot:
     """The robot of a name."""
     return next(robot for robot in robots if robot.name == name)
 
@@ -169,7 +169,7 @@ def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
     Raises:
         UserError: no such report, or its robot ran no whole second.
     """
-    from bp2_rl.paper.figures.reports import read_runs  # slow to import, and mostly not needed
+    from bp2_rl.paper.figures.runs import read_runs  # slow to import, and mostly not needed
 
     robots = []
     for name, report, run in read_runs(folders, BENCHMARK):
