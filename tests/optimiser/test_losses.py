@@ -8,12 +8,13 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import sagittal, verifier_laws
-from bp2_rl.optimiser.collocation import solve, transcribe
+from bp2_rl.optimiser.collocation import STANDARD, solve
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.sagittal import ca
 from bp2_rl.optimiser.solution import Solution, load_solution, save_solution
+from bp2_rl.optimiser.transcription import transcribe
 from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
 from bp2_rl.paper.trajectories.limits import loss_variants
 from bp2_rl.robot import specs
@@ -115,10 +116,9 @@ def test_the_judge_s_envelope_sags_and_ends_braking():
 def size(hardware: HardwareSpec) -> tuple[int, int]:
     """Unknowns and constraints of a trot's program."""
     problem = Problem(intervals=4, hardware=hardware)
-    program, _ = transcribe(problem, cold_guess(problem), proximity=0.0, free={}, haste=0.0)
-    lower, _ = zip(*program._limits, strict=True)
-    ranges, _ = zip(*program._ranges, strict=True)
-    return sum(map(len, lower)), sum(map(len, ranges))
+    program = transcribe(problem, cold_guess(problem), STANDARD).program
+    end = program.conditions(np.concatenate(program._guess))
+    return len(end.unknown_bounds.lower), len(end.values)
 
 
 def test_what_a_robot_does_not_lose_is_not_in_its_program():

@@ -168,7 +168,7 @@ def test_a_landing_within_the_stride_is_simulated_too():
     nothing = np.zeros((segments, points, 4))
     q, v = (np.tile(x, (segments, points, 1)) for x in (q0, v0))
     motion = Motion(np.full(4, 0.01), q, v, np.zeros_like(v), nothing, nothing, nothing[:, 0])
-    q, v = resimulate(Solution(problem, motion, 0.0, 0.0, 0, 0.0))
+    q, v = resimulate(Solution(problem=problem, motion=motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0))
     np.testing.assert_array_equal(q[2, 0], q[1, -1])
     rows = contact_rows(("F", "H"), ("H",))
     assert np.max(np.abs((model.terms(q[1, -1], v[1, -1]).jacobian @ v[1, -1])[rows])) > 0.1

@@ -33,8 +33,8 @@ KNOWN = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Limit:
-    """The greatest speed of one variant, and the variant it is to be compared with; None where IPOPT found none."""
+class FastestVariant:
+    """A variant at its greatest speed, and the variant it is compared with; None where IPOPT found no trajectory."""
 
     variant: str
     base: str
@@ -49,7 +49,7 @@ class GreatestSpeeds:
     speeds: dict[str, float | None]
 
 
-def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
+def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[FastestVariant]:
     """Yield the greatest speed of the problem's robot, and of robots with one thing changed, as they are found.
 
     Each is the better of two searches: from the problem's own solution and from one of another speed.
@@ -60,7 +60,7 @@ def greatest_speeds(problem: Problem, workers: int = 2) -> Iterator[Limit]:
     with spawned(workers) as pool:
         searches = {pool.submit(_search, variant): name for name, variant in variants.items()}
         for search in concurrent.futures.as_completed(searches):
-            yield Limit(searches[search], base, _best(search.result()))
+            yield FastestVariant(searches[search], base, _best(search.result()))
 
 
 def loss_variants(robot: HardwareSpec) -> dict[str, tuple[str, HardwareSpec]]:
@@ -79,7 +79,7 @@ def loss_variants(robot: HardwareSpec) -> dict[str, tuple[str, HardwareSpec]]:
     return {"ideal": ("ideal", ideal), **alone, "built": ("ideal", robot), **others}
 
 
-def losses_one_at_a_time(problem: Problem, workers: int = 2) -> Iterator[Limit]:
+def losses_one_at_a_time(problem: Problem, workers: int = 2) -> Iterator[FastestVariant]:
     """The greatest speeds of `loss_variants` of the problem's robot, as they are found.
 
     Of the robot with none and with all of its losses each is the best of several searches; of the others the better of
@@ -94,14 +94,14 @@ def losses_one_at_a_time(problem: Problem, workers: int = 2) -> Iterator[Limit]:
         found = {name: search.result() for name, search in first.items()}
         found["built"] += _spurt(variants["built"][1], _starts(found["ideal"]))
         for name, solutions in found.items():
-            yield Limit(name, variants[name][0], _best(solutions))
+            yield FastestVariant(name, variants[name][0], _best(solutions))
         searches = {
             pool.submit(_spurt, variant, _starts(found[base])): (name, base)
             for name, (base, variant) in variants.items()
             if name not in found
         }
         for search in concurrent.futures.as_completed(searches):
-            yield Limit(*searches[search], _best(search.result()))
+            yield FastestVariant(*searches[search], _best(search.result()))
 
 
 def _search(problem: Problem) -> list[Solution]:

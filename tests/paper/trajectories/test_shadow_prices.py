@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bp2_rl.optimiser.collocation import HASTE, optimise, solve
+from bp2_rl.optimiser.collocation import GREATEST_SPEED, optimise, solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Weighed, touched, weigh
 from bp2_rl.robot.specs import BUILT
@@ -43,7 +43,8 @@ def test_what_is_touched_is_at_its_limit(weighed):
 def test_the_greatest_speed_gains_as_much_as_is_said(weighed):
     fast = weigh(weighed.solution, {"no-load speed": LIMITS["no-load speed"]}, greatest=True)
     speed, problem = fast.solution.problem.speed, fast.solution.problem
-    more = optimise(problem.on(no_load_speed=1.005 * 21.4), fast.solution.motion, haste=HASTE).solution.problem.speed
+    faster = optimise(problem.on(no_load_speed=1.005 * 21.4), fast.solution.motion, GREATEST_SPEED)
+    more = faster.solution.problem.speed
     # One-sided, so its own curvature counts.
     assert fast.prices["no-load speed"] == pytest.approx((more - speed) / 0.005, rel=0.05)
     assert {"joint speed", "peak torque"} <= fast.touched.keys()
