@@ -26,7 +26,7 @@ from bp2_rl.paper.figures.identifiability.numbers import (
 from bp2_rl.paper.figures.identifiability.readings import heating_rate, hip_heat, reversal, sprint
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.paper.thermal_specs import MotorHeat
 
 SIZE = len(PRINTED), len(ASSUMED)
 

@@ -24,10 +24,11 @@ from bp2_rl.paper.figures.identifiability.assumed import ASSUMED, HEAT, LOST, ME
 from bp2_rl.paper.figures.identifiability.readings import TRACK, heating_rate, hip_heat, of_hind, reversal, sprint
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
 from bp2_rl.paper.trajectories.shadow_prices import weigh
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BUILT, MotorHeat
+from bp2_rl.robot.specs import BUILT
 
 SHARE = 0.1  # of a unit, by which an assumption is changed to either side
 TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = "main torque", "C_z", "thigh reverses", "lesser power"

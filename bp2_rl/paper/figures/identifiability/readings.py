@@ -8,9 +8,9 @@ from jaxtyping import Float
 from bp2_rl.optimiser.cycle import whole_cycle
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
+from bp2_rl.paper.thermal_specs import AMBIENT
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import copper_loss, stall_torque
-from bp2_rl.robot.specs import AMBIENT
 
 STEP = 1.0  # s, of the motor's heat
 TRACK = 100.0  # m
