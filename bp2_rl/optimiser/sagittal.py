@@ -141,11 +141,11 @@ def build_model(
     passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
     for spring in spring_coordinates(legs).tolist():
         s, rate = q[spring], v[spring]
-        stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
+        stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
         passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
         # The stop at no compression may be another part.
-        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _hinge(-s)
-        passive[spring] -= hardware.rebound_damping * _hinge_slope(-s) * rate
+        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s)
+        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s) * rate
         passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
 
     turning, load = ca.tanh(v[motors] / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
@@ -202,11 +202,11 @@ def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[Le
     return leg_links(ca, (q[0], q[1], q[2]), hip_fore_aft(legs[leg]), (hip, knee), leg_length), compression
 
 
-def _hinge(u: ca.SX) -> ca.SX:
+def _ramp(u: ca.SX) -> ca.SX:
     """max(u, 0) with its corner rounded."""
     return (u + ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
 
 
-def _hinge_slope(u: ca.SX) -> ca.SX:
-    """The derivative of `_hinge`: from 0 to 1 around u = 0."""
+def _ramp_slope(u: ca.SX) -> ca.SX:
+    """The derivative of `_ramp`: from 0 to 1 around u = 0."""
     return (1.0 + u / ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

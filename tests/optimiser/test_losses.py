@@ -16,7 +16,7 @@ from bp2_rl.optimiser.sagittal import ca
 from bp2_rl.optimiser.solution import Solution, load_solution, save_solution
 from bp2_rl.optimiser.transcription import transcribe
 from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
-from bp2_rl.paper.trajectories.limits import loss_variants
+from bp2_rl.paper.trajectories.variants import loss_variants
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec, Losses
 from bp2_rl.robot.variants import PARTS
@@ -187,7 +187,8 @@ def test_a_solution_from_before_losses_is_read_as_one_without(trot, tmp_path):
 
 # --- One at a time --------------------------------------------------------------------------------------------
 def test_each_loss_is_added_alone_and_taken_away_alone():
-    variants = {name: hardware for name, (_, hardware) in loss_variants(BUILT).items()}
+    built = Problem(hardware=BUILT)
+    variants = {name: variant.problem.hardware for name, variant in loss_variants(built).items()}
     ideal = variants["ideal"]
     assert ideal.losses == Losses(current_lag=BUILT.losses.current_lag, latency=BUILT.losses.latency)
     assert (ideal.friction, ideal.rebound_stiffness) == (IDEAL.friction, IDEAL.rebound_stiffness)
@@ -197,4 +198,4 @@ def test_each_loss_is_added_alone_and_taken_away_alone():
     parts = [name for name in PARTS if f"ideal + {name}" in variants]
     assert [*variants] == ["ideal", *(f"ideal + {p}" for p in parts), "built", *(f"built - {p}" for p in parts)]
     with pytest.raises(UserError, match="choose --robot built"):
-        loss_variants(IDEAL)
+        loss_variants(Problem())

@@ -1,4 +1,4 @@
-"""A gait in a few numbers that do not hang on how its trajectory was found: to set gaits beside each other."""
+"""A gait in a few numbers that do not depend on how its trajectory was found, so that gaits can be compared."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from bp2_rl.robot.specs import HardwareSpec
 
 
 @dataclasses.dataclass(frozen=True)
-class Gait:
+class GaitSummary:
     """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along the track and up."""
 
     speed: float  # m/s
@@ -26,8 +26,8 @@ class Gait:
     running_cost: float  # mean over time of the optimiser's R without its smoothness
 
 
-def describe(solution: Solution) -> Gait:
-    """A solution's, as a whole robot's: of half a robot, the running cost counts twice."""
+def summarise_gait(solution: Solution) -> GaitSummary:
+    """Summarise a solution as a whole robot's gait: the running cost of half a robot counts twice."""
     cycle = whole_cycle(solution)
     motion, weights = cycle.motion, cycle.weights / cycle.period
 
@@ -36,7 +36,7 @@ def describe(solution: Solution) -> Gait:
 
     qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
     R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
-    return Gait(
+    return GaitSummary(
         speed=solution.problem.speed,
         **summarise(solution),
         rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),

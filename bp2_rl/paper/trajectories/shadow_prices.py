@@ -1,4 +1,4 @@
-"""What holds a trajectory back: which limits it touches, and what a little more of each would bring.
+"""Shadow prices: which limits are active in a trajectory, and what a little more of each would bring.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
@@ -71,16 +71,16 @@ LOSSES: dict[str, Change] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Weighed:
-    """An optimum, and what its limits weigh."""
+class ShadowPrices:
+    """An optimum, the limits that are active there, and the shadow prices of its problem's parameters."""
 
     solution: Solution
-    touched: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
+    active: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
     prices: dict[str, float]  # d objective / d ln p, by parameter: in units of cost or, where that is looked for, m/s
 
 
-def weigh(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> Weighed:
-    """The optimum next to a solution, what it touches, and what changes of its problem are worth.
+def find_shadow_prices(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> ShadowPrices:
+    """Find the optimum next to a solution, its active limits, and what changes of its problem are worth.
 
     Args:
         start: where the search begins; a solution that is at its optimum stays there.
@@ -94,17 +94,18 @@ def weigh(start: Solution, changes: Mapping[str, Change], *, greatest: bool = Fa
     optimised = optimise(start.problem, start.motion, options)
     unit = -1.0 / options.speed_weight if greatest else 1.0
     prices = {name: unit * _slope(optimised, change, options) for name, change in changes.items()}
-    return Weighed(optimised.solution, touched(optimised), prices)
+    return ShadowPrices(optimised.solution, active_limits(optimised), prices)
 
 
-def touched(optimised: Optimised) -> dict[str, float]:
-    """By limit, the share of all its instants at which it holds; those that never do are left out.
+def active_limits(optimised: Optimised) -> dict[str, float]:
+    """Return, by limit, the share of all its instants at which it is active; limits that never are do not appear.
 
-    One holds where its multiplier exceeds its distance, both scaled: of one of them the solver's tolerance is left.
+    A limit is active where its multiplier exceeds its distance, both scaled: at an optimum one of the two is zero but
+    for the solver's tolerance.
     """
     program, optimum = optimised.transcription.program, optimised.optimum
     conditions = program.conditions(optimum.point)
-    held: dict[str, list[float]] = {}
+    counts: dict[str, list[float]] = {}
     for limits, multipliers, values, bounds in (
         (program.constraint_limits, optimum.constraint_multipliers, conditions.values, conditions.constraint_bounds),
         (program.unknown_limits, optimum.unknown_multipliers, optimum.point, conditions.unknown_bounds),
@@ -112,10 +113,10 @@ def touched(optimised: Optimised) -> dict[str, float]:
         distance = np.minimum(values - bounds.lower, bounds.upper - values)
         holds = np.abs(multipliers) > np.maximum(distance, 0.0)
         for limit, places, share in limits:
-            count = held.setdefault(limit, [0.0, 0.0])
+            count = counts.setdefault(limit, [0.0, 0.0])
             count[0] += np.count_nonzero(holds[places])
             count[1] += share * len(places)
-    return {limit: float(holding / of) for limit, (holding, of) in held.items() if holding}
+    return {limit: float(holding / of) for limit, (holding, of) in counts.items() if holding}
 
 
 def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float:
@@ -127,12 +128,12 @@ def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float
         sides.append(program.conditions(optimum.point))
     less, more = sides
     change_of_f = optimum.constraint_multipliers @ (more.values - less.values)
-    change_of_f -= _held(optimum.constraint_multipliers, less.constraint_bounds, more.constraint_bounds)
-    change_of_f -= _held(optimum.unknown_multipliers, less.unknown_bounds, more.unknown_bounds)
+    change_of_f -= _bound_term(optimum.constraint_multipliers, less.constraint_bounds, more.constraint_bounds)
+    change_of_f -= _bound_term(optimum.unknown_multipliers, less.unknown_bounds, more.unknown_bounds)
     return float(change_of_f / (2.0 * STEP))
 
 
-def _held(multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds) -> float:
+def _bound_term(multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds) -> float:
     """What moves with the bounds: each bound's shift by the multiplier of the side that holds."""
     lower, upper = (
         np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a)) for a, b in zip(less, more, strict=True)

@@ -11,7 +11,7 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
 from bp2_rl.paper.figures.binding.numbers import SPEED, BindingAtSpeed, BindingNumbers, measure
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.settings import BindingSettings
-from bp2_rl.paper.trajectories.described import Gait
+from bp2_rl.paper.trajectories.gait_summary import GaitSummary
 from bp2_rl.robot import specs
 
 MORE = 0.1  # by which a parameter is thought to grow where the greatest speed is told
@@ -49,7 +49,7 @@ def _touched_table(numbers: BindingNumbers) -> Table:
     return Table("Limits that hold: share of motors, feet or joints x instants", ("Limit", *_heads(numbers)), lines)
 
 
-def _share(value: float | None, gait: Gait | None) -> str:
+def _share(value: float | None, gait: GaitSummary | None) -> str:
     return NOT_MEASURED if gait is None else "" if value is None else f"{value:.1%}"
 
 

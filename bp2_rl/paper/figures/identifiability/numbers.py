@@ -26,7 +26,7 @@ from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
-from bp2_rl.paper.trajectories.shadow_prices import weigh
+from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT
 
@@ -216,9 +216,9 @@ def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
             one.name: one.change for one in (*MECHANICAL, *LOST) if one.change is not None and one.name != "F bar"
         }
         problem = dataclasses.replace(start.problem, hardware=hardware)
-        weighed = weigh(dataclasses.replace(start, problem=problem), changes, greatest=True)
-        start, speed = weighed.solution, weighed.solution.problem.speed
-        found.append((name, speed, {key: price / speed for key, price in weighed.prices.items()}))
+        priced = find_shadow_prices(dataclasses.replace(start, problem=problem), changes, greatest=True)
+        start, speed = priced.solution, priced.solution.problem.speed
+        found.append((name, speed, {key: price / speed for key, price in priced.prices.items()}))
     return found
 
 

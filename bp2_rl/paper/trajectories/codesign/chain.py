@@ -15,7 +15,7 @@ from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, load_solution, resample, save_solution
 from bp2_rl.paper.trajectories.codesign.settings import DesignBounds, Parameter
 
-PATIENCE = 20.0  # s for each interval, several times what a solution takes; what has none would go on for longer
+TIME_LIMIT = 20.0  # s an interval: several times what a solution takes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
         problem = problem.on(**{name: getattr(start.problem.hardware, name) for name in chain.free})
         guess = resample(start.problem, start.motion, problem)
     try:
-        options = SolveOptions(free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals)
+        options = SolveOptions(free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals)
         solution = solve(problem, guess, options)
     except NotSolved as failure:
         path.parent.mkdir(parents=True, exist_ok=True)
