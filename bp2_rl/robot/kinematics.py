@@ -80,15 +80,8 @@ def joint_angles(
     return xp.stack([abad, hip, knee], axis=-1)
 
 
-def leg_extension(feet: Float[Array, "... 4 3"], hardware: HardwareSpec = IDEAL) -> Float[Any, "... 4"]:
-    """Distance of each sole from its hip axis, in the leg's plane, m: what `reach` bounds."""
-    xp = feet.__array_namespace__()
-    p = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype)
-    return xp.sqrt(xp.maximum(xp.sum(p * p, axis=-1) - specs.THIGH_LATERAL**2, 0.0))
-
-
 def reach(compression: float = 0.0, *, leg_length: float = specs.THIGH_LENGTH) -> tuple[float, float]:
-    """Least and greatest `leg_extension` that the knee's range allows, m."""
+    """Least and greatest distance of a sole from its hip axis, in the leg's plane, that the knee's range allows, m."""
     lower = leg_length - compression
     folded, straight = (
         float(np.sqrt(leg_length**2 + lower**2 + 2.0 * leg_length * lower * np.cos(knee))) for knee in specs.KNEE_RANGE

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from extension import leg_extension
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -133,12 +134,12 @@ def test_a_foot_out_of_reach_is_met_in_direction():
 @given(postures())
 def test_reach_bounds_every_posture_within_the_knee_range(posture):
     joints, compression = posture
-    extension = kinematics.leg_extension(kinematics.foot_position(joints, compression))
+    extension = leg_extension(kinematics.foot_position(joints, compression))
     for leg in range(4):
         nearest, farthest = kinematics.reach(compression[leg])
         assert nearest - 1e-12 <= extension[leg] <= farthest + 1e-12
     straight = np.tile([0.3, 0.2, specs.KNEE_RANGE[1]], (4, 1))
-    assert kinematics.leg_extension(kinematics.foot_position(straight)) == pytest.approx(kinematics.reach()[1])
+    assert leg_extension(kinematics.foot_position(straight)) == pytest.approx(kinematics.reach()[1])
 
 
 @pytest.fixture(scope="module")
