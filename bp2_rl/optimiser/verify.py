@@ -8,6 +8,7 @@ The model is `planar`'s, built in MuJoCo, and time runs through the stride betwe
     simulated again      the solution's torques from its first state, by an error-controlled integrator
 """
 
+import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -128,15 +129,25 @@ def resimulate(
     return q, v
 
 
-def summarise(solution: Solution) -> dict[str, float]:
-    """Summarise a stride: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StrideSummary:
+    """A stride in four numbers, whose peaks are between the mesh's points, too."""
+
+    period: float  # s
+    duty: float
+    peak_torque: float  # Nm
+    peak_force: float  # N, vertical, of a foot
+
+
+def summarise(solution: Solution) -> StrideSummary:
+    """Summarise the stride of a solution."""
     moments = [moment for _, moment in _on_fine_grid(solution.problem, solution.motion)]
-    return {
-        "period": solution.period,
-        "duty": solution.duty,
-        "peak_torque": float(max(np.max(np.abs(moment.tau)) for moment in moments)),
-        "peak_force": float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
-    }
+    return StrideSummary(
+        period=solution.period,
+        duty=solution.duty,
+        peak_torque=float(max(np.max(np.abs(moment.tau)) for moment in moments)),
+        peak_force=float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
+    )
 
 
 def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:

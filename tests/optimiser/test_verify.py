@@ -179,7 +179,7 @@ def test_a_landing_within_the_stride_is_simulated_too():
 def test_a_summary_follows_the_motion(smooth):
     heavier = tamper(smooth, durations=2.0 * smooth.motion.durations, force=1.1 * smooth.motion.force)
     before, after = summarise(smooth), summarise(heavier)
-    assert after["duty"] == pytest.approx(before["duty"], rel=1e-12)
-    assert after["period"] == pytest.approx(2.0 * before["period"])
-    assert after["peak_force"] == pytest.approx(1.1 * before["peak_force"])
-    assert before["peak_torque"] >= np.max(np.abs(smooth.motion.tau))
+    assert after.duty == pytest.approx(before.duty, rel=1e-12)
+    assert after.period == pytest.approx(2.0 * before.period)
+    assert after.peak_force == pytest.approx(1.1 * before.peak_force)
+    assert before.peak_torque >= np.max(np.abs(smooth.motion.tau))

@@ -8,20 +8,16 @@ from jaxtyping import Float
 from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.optimiser.verify import summarise
+from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.robot.specs import HardwareSpec
 
 
-@dataclasses.dataclass(frozen=True)
-class GaitSummary:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaitSummary(StrideSummary):
     """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along the track and up."""
 
     speed: float  # m/s
-    period: float  # s
-    duty: float
-    peak_torque: float  # Nm
     rms_torque: float  # Nm
-    peak_force: float  # N, vertical, of a foot
     positive: float  # cost of transport: the motors' positive work
     running_cost: float  # mean over time of the optimiser's R without its smoothness
 
@@ -38,7 +34,7 @@ def summarise_gait(solution: Solution) -> GaitSummary:
     R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
     return GaitSummary(
         speed=solution.problem.speed,
-        **summarise(solution),
+        **vars(summarise(solution)),
         rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),
         positive=cost_of_transport(solution),
         running_cost=mean(R) / solution.problem.share,
