@@ -51,7 +51,7 @@ class Program:
         self._unknown_bounds: list[Bounds] = []
         self._constraints: list[ca.MX] = []
         self._constraint_bounds: list[Bounds] = []
-        self.cost: ca.MX = ca.MX(0)
+        self.objective: ca.MX = ca.MX(0)
         self.constraint_limits: list[Limit] = []
         self.unknown_limits: list[Limit] = []
 
@@ -134,7 +134,7 @@ class Program:
                 "max_wall_time": time_limit,
             },
         }
-        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.cost, "g": g}, options)
+        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options)
         (lbx, ubx), (lbg, ubg) = _joined(self._unknown_bounds), _joined(self._constraint_bounds)
         end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
         x_end, g_end, on_x, on_g = (np.array(end[name]).ravel() for name in ("x", "g", "lam_x", "lam_g"))

@@ -53,8 +53,8 @@ RANGES = "hip range", "knee range", "spring range"  # names of the limits on a l
 class SolveOptions:
     """What may be asked of a solve beside its problem; by default nothing.
 
-    If `speed_weight` is positive, the speed is an unknown as well, and the solution's problem has the speed that was
-    found; so it is with hardware parameters that are `free`.
+    The solution's problem has what was found as well: the speed, an unknown if `speed_weight` is positive, and the
+    hardware parameters that are `free`.
     """
 
     proximity: float = 0.0
@@ -143,9 +143,9 @@ def transcribe(problem: Problem, guess: Motion, options: SolveOptions) -> Transc
         _limit_swing(nlp, i)
         _limit_motors(nlp, i)
         _limit_rates(nlp, i)
-    nlp.program.cost = nlp.cost - options.speed_weight * nlp.speed
+    nlp.program.objective = nlp.cost - options.speed_weight * nlp.speed
     if options.proximity > 0.0:
-        nlp.program.cost += options.proximity * _distance(nlp, guess)
+        nlp.program.objective += options.proximity * _distance(nlp, guess)
     return nlp
 
 
@@ -342,10 +342,17 @@ def _limit_motors(nlp: Transcription, i: int) -> None:
     for speed, torque in _motor_states(nlp, i):
         program.within(speed, margin * no_load, VELOCITY_SCALE, "joint speed")
         program.within(torque, nlp.peak_torque, TORQUE_SCALE, "peak torque")
-        program.at_least_zero(stall * (1.0 - speed / no_load) - torque, TORQUE_SCALE, "falling line", 0.5)
-        program.at_least_zero(stall * (1.0 + speed / no_load) + torque, TORQUE_SCALE, "falling line", 0.5)
+        _keep_below_line(program, "falling line", stall, speed / no_load, torque)
         _limit_braking(nlp, speed, torque)
         _limit_bus(nlp, speed, torque)
+
+
+def _keep_below_line(
+    program: Program, name: str, stall: ca.MX, speed: ca.MX, torque: ca.MX, voltage: ca.MX | float = 1.0
+) -> None:
+    """torque <= stall (voltage - speed), and the same in the other sense of turning; speed and voltage are shares."""
+    program.at_least_zero(stall * (voltage - speed) - torque, TORQUE_SCALE, name, 0.5)
+    program.at_least_zero(stall * (voltage + speed) + torque, TORQUE_SCALE, name, 0.5)
 
 
 def _motor_states(nlp: Transcription, i: int) -> list[tuple[ca.MX, ca.MX]]:
@@ -372,9 +379,7 @@ def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
     if math.isinf(hardware.braking_speed):
         return
     stall = stall_torque(nlp.peak_torque, hardware.corner_speed, hardware.braking_speed)
-    share = speed * nlp.gear / hardware.braking_speed
-    nlp.program.at_least_zero(stall * (1.0 - share) + torque, TORQUE_SCALE, "braking line", 0.5)
-    nlp.program.at_least_zero(stall * (1.0 + share) - torque, TORQUE_SCALE, "braking line", 0.5)
+    _keep_below_line(nlp.program, "braking line", stall, speed * nlp.gear / hardware.braking_speed, -torque)
 
 
 def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
@@ -390,8 +395,7 @@ def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
         program.require(power, POWER_SCALE, least / POWER_SCALE, most / POWER_SCALE, "bus power")
     if losses.bus_sag > 0.0:
         voltage = ca.repmat(1.0 - losses.bus_sag / share * power / 1e3, speed.shape[0], 1)
-        program.at_least_zero(stall * (voltage - speed / no_load) - torque, TORQUE_SCALE, "sagged line", 0.5)
-        program.at_least_zero(stall * (voltage + speed / no_load) + torque, TORQUE_SCALE, "sagged line", 0.5)
+        _keep_below_line(program, "sagged line", stall, speed / no_load, torque, voltage)
 
 
 def _limit_rates(nlp: Transcription, i: int) -> None:
