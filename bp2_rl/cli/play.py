@@ -17,7 +17,7 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.specs import RobotName, robot_name
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -68,7 +68,7 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
     from bp2_rl.env.observations import layout_of
-    from bp2_rl.evaluation.benchmarks.conditions import name_of, robot_of
+    from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, robot_of
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.pace import Pace, play_on
@@ -98,7 +98,7 @@ def play(config: PlayConfig) -> None:
 
         stage, place = Window(session), "arrow keys change speed and turn"
     with contextlib.closing(stage):
-        print(f"{path} on the {name_of(robot)} robot: {place}; Ctrl-C ends it", flush=True)
+        print(f"{path} on the {robot_name(robot) or UNNAMED} robot: {place}; Ctrl-C ends it", flush=True)
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
             play_on(session.tick, lambda: stage.show(session, pace), pace, seconds=config.seconds)

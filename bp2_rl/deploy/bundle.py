@@ -36,13 +36,12 @@ from bp2_rl.deploy.onboard.controller import (
 )
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
-from bp2_rl.evaluation.benchmarks.conditions import OWN, name_of
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import actuator, easing, losses, specs
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
-from bp2_rl.robot.specs import ROBOTS, HardwareSpec
+from bp2_rl.robot.specs import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
@@ -150,7 +149,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     """Return the robots to rehearse on: `built`, `ideal`, and the policy's own robot as `own` if it has no name."""
-    own = {"own": env.hardware} if name_of(env.hardware) == OWN else {}
+    own = {} if robot_name(env.hardware) else {"own": env.hardware}
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
 

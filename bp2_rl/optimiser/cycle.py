@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Num
 
+from bp2_rl.optimiser.links import LegLinks, down_link, hip_fore_aft, leg_bodies, leg_links
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, motor_coordinates
 from bp2_rl.optimiser.solution import Motion, Solution
 from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
 
 MOTOR_ARRAYS = "tau", "force", "impulse"  # arrays of a motion with two columns a leg
@@ -74,7 +74,7 @@ def leg_points(
 ) -> Num[np.ndarray, "... {len(legs)} 3 2"]:
     """Hip, knee and sole of each leg in the plane at coordinates q, m."""
     links, lower = _links(q, legs, hardware)
-    sole = planar_along(np, links.knee, links.lower, lower)
+    sole = down_link(np, links.knee, links.lower, lower)
     return np.stack([np.stack(point, axis=-1) for point in (links.hip, links.knee, sole)], axis=-2)
 
 
@@ -83,7 +83,7 @@ def center_of_mass(
 ) -> Num[np.ndarray, "... 2"]:
     """The robot's centre of mass, m: the mean of its bodies (Table S3) by their masses."""
     moment = hardware.trunk_quarter_mass * q[..., :2]
-    for mass, _, centre, _ in planar_bodies(np, *_links(q, legs, hardware), hardware):
+    for mass, _, centre, _ in leg_bodies(np, *_links(q, legs, hardware), hardware):
         moment = moment + mass * np.mean(np.stack(centre, axis=-1), axis=-2)
     return moment / specs.QUARTER_MASS
 
@@ -115,9 +115,9 @@ def cost_of_transport(solution: Solution) -> float:
 
 def _links(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
-) -> tuple[PlanarLeg, Num[np.ndarray, "... legs"]]:
+) -> tuple[LegLinks, Num[np.ndarray, "... legs"]]:
     """The legs' links, each part (..., legs), and how far each sole is from its knee, m."""
     hip, knee, spring = np.moveaxis(q[..., TRUNK:].reshape(*q.shape[:-1], len(legs), PER_LEG), -1, 0)
-    x, z, pitch = (q[..., i : i + 1] for i in range(TRUNK))
+    trunk = q[..., :1], q[..., 1:2], q[..., 2:3]
     fore_aft = np.array([hip_fore_aft(leg) for leg in legs])
-    return planar_leg(np, (x, z), pitch, fore_aft, hip, knee, hardware.leg_length), hardware.leg_length - spring
+    return leg_links(np, trunk, fore_aft, (hip, knee), hardware.leg_length), hardware.leg_length - spring

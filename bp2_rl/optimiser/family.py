@@ -31,10 +31,10 @@ from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Form, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
 from bp2_rl.optimiser.solution import (
     ARRAYS,
-    Facts,
     Motion,
     NotSolved,
     Solution,
+    SolveStatistics,
     array_specs,
     is_saved,
     load_solution,
@@ -209,11 +209,12 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
 def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
     """Solve one speed after the other, each from the one before."""
     from bp2_rl.optimiser.collocation import solve
+    from bp2_rl.optimiser.transcription import SolveOptions
 
     def step(here: Solution, speed: float, halvings: int) -> Solution:
-        near = settings.slow.proximity if speed < settings.slow.speeds[1] else settings.proximity
+        proximity = settings.slow.proximity if speed < settings.slow.speeds[1] else settings.proximity
         try:
-            return solve(settings.at(speed), here.motion, proximity=near)
+            return solve(settings.at(speed), here.motion, SolveOptions(proximity=proximity))
         except NotSolved:
             if halvings == 0:
                 raise
@@ -251,7 +252,7 @@ class _Provenance:
     """Where a library comes from."""
 
     settings: FamilyConfig
-    solutions: tuple[Facts, ...]  # by speed
+    solutions: tuple[SolveStatistics, ...]  # by speed
     versions: dict[str, str]
     schema: str
 
@@ -268,8 +269,8 @@ def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, A
         "axes: speed, segment of half a gait cycle, point (equally spaced in time), then coordinate. See "
         "bp2_rl/reference/library/file.py."
     )
-    facts = tuple(solution.facts for solution in family)
-    return config.to_json(_Provenance(settings=settings, solutions=facts, versions=versions(), schema=schema))
+    statistics = tuple(solution.statistics for solution in family)
+    return config.to_json(_Provenance(settings=settings, solutions=statistics, versions=versions(), schema=schema))
 
 
 def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
@@ -280,17 +281,17 @@ def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -
     """
     origin = config.from_json(_Provenance, provenance)
     if len(origin.solutions) != len(arrays["speeds"]):
-        raise UserError(f"{len(arrays['speeds'])} speeds, and facts of {len(origin.solutions)}")
+        raise UserError(f"{len(arrays['speeds'])} speeds, and statistics of {len(origin.solutions)}")
     for name, spec in array_specs(origin.settings.problem).items():
         if arrays[name].shape[1:] != spec.shape:
             raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
     return [
         Solution(
-            origin.settings.at(float(speed)),
-            Motion(**{name: arrays[name][i] for name in ARRAYS}),
-            **vars(facts),
+            problem=origin.settings.at(float(speed)),
+            motion=Motion(**{name: arrays[name][i] for name in ARRAYS}),
+            **vars(statistics),
         )
-        for i, (speed, facts) in enumerate(zip(arrays["speeds"], origin.solutions, strict=True))
+        for i, (speed, statistics) in enumerate(zip(arrays["speeds"], origin.solutions, strict=True))
     ]
 
 

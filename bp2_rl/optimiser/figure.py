@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import INK, QUIET, WIDTH, styled
 from bp2_rl.optimiser.cycle import center_of_mass_velocity, whole_cycle
-from bp2_rl.optimiser.figure_style import finely, leg_style, letter, rows, shade_stance, stick_figures
+from bp2_rl.optimiser.figure_style import leg_style, letter, on_fine_mesh, rows, shade_stance, stick_figures
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.robot.actuator import Actuator, torque_limits
@@ -22,7 +22,7 @@ def trajectory_figure(solution: Solution) -> Figure:
 
     The dashed limits of a torque are those of the left hind leg's motor at its joint's speed.
     """
-    cycle = whole_cycle(finely(solution))
+    cycle = whole_cycle(on_fine_mesh(solution))
     problem, motion, legs = cycle.problem, cycle.motion, cycle.problem.stride.legs
     share = cycle.time / cycle.period
     figure = Figure(figsize=(WIDTH, 10.4), layout="constrained")

@@ -27,7 +27,7 @@ def rows(figure: Figure, *heights: float) -> list[SubFigure]:
     return list(np.asarray(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)).ravel())
 
 
-def finely(solution: Solution) -> Solution:
+def on_fine_mesh(solution: Solution) -> Solution:
     """The solution as its scheme's polynomials go on between the points of its mesh."""
     problem = solution.problem.on_mesh(FINE)
     return dataclasses.replace(solution, problem=problem, motion=resample(solution.problem, solution.motion, problem))

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.optimiser.links import hip_and_knee
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, Stride
 from bp2_rl.optimiser.solution import Motion
 from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import planar_joint_angles
 
 
 def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
@@ -36,7 +36,7 @@ def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
             force[i, :, 2 * leg + 1] = np.pi / 2.0 * mean_force * pulse
             compression = np.clip(force[i, :, 2 * leg + 1] / problem.hardware.spring_stiffness, 0.0, 0.4 * L)
             block = TRUNK + PER_LEG * leg
-            q[i, :, block], q[i, :, block + 1] = planar_joint_angles(x, z, L, L - compression)
+            q[i, :, block], q[i, :, block + 1] = hip_and_knee(x, z, L, L - compression)
             q[i, :, block + 2] = compression
     v = np.stack([np.gradient(x, T * problem.points, axis=0) for x, T in zip(q, durations, strict=True)])
     nothing = np.zeros_like(force)

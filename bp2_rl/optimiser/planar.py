@@ -73,8 +73,8 @@ class PlanarModel:
         force = np.zeros_like(q)
         force[:1] = verifier_laws.drag(hardware, self.share, v[:1])
         force[self.springs] = (
-            hardware.rebound_stiffness * _hinge(-s)
-            - hardware.spring_stop_stiffness * _hinge(s - hardware.spring_travel)
+            hardware.rebound_stiffness * _ramp(-s)
+            - hardware.spring_stop_stiffness * _ramp(s - hardware.spring_travel)
             - hardware.spring_stiffness * s
             - self.damping(s) * rate
             + verifier_laws.slide_friction(hardware, rate)
@@ -83,7 +83,7 @@ class PlanarModel:
 
     def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
         """Return the damping of springs at compressions s, N s/m: the spring's, plus the rebound stop's near s = 0."""
-        return self.hardware.spring_damping + self.hardware.rebound_damping * _hinge(-s) / np.hypot(s, STOP_ROUNDING)
+        return self.hardware.spring_damping + self.hardware.rebound_damping * _ramp(-s) / np.hypot(s, STOP_ROUNDING)
 
     def dissipation(
         self, q: Float[np.ndarray, "k n"], v: Float[np.ndarray, "k n"], tau: Float[np.ndarray, "k motors"]
@@ -220,6 +220,6 @@ def _solve_with_contact(
     return found[: len(mass)], found[len(mass) :]
 
 
-def _hinge(u: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
+def _ramp(u: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
     """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
     return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

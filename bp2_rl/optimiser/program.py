@@ -13,26 +13,33 @@ class Optimum(NamedTuple):
     """Where IPOPT ended: n unknowns and m constraints, all in the program's own scaled units."""
 
     point: Float[np.ndarray, " n"]
-    on_unknowns: Float[np.ndarray, " n"]  # multipliers of the unknowns' bounds: positive where the upper one holds
-    on_constraints: Float[np.ndarray, " m"]  # multipliers of the constraints, with the same signs
+    unknown_multipliers: Float[np.ndarray, " n"]  # of the unknowns' bounds: positive where the upper one holds
+    constraint_multipliers: Float[np.ndarray, " m"]  # with the same signs
     statistics: dict[str, Any]
     violation: float  # largest, of any constraint
+
+
+class Bounds(NamedTuple):
+    """Bounds of k constraints or unknowns."""
+
+    lower: Float[np.ndarray, " k"]
+    upper: Float[np.ndarray, " k"]
 
 
 class Conditions(NamedTuple):
     """A program's constraints at a point: their values, and the bounds of these and of the unknowns."""
 
     values: Float[np.ndarray, " m"]
-    constraints: tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
-    unknowns: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
+    constraint_bounds: Bounds
+    unknown_bounds: Bounds
 
 
-class LimitRows(NamedTuple):
-    """Constraints or unknowns that one limit holds back."""
+class Limit(NamedTuple):
+    """A named limit on constraints, or on unknowns by their bounds."""
 
-    limit: str
+    name: str
     places: Int[np.ndarray, " k"]  # among the constraints, or among the unknowns
-    share: float  # of an instant that each stands for: a half for those that come in pairs
+    share: float  # of an instant that each place stands for: a half for those that come in pairs
 
 
 class Program:
@@ -41,12 +48,12 @@ class Program:
     def __init__(self) -> None:
         self._unknowns: list[ca.MX] = []
         self._guess: list[Float[np.ndarray, " x"]] = []
-        self._limits: list[tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"]]] = []
+        self._unknown_bounds: list[Bounds] = []
         self._constraints: list[ca.MX] = []
-        self._ranges: list[tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]] = []
-        self.cost: ca.MX = ca.MX(0)
-        self.limiting: list[LimitRows] = []  # constraints that are limits
-        self.limited: list[LimitRows] = []  # unknowns whose bounds are
+        self._constraint_bounds: list[Bounds] = []
+        self.objective: ca.MX = ca.MX(0)
+        self.constraint_limits: list[Limit] = []
+        self.unknown_limits: list[Limit] = []
 
     def unknown(
         self,
@@ -58,15 +65,15 @@ class Program:
     ) -> ca.MX:
         """A matrix like `guess`; inside the program it is divided by `scale`. Its rows' bounds may have names."""
         rows, columns = guess.shape
-        first = sum(len(lower) for lower, _ in self._limits)
+        first = _count(self._unknown_bounds)
         for row, limit in enumerate(limits):
             if limit:
-                self.limited.append(LimitRows(limit, first + row + rows * np.arange(columns), 1.0))
+                self.unknown_limits.append(Limit(limit, first + row + rows * np.arange(columns), 1.0))
         symbol = ca.MX.sym("x", *guess.shape)
         low, high = (np.broadcast_to(np.asarray(bound, float), guess.shape) / scale for bound in (lower, upper))
         self._unknowns.append(ca.vec(symbol))
         self._guess.append(np.clip(guess / scale, low, high).ravel(order="F"))
-        self._limits.append((low.ravel(order="F"), high.ravel(order="F")))
+        self._unknown_bounds.append(Bounds(low.ravel(order="F"), high.ravel(order="F")))
         return symbol * scale
 
     def require(
@@ -80,37 +87,35 @@ class Program:
     ) -> None:
         """lower <= expression / scale <= upper: an equation where no bounds are given.
 
-        A `limit` has a name; `share` is as in `LimitRows`.
+        A `limit` has a name; `share` is as in `Limit`.
         """
         column = ca.vec(expression) / scale
+        size = column.shape[0]
         if limit:
-            first = sum(len(lower) for lower, _ in self._ranges)
-            self.limiting.append(LimitRows(limit, first + np.arange(column.shape[0]), share))
+            self.constraint_limits.append(Limit(limit, _count(self._constraint_bounds) + np.arange(size), share))
         self._constraints.append(column)
-        self._ranges.append((np.full(column.shape[0], lower), np.full(column.shape[0], upper)))
+        self._constraint_bounds.append(Bounds(np.full(size, lower), np.full(size, upper)))
 
     def at_least_zero(self, expression: ca.MX, scale: float, limit: str = "", share: float = 1.0) -> None:
         """0 <= expression."""
         self.require(expression, scale, 0.0, np.inf, limit, share)
 
-    def within(self, expression: ca.MX, bound: ca.MX, scale: float, limit: str = "") -> None:
+    def within(self, expression: ca.MX, bound: ca.MX | float, scale: float, limit: str = "") -> None:
         """|expression| <= bound."""
         self.at_least_zero(bound - expression, scale, limit, 0.5)
         self.at_least_zero(bound + expression, scale, limit, 0.5)
 
     def conditions(self, point: Float[np.ndarray, " n"]) -> Conditions:
         """The constraints and all bounds at a point of the scaled unknowns."""
-        values = ca.Function("g", [ca.vertcat(*self._unknowns)], [ca.vertcat(*self._constraints)])(point)
-        constraints, unknowns = (_joined(sides) for sides in (self._ranges, self._limits))
-        return Conditions(np.array(values).ravel(), constraints, unknowns)
+        [values] = self.values([ca.vertcat(*self._constraints)], point)
+        return Conditions(values.ravel(), _joined(self._constraint_bounds), _joined(self._unknown_bounds))
 
     def values(
-        self, groups: list[list[ca.MX]], point: Float[np.ndarray, " n"]
-    ) -> list[Float[np.ndarray, "group columns rows"]]:
-        """Expressions in the unknowns at a point, each group stacked with its columns first."""
-        flat = [value for group in groups for value in group]
-        numbers = iter(ca.Function("unknowns", [ca.vertcat(*self._unknowns)], flat)(point) if len(flat) > 1 else ())
-        return [np.stack([np.array(next(numbers)).T for _ in group]) for group in groups]
+        self, expressions: Sequence[ca.MX], point: Float[np.ndarray, " n"]
+    ) -> list[Float[np.ndarray, "columns rows"]]:
+        """Expressions in the unknowns at a point of the scaled unknowns, each with its columns first."""
+        function = ca.Function("values", [ca.vertcat(*self._unknowns)], list(expressions))
+        return [np.array(value).T for value in function.call([point])]
 
     def solve(self, time_limit: float) -> Optimum:
         """Where IPOPT ends from the guess."""
@@ -129,8 +134,8 @@ class Program:
                 "max_wall_time": time_limit,
             },
         }
-        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.cost, "g": g}, options)
-        (lbx, ubx), (lbg, ubg) = _joined(self._limits), _joined(self._ranges)
+        solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options)
+        (lbx, ubx), (lbg, ubg) = _joined(self._unknown_bounds), _joined(self._constraint_bounds)
         end = solver(x0=np.concatenate(self._guess), lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
         x_end, g_end, on_x, on_g = (np.array(end[name]).ravel() for name in ("x", "g", "lam_x", "lam_g"))
         over = [lbx - x_end, x_end - ubx, lbg - g_end, g_end - ubg]
@@ -138,9 +143,12 @@ class Program:
         return Optimum(x_end, on_x, on_g, solver.stats(), violation)
 
 
-def _joined(
-    sides: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """All lower bounds in one row, and all upper ones."""
-    lower, upper = zip(*sides, strict=True)
-    return np.concatenate(lower), np.concatenate(upper)
+def _joined(parts: Sequence[Bounds]) -> Bounds:
+    """All bounds in one row."""
+    lower, upper = zip(*parts, strict=True)
+    return Bounds(np.concatenate(lower), np.concatenate(upper))
+
+
+def _count(parts: Sequence[Bounds]) -> int:
+    """Return how many unknowns or constraints these bounds are of."""
+    return sum(len(part.lower) for part in parts)

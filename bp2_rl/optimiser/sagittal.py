@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import not_installed
+from bp2_rl.optimiser.links import LegLinks, down_link, hip_fore_aft, leg_bodies, leg_links
 from bp2_rl.optimiser.problem import (
     GEAR_ROUNDING,
     JOINT_ROUNDING,
@@ -45,7 +46,6 @@ from bp2_rl.optimiser.problem import (
     spring_coordinates,
 )
 from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import PlanarLeg, hip_fore_aft, planar_along, planar_bodies, planar_leg
 from bp2_rl.robot.specs import HardwareSpec
 
 try:
@@ -141,11 +141,11 @@ def build_model(
     passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
     for spring in spring_coordinates(legs).tolist():
         s, rate = q[spring], v[spring]
-        stops = _hinge(-s) - _hinge(s - hardware.spring_travel)
+        stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
         passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
         # The stop at no compression may be another part.
-        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _hinge(-s)
-        passive[spring] -= hardware.rebound_damping * _hinge_slope(-s) * rate
+        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s)
+        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s) * rate
         passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
 
     turning, load = ca.tanh(v[motors] / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
@@ -184,7 +184,7 @@ def _bodies(
     bodies = [(quarters * hardware.trunk_quarter_mass, quarters / 4.0 * hardware.trunk_pitch_inertia, q[0:2], q[2])]
     for leg in range(len(legs)):
         links, compression = _leg(legs, leg, q, leg_length)
-        for mass, inertia, centre, angle in planar_bodies(ca, links, leg_length - compression, hardware):
+        for mass, inertia, centre, angle in leg_bodies(ca, links, leg_length - compression, hardware):
             bodies.append((mass, inertia, ca.vertcat(*centre), angle))
     return bodies
 
@@ -192,21 +192,21 @@ def _bodies(
 def _contact(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX, radius: float) -> ca.SX:
     """phi of one foot, m."""
     links, compression = _leg(legs, leg, q, leg_length)
-    centre = planar_along(ca, links.knee, links.lower, leg_length - compression - radius)
+    centre = down_link(ca, links.knee, links.lower, leg_length - compression - radius)
     return ca.vertcat(*centre) - ca.vertcat(radius * links.lower, radius)
 
 
-def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[PlanarLeg, ca.SX]:
+def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[LegLinks, ca.SX]:
     """The links, and the spring's compression."""
     hip, knee, compression = (q[TRUNK + PER_LEG * leg + i] for i in range(PER_LEG))
-    return planar_leg(ca, (q[0], q[1]), q[2], hip_fore_aft(legs[leg]), hip, knee, leg_length), compression
+    return leg_links(ca, (q[0], q[1], q[2]), hip_fore_aft(legs[leg]), (hip, knee), leg_length), compression
 
 
-def _hinge(u: ca.SX) -> ca.SX:
+def _ramp(u: ca.SX) -> ca.SX:
     """max(u, 0) with its corner rounded."""
     return (u + ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
 
 
-def _hinge_slope(u: ca.SX) -> ca.SX:
-    """The derivative of `_hinge`: from 0 to 1 around u = 0."""
+def _ramp_slope(u: ca.SX) -> ca.SX:
+    """The derivative of `_ramp`: from 0 to 1 around u = 0."""
     return (1.0 + u / ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0

@@ -61,28 +61,29 @@ class Moment(NamedTuple):
     force: Float[np.ndarray, "instants contacts"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Facts:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SolveStatistics:
     """How a solve went."""
 
     cost: float
     violation: float  # largest violation of any constraint, in the program's own scaled units
     iterations: int
     seconds: float  # wall time of the solve
-    checks: dict[str, float] = dataclasses.field(default_factory=dict)  # what verify.py measured
+    checks: dict[str, float] = dataclasses.field(default_factory=dict[str, float])  # what verify.py measured
+
+    @property
+    def statistics(self) -> "SolveStatistics":
+        """These numbers alone."""
+        names = (field.name for field in dataclasses.fields(SolveStatistics))
+        return SolveStatistics(**{name: getattr(self, name) for name in names})
 
 
-@dataclasses.dataclass(frozen=True)
-class Solution:
-    """A motion that satisfies its problem."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Solution(SolveStatistics):
+    """A motion that satisfies its problem, and how it was solved."""
 
     problem: Problem
     motion: Motion
-    cost: float
-    violation: float  # these as in `Facts`
-    iterations: int
-    seconds: float
-    checks: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def period(self) -> float:
@@ -95,11 +96,6 @@ class Solution:
         stride = self.problem.stride
         feet = [len(standing) for standing in stride.standing]  # of half a cycle, the other half has as many
         return float(np.sum(feet * self.motion.durations)) / stride.cycles / len(stride.legs) / self.period
-
-    @property
-    def facts(self) -> Facts:
-        """How the solve of this solution went."""
-        return Facts(self.cost, self.violation, self.iterations, self.seconds, self.checks)
 
 
 # --- Between the mesh's points --------------------------------------------------------------------------------
@@ -156,7 +152,7 @@ def resample(problem: Problem, motion: Motion, onto: Problem) -> Motion:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Card(Facts):
+class _Card(SolveStatistics):
     """The JSON file beside the arrays of a solution."""
 
     format: int
@@ -175,9 +171,9 @@ def save_solution(path: Path, solution: Solution) -> None:
     card.unlink(missing_ok=True)
     write_npz(arrays, solution.motion.arrays, compressed=True)
     digest = hashlib.sha256(read_bytes(arrays)).hexdigest()
-    facts = vars(solution.facts)
+    statistics = vars(solution.statistics)
     config.save_config(
-        card, _Card(**facts, format=FORMAT, problem=solution.problem, versions=versions(), arrays_sha256=digest)
+        card, _Card(**statistics, format=FORMAT, problem=solution.problem, versions=versions(), arrays_sha256=digest)
     )
 
 
@@ -209,7 +205,7 @@ def load_solution(path: Path, problem: Problem | None = None) -> Solution:
             f"{path} holds the solution of another problem, at {card.problem.speed:.9g} m/s: "
             "choose another folder or remove it"
         )
-    return Solution(card.problem, motion, card.cost, card.violation, card.iterations, card.seconds, card.checks)
+    return Solution(problem=card.problem, motion=motion, **vars(card.statistics))
 
 
 def is_saved(path: Path) -> bool:

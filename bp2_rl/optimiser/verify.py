@@ -8,6 +8,7 @@ The model is `planar`'s, built in MuJoCo, and time runs through the stride betwe
     simulated again      the solution's torques from its first state, by an error-controlled integrator
 """
 
+import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -128,15 +129,25 @@ def resimulate(
     return q, v
 
 
-def summarise(solution: Solution) -> dict[str, float]:
-    """Summarise a stride: period (s), duty, peak_torque (Nm), peak_force (N, vertical, of a foot)."""
-    moments = [moment for _, moment in _fine(solution.problem, solution.motion)]
-    return {
-        "period": solution.period,
-        "duty": solution.duty,
-        "peak_torque": float(max(np.max(np.abs(moment.tau)) for moment in moments)),
-        "peak_force": float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
-    }
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StrideSummary:
+    """A stride in four numbers, whose peaks are between the mesh's points, too."""
+
+    period: float  # s
+    duty: float
+    peak_torque: float  # Nm
+    peak_force: float  # N, vertical, of a foot
+
+
+def summarise(solution: Solution) -> StrideSummary:
+    """Summarise the stride of a solution."""
+    moments = [moment for _, moment in _on_fine_grid(solution.problem, solution.motion)]
+    return StrideSummary(
+        period=solution.period,
+        duty=solution.duty,
+        peak_torque=float(max(np.max(np.abs(moment.tau)) for moment in moments)),
+        peak_force=float(max(np.max(moment.force[:, 1::2]) for moment in moments)),
+    )
 
 
 def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
@@ -161,7 +172,7 @@ def _at_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
 def _at_events(model: PlanarModel, solution: Solution) -> dict[str, float]:
     stride = solution.problem.stride
     impact = step = kick = 0.0
-    for i, (q_before, v_before) in enumerate(_befores(solution)):
+    for i, (q_before, v_before) in enumerate(_states_before(solution)):
         q, v = solution.motion.q[i, 0], solution.motion.v[i, 0]
         step = max(step, np.max(np.abs(q - q_before)))
         if stride.touchdowns(i):
@@ -180,7 +191,7 @@ def _over_stride(model: PlanarModel, solution: Solution) -> dict[str, float]:
     weights = np.tile(w / 2.0, problem.intervals) / problem.intervals
     net = positive = lost = 0.0
     impulse, blown = motion.impulse.sum(axis=0), 0.0
-    for i, (_, v_before) in enumerate(_befores(solution)):
+    for i, (_, v_before) in enumerate(_states_before(solution)):
         moment, dt = sample(problem, motion, i, shares), motion.durations[i] * weights
         power = moment.tau * moment.v[:, model.motors]
         net += dt @ power.sum(axis=1)
@@ -202,7 +213,7 @@ def _between_points(model: PlanarModel, solution: Solution) -> dict[str, float]:
     problem, motion = solution.problem, solution.motion
     stride, hardware = problem.stride, problem.hardware
     push, clearance, excess, overload, fastest, friction = math.inf, math.inf, 0.0, 0.0, 0.0, 0.0
-    for i, moment in _fine(problem, motion):
+    for i, moment in _on_fine_grid(problem, motion):
         standing = contact_rows(stride.legs, stride.standing[i])
         swinging = [row for row in range(2 * len(stride.legs)) if row not in standing]
         push = min(push, np.min(moment.force[:, standing[1::2]], initial=math.inf))
@@ -269,7 +280,7 @@ def _torque_polynomial(solution: Solution, segment: int, interval: int) -> Float
     return np.linalg.solve(np.vander(s, increasing=True), tau).T
 
 
-def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
+def _states_before(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]]:
     """Yield q and v just before each segment begins: the end of the segment, or of the stride, before it."""
     problem, motion, order = solution.problem, solution.motion, solution.problem.stride.next_coordinates
     q, v = motion.q[-1, -1, order].copy(), motion.v[-1, -1, order]
@@ -278,7 +289,7 @@ def _befores(solution: Solution) -> Iterator[tuple[Float[np.ndarray, " nq"], Flo
     yield from zip(motion.q[:-1, -1], motion.v[:-1, -1], strict=True)
 
 
-def _fine(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
+def _on_fine_grid(problem: Problem, motion: Motion) -> Iterator[tuple[int, Moment]]:
     """Yield each segment on a grid `FINER` times as fine as the mesh."""
     shares = np.linspace(0.0, 1.0, FINER * (len(problem.points) - 1) + 1)
     for segment in range(len(motion.durations)):

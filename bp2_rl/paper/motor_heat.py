@@ -23,8 +23,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Float
 
+from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.specs import AMBIENT, MotorHeat
 
 Motors = Float[Any, "..."]  # NumPy or JAX; "... 12" in the robot, but any shape will do
 ENVELOPE_TEMPERATURE = AMBIENT

@@ -125,13 +125,6 @@ CONTACT_TIME = _number("-", 0.005, "s", "ASSUMED: MuJoCo's time constant of foot
 FOOT_FRICTION = _number("mu", 0.9, "-", "ASSUMED: cleats on track or concrete")
 TRUNK_ROLL_INERTIA = _number("-", 0.20, "kg m2", "ASSUMED: 20 kg box of 0.20 m x 0.16 m, plus battery and covers")
 TRUNK_YAW_INERTIA = _number("-", 1.70, "kg m2", "ASSUMED: as pitch, plus what the width adds")
-AMBIENT = _number("T_a", 25.0, "C", "ASSUMED: where 86 s at 1.8 K/s end at the limit of class H")
-WINDING_LIMIT = _number("-", 180.0, "C", "standard: insulation class H of IEC 60085")
-WINDING_CAPACITY = _number("C_w", 96.25, "J/K", "ASSUMED: 0.25 kg of copper at 385 J/kg/K")
-CASE_CAPACITY = _number("C_c", 350.0, "J/K", "ASSUMED: 0.75 kg of stator iron, magnets and housing at 470 J/kg/K")
-CASE_TO_AIR = _number("R_ca", 1.0, "K/W", "ASSUMED: 0.03 m2 in a wind of 10 m/s, 35 W/m2/K")
-COPPER_GROWTH = _number("a", 3.9e-3, "1/K", "standard, rounded: annealed copper at 20 C, IEC 60028")
-MAGNET_LOSS = _number("b", 1.1e-3, "1/K", "ASSUMED: NdFeB, remanence's reversible loss")
 LEAST_TRUNK = _number("-", 7.2, "kg", "ASSUMED: twice its abduction links; what the heaviest legs leave it")
 ABAD_RANGE = (-0.7, 0.7)  # rad, ASSUMED: clears the opposite leg
 HIP_RANGE = (-1.4, 2.4)  # rad, ASSUMED: positive swings the foot back
@@ -319,27 +312,10 @@ BUILT = HardwareSpec(
 """BP2 as a machine that one could build: all of it ASSUMED, with published values in docs/notes/reality.md."""
 
 
-@dataclasses.dataclass(frozen=True)
-class MotorHeat:
-    """A motor as two lumps that heat, winding and case; all twelve alike. The laws are in `robot.thermal`."""
-
-    winding_capacity: Annotated[float, Within(10.0, 1e6)] = WINDING_CAPACITY  # J/K
-    winding_to_case: Annotated[float, Within(0.05, 1e6)] | None = None
-    """K/W; by default such that a rear hip heats at the paper's 1.8 K/s over 86 s in the gait at 10.74 m/s"""
-    case_capacity: Annotated[float, Within(10.0, 1e6)] = CASE_CAPACITY  # J/K
-    case_to_air: Annotated[float, Within(0.1, 1e6)] = CASE_TO_AIR  # K/W
-    air: Annotated[float, Within(-50.0, 100.0)] = AMBIENT  # C; the motors are as warm when the clock starts
-    limit: Annotated[float, Within(0.0, 1000.0)] = WINDING_LIMIT  # C, at which the run ends for any winding
-    copper_growth: Annotated[float, Within(0.0, 0.01)] = COPPER_GROWTH  # 1/K, of the windings' resistance
-    magnet_loss: Annotated[float, Within(0.0, 0.002)] = MAGNET_LOSS  # 1/K, of the magnets' flux
-    iron_loss: Annotated[float, Within(0.0, 1e4)] = 0.0  # W, in the case
-
-    def __post_init__(self) -> None:
-        """Refuse what does not heat like a motor."""
-        check_bounds(self, "--heat.")
-        if self.limit <= self.air:
-            raise UserError(f"--heat.limit ({self.limit:g} C) must be above --heat.air ({self.air:g} C)")
-
-
 RobotName = Literal["ideal", "built"]
 ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}
+
+
+def robot_name(hardware: HardwareSpec) -> RobotName | None:
+    """Return a robot's name in `ROBOTS`; None where it has none."""
+    return next((name for name, robot in ROBOTS.items() if robot == hardware), None)

@@ -17,6 +17,7 @@ from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import STRIDES, CostWeights, Problem, motor_coordinates
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import Motion, NotSolved, is_saved, load_solution, resample, sample, save_solution
+from bp2_rl.optimiser.transcription import SolveOptions
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
 
 TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
@@ -112,7 +113,7 @@ def test_the_best_of_several_starts_is_none_the_worse(trot):
 
 def test_staying_near_the_start_is_worth_something(trot):
     slower = trot.problem.at(9.5)
-    near, free = (solve(slower, trot.motion, proximity=proximity) for proximity in (1e3, 0.0))
+    near, free = (solve(slower, trot.motion, SolveOptions(proximity=proximity)) for proximity in (1e3, 0.0))
 
     def distance(solution):
         return np.mean((solution.motion.q - trot.motion.q)[..., 1:] ** 2)

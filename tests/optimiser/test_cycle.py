@@ -23,7 +23,7 @@ from bp2_rl.robot import specs
 def guess(gait: Gait = "trot", scheme: Scheme = "hermite-simpson") -> Solution:
     """What the solver starts from, as if it were a solution."""
     problem = Problem(gait=gait, scheme=scheme, intervals=4)
-    return Solution(problem, cold_guess(problem), cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    return Solution(problem=problem, motion=cold_guess(problem), cost=0.0, violation=0.0, iterations=0, seconds=0.0)
 
 
 def coordinates(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

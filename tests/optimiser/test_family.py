@@ -104,7 +104,7 @@ def test_a_broken_library_is_refused(built, tmp_path):
     ("change", "message"),
     [
         (lambda old: {"made": "by a test"}, "made: unknown key"),
-        (lambda old: old | {"solutions": old["solutions"][:1]}, "3 speeds, and facts of 1"),
+        (lambda old: old | {"solutions": old["solutions"][:1]}, "3 speeds, and statistics of 1"),
         (lambda old: old | {"solutions": [None] * 3}, r"solutions\[0\]: expected an object"),
         (lambda old: old | {"versions": None}, "versions: expected an object"),
         (lambda old: old | {"settings": old["settings"] | {"step": "far"}}, "settings.step: expected a number"),

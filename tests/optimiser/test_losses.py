@@ -8,14 +8,15 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import sagittal, verifier_laws
-from bp2_rl.optimiser.collocation import solve, transcribe
+from bp2_rl.optimiser.collocation import STANDARD, solve
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, motor_coordinates
 from bp2_rl.optimiser.sagittal import ca
 from bp2_rl.optimiser.solution import Solution, load_solution, save_solution
+from bp2_rl.optimiser.transcription import transcribe
 from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
-from bp2_rl.paper.trajectories.limits import loss_variants
+from bp2_rl.paper.trajectories.variants import loss_variants
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec, Losses
 from bp2_rl.robot.variants import PARTS
@@ -115,10 +116,9 @@ def test_the_judge_s_envelope_sags_and_ends_braking():
 def size(hardware: HardwareSpec) -> tuple[int, int]:
     """Unknowns and constraints of a trot's program."""
     problem = Problem(intervals=4, hardware=hardware)
-    program, _ = transcribe(problem, cold_guess(problem), proximity=0.0, free={}, haste=0.0)
-    lower, _ = zip(*program._limits, strict=True)
-    ranges, _ = zip(*program._ranges, strict=True)
-    return sum(map(len, lower)), sum(map(len, ranges))
+    program = transcribe(problem, cold_guess(problem), STANDARD).program
+    end = program.conditions(np.concatenate(program._guess))
+    return len(end.unknown_bounds.lower), len(end.values)
 
 
 def test_what_a_robot_does_not_lose_is_not_in_its_program():
@@ -187,7 +187,8 @@ def test_a_solution_from_before_losses_is_read_as_one_without(trot, tmp_path):
 
 # --- One at a time --------------------------------------------------------------------------------------------
 def test_each_loss_is_added_alone_and_taken_away_alone():
-    variants = {name: hardware for name, (_, hardware) in loss_variants(BUILT).items()}
+    built = Problem(hardware=BUILT)
+    variants = {name: variant.problem.hardware for name, variant in loss_variants(built).items()}
     ideal = variants["ideal"]
     assert ideal.losses == Losses(current_lag=BUILT.losses.current_lag, latency=BUILT.losses.latency)
     assert (ideal.friction, ideal.rebound_stiffness) == (IDEAL.friction, IDEAL.rebound_stiffness)
@@ -197,4 +198,4 @@ def test_each_loss_is_added_alone_and_taken_away_alone():
     parts = [name for name in PARTS if f"ideal + {name}" in variants]
     assert [*variants] == ["ideal", *(f"ideal + {p}" for p in parts), "built", *(f"built - {p}" for p in parts)]
     with pytest.raises(UserError, match="choose --robot built"):
-        loss_variants(IDEAL)
+        loss_variants(Problem())

@@ -168,7 +168,7 @@ def test_a_landing_within_the_stride_is_simulated_too():
     nothing = np.zeros((segments, points, 4))
     q, v = (np.tile(x, (segments, points, 1)) for x in (q0, v0))
     motion = Motion(np.full(4, 0.01), q, v, np.zeros_like(v), nothing, nothing, nothing[:, 0])
-    q, v = resimulate(Solution(problem, motion, 0.0, 0.0, 0, 0.0))
+    q, v = resimulate(Solution(problem=problem, motion=motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0))
     np.testing.assert_array_equal(q[2, 0], q[1, -1])
     rows = contact_rows(("F", "H"), ("H",))
     assert np.max(np.abs((model.terms(q[1, -1], v[1, -1]).jacobian @ v[1, -1])[rows])) > 0.1
@@ -179,7 +179,7 @@ def test_a_landing_within_the_stride_is_simulated_too():
 def test_a_summary_follows_the_motion(smooth):
     heavier = tamper(smooth, durations=2.0 * smooth.motion.durations, force=1.1 * smooth.motion.force)
     before, after = summarise(smooth), summarise(heavier)
-    assert after["duty"] == pytest.approx(before["duty"], rel=1e-12)
-    assert after["period"] == pytest.approx(2.0 * before["period"])
-    assert after["peak_force"] == pytest.approx(1.1 * before["peak_force"])
-    assert before["peak_torque"] >= np.max(np.abs(smooth.motion.tau))
+    assert after.duty == pytest.approx(before.duty, rel=1e-12)
+    assert after.period == pytest.approx(2.0 * before.period)
+    assert after.peak_force == pytest.approx(1.1 * before.peak_force)
+    assert before.peak_torque >= np.max(np.abs(smooth.motion.tau))

@@ -19,8 +19,9 @@ from bp2_rl.paper.motor_heat import (
     stored_heat,
     warming,
 )
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque, torque_limits, winding_heat
-from bp2_rl.robot.specs import BUILT, IDEAL, MotorHeat
+from bp2_rl.robot.specs import BUILT, IDEAL
 
 MOTOR = MotorHeat()
 COOLED = Network.from_spec(MOTOR, winding_to_case=0.8)

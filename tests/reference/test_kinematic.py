@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from extension import leg_extension
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -203,7 +204,7 @@ def test_no_command_exceeds_reach_or_ranges_or_gives_nan(command, phase):
         assert low < angle.min() <= angle.max() < high
     assert reference.spring_compression.min() >= 0.0
     assert reference.spring_compression.max() < specs.SPRING_TRAVEL
-    extension = kinematics.leg_extension(soles(reference))
+    extension = leg_extension(soles(reference))
     for leg, compression in enumerate(reference.spring_compression):
         nearest, farthest = kinematics.reach(compression)
         assert nearest < extension[leg] < farthest

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from extension import leg_extension
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -133,56 +134,14 @@ def test_a_foot_out_of_reach_is_met_in_direction():
 @given(postures())
 def test_reach_bounds_every_posture_within_the_knee_range(posture):
     joints, compression = posture
-    extension = kinematics.leg_extension(kinematics.foot_position(joints, compression))
+    extension = leg_extension(kinematics.foot_position(joints, compression))
     for leg in range(4):
         nearest, farthest = kinematics.reach(compression[leg])
         assert nearest - 1e-12 <= extension[leg] <= farthest + 1e-12
     straight = np.tile([0.3, 0.2, specs.KNEE_RANGE[1]], (4, 1))
-    assert kinematics.leg_extension(kinematics.foot_position(straight)) == pytest.approx(kinematics.reach()[1])
+    assert leg_extension(kinematics.foot_position(straight)) == pytest.approx(kinematics.reach()[1])
 
 
 @pytest.fixture(scope="module")
 def robot():
     return model.load_model()
-
-
-# --- In the sagittal plane ---------------------------------------------------------------------------------------
-
-
-def _posture(seed: int = 0):
-    """Pitch, hips, knees and compressions of the four legs, and their rates."""
-    random = np.random.default_rng(seed)
-    joints = np.array([0.2]), random.uniform(-1.0, 2.0, 4), random.uniform(-2.5, -0.2, 4), random.uniform(0.0, 0.1, 4)
-    return joints, (random.normal(size=1), *random.normal(size=(3, 4)))
-
-
-def test_a_leg_in_the_plane_is_the_leg_in_space_with_abduction_at_zero():
-    (pitch, hip, knee, compression), _ = _posture()
-    p = kinematics.foot_position(np.stack([np.zeros(4), hip, knee], axis=-1), compression)
-    level = np.cos(pitch) * p[:, 0] + np.sin(pitch) * p[:, 2], np.cos(pitch) * p[:, 2] - np.sin(pitch) * p[:, 0]
-    fore_aft = np.array([kinematics.hip_fore_aft(leg) for leg in specs.LEGS])
-    np.testing.assert_array_equal(fore_aft, kinematics.FORE_AFT)
-    leg = kinematics.planar_leg(np, (0.0, 0.0), pitch, fore_aft, hip, knee, specs.THIGH_LENGTH)
-    lower = specs.THIGH_LENGTH - compression
-    np.testing.assert_allclose(kinematics.planar_along(np, leg.knee, leg.lower, lower), level, atol=1e-15)
-    place, _ = kinematics.planar_foot((pitch, hip, knee, lower), (pitch, hip, knee, lower), specs.THIGH_LENGTH)
-    np.testing.assert_allclose(place, level, atol=1e-15)
-
-
-def test_the_rate_of_a_planar_foot_is_its_derivative():
-    """By a complex step of the other way to the same place, exact to rounding."""
-    (pitch, hip, knee, compression), rates = _posture()
-    joints = (pitch, hip, knee, specs.THIGH_LENGTH - compression)
-    _, rate = kinematics.planar_foot(joints, rates, specs.THIGH_LENGTH)
-    pitch, hip, knee, lower = (value + 1e-30j * change for value, change in zip(joints, rates, strict=True))
-    leg = kinematics.planar_leg(np, (0.0, 0.0), pitch, kinematics.FORE_AFT, hip, knee, specs.THIGH_LENGTH)
-    foot = kinematics.planar_along(np, leg.knee, leg.lower, lower)
-    np.testing.assert_allclose(rate, np.imag(foot) / 1e-30, atol=1e-14)
-
-
-def test_planar_joint_angles_put_the_sole_where_it_was():
-    (_, _, knee, compression), _ = _posture()
-    hip, lower = np.array([0.3, 0.9, -0.2, 1.2]), specs.THIGH_LENGTH - compression
-    leg = kinematics.planar_leg(np, (0.0, 0.0), 0.0, 0.0, hip, knee, specs.THIGH_LENGTH)
-    x, z = kinematics.planar_along(np, leg.knee, leg.lower, lower)
-    np.testing.assert_allclose(kinematics.planar_joint_angles(x, z, specs.THIGH_LENGTH, lower), (hip, knee), atol=1e-12)

@@ -172,6 +172,11 @@ def test_impossible_hardware_is_refused_in_one_line(change, says):
     assert "\n" not in str(refusal.value)
 
 
+def test_a_robot_has_a_name_if_it_is_one_of_those_with_names():
+    assert [specs.robot_name(robot) for robot in (specs.IDEAL, specs.BUILT)] == ["ideal", "built"]
+    assert specs.robot_name(HardwareSpec(friction=0.5)) is None
+
+
 def test_gear_ratio_scales_torque_speed_and_inertia():
     geared = HardwareSpec(gear_ratio=17.0)
     assert geared.joint_peak_torque == pytest.approx(2 * IDEAL.joint_peak_torque)

@@ -40,10 +40,10 @@ def describe(solutions: Sequence[Solution]) -> None:
         )
         table.add_row(
             f"{solution.problem.speed:g}",
-            f"{summary['period']:.3f} s",
-            f"{summary['duty']:.3f}",
-            f"{summary['peak_torque']:.0f} Nm",
-            f"{summary['peak_force']:.0f} N",
+            f"{summary.period:.3f} s",
+            f"{summary.duty:.3f}",
+            f"{summary.peak_torque:.0f} Nm",
+            f"{summary.peak_force:.0f} N",
             energy,
             f"{position} / {velocity}",
             f"{solution.cost:.3f}",

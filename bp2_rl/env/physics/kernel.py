@@ -14,9 +14,8 @@ from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_ac
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, joint_torque
-from bp2_rl.robot.kernel.design import Design
-from bp2_rl.robot.kernel.legs import Masses
-from bp2_rl.robot.kernel.millisecond import Moving, step
+from bp2_rl.robot.kernel.design import Design, Masses, Robots
+from bp2_rl.robot.kernel.step import MuJoCoState, step
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 
@@ -66,7 +65,8 @@ class KernelPhysics:
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "N 4"]]:
         """Step robots that lie along the first axis; inside the kernel they lie along the last."""
-        design, masses = self.design, Masses.of(self.design, robot.mass.T, robot.com_offset.T)
+        masses = Masses.of(self.design, robot.mass.T, robot.com_offset.T)
+        robots = Robots(self.design, masses, robot.friction)
         motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
         if resistance is not None:
             resistance = randomization.randomize_resistance(resistance, robot)
@@ -81,10 +81,10 @@ class KernelPhysics:
             applied = _of_the_motors(torque)
             if resistance is not None:
                 applied += losses.generalized(losses.loss(resistance, qpos, qvel, torque))
-            moving, heights = step(design, masses, robot.friction, state.moving, applied.T)
+            moving, heights = step(robots, state.moving, applied.T)
             return _State(moving, torque), (torque, torque * qd, heights)
 
-        before = Moving(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
+        before = MuJoCoState(physics.qpos.T, physics.qvel.T, physics.qacc_warmstart.T)
         after, (torques, powers, heights) = jax.lax.scan(
             physics_step, _State(before, physics.torque), jnp.asarray(TARGET_AGES)
         )
@@ -97,7 +97,7 @@ class KernelPhysics:
 class _State(NamedTuple):
     """The state that one physics step leaves to the next."""
 
-    moving: Moving
+    moving: MuJoCoState
     torque: Float[Array, "N 12"]  # Nm
 
 

@@ -9,7 +9,7 @@ from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.easing import EASE
-from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
+from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec, robot_name
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.mjx import simulate_in_mjx
 from bp2_rl.simulation.operator import HeadingHold
@@ -17,7 +17,7 @@ from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-OWN = "card's own"
+UNNAMED = "card's own"  # robot
 
 
 def run_once(policy: Policy, request: RunRequest, setup: Setup) -> Trajectory:
@@ -57,13 +57,8 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
     """The robot that runs: the one asked for, or else the built one; the card's own where that has no name."""
     own = policy.card.env.hardware
     if setup.robot is None:
-        return own if name_of(own) == OWN else BUILT
+        return BUILT if robot_name(own) else own
     return ROBOTS[setup.robot]
-
-
-def name_of(hardware: HardwareSpec) -> str:
-    """A robot's name, where it has one."""
-    return next((name for name, robot in ROBOTS.items() if robot == hardware), OWN)
 
 
 def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> dict[str, str]:
@@ -90,7 +85,7 @@ def describe(policy: Policy) -> str:
 
 def describe_command(policy: Policy, setup: Setup, speed: float) -> str:
     """Who runs at which command, for titles."""
-    return f"{policy.card.stage} policy, {name_of(robot_of(policy, setup))} robot, {speed:g} m/s"
+    return f"{policy.card.stage} policy, {robot_name(robot_of(policy, setup)) or UNNAMED} robot, {speed:g} m/s"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
@@ -104,7 +99,7 @@ def describe_robot(hardware: HardwareSpec) -> str:
         f"{1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in with {losses.bus_sag:.2%} "
         f"sag a kW, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, friction "
         f"{hardware.friction:g}, solid legs",
-    }.get(name_of(hardware), f"{OWN}: config {config_hash(hardware)}")
+    }.get(robot_name(hardware) or "", f"{UNNAMED}: config {config_hash(hardware)}")
 
 
 def describe_limits(hardware: HardwareSpec) -> str:

@@ -15,12 +15,10 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import read_json
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
-    OWN,
     conditions,
     describe_command,
     describe_ramp,
     describe_simulator,
-    name_of,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -84,7 +82,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     different = list(dict.fromkeys(robots))
     ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
-    found = greatest_speeds() if name_of(built) != OWN else {}
+    found = greatest_speeds() if specs.robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, name_of, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, conditions, describe_ramp, robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -75,8 +75,8 @@ class RobustnessMetrics:
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
     robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
-    name = name_of(robot)
-    drawn = on_robot(EnvConfig(), name).randomization if name in specs.ROBOTS else RandomizationConfig()
+    name = specs.robot_name(robot)
+    drawn = on_robot(EnvConfig(), name).randomization if name else RandomizationConfig()
     run = rollout_batch(
         policy,
         ramp,
@@ -91,7 +91,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
-        subject=f"{robots} {name} robots, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
+        subject=f"{robots} {name or UNNAMED} robots, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend="MJX" if setup.backend == "mjx" else "BP2's kernel",
         conditions=said
         | {

@@ -3,7 +3,7 @@
 import dataclasses
 
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.paper.thermal_specs import MotorHeat
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Literal
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
 from bp2_rl.paper.benchmarks.options import DeepSetup
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.paper.thermal_specs import MotorHeat
 
 DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
 

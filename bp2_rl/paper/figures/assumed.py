@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 from bp2_rl.optimiser.problem import CostWeights, Problem
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import BUILT
@@ -21,7 +22,7 @@ class Assumed:
     value: float
     high: float
     change: Change | None = None  # of a problem; None: of the motors' heat alone
-    heat: str = ""  # field of `thermal.Network`
+    heat: str = ""  # field of `MotorHeat`
 
     @property
     def reach(self) -> float:
@@ -38,7 +39,7 @@ def _foot_radius(problem: Problem, factor: float) -> Problem:
     return dataclasses.replace(problem, foot_radius=factor * problem.foot_radius)
 
 
-_LOSSES = BUILT.losses
+_LOSSES, _MOTOR = BUILT.losses, MotorHeat()
 MECHANICAL = (
     Assumed("F bar", "N", BODY_WEIGHT, BODY_WEIGHT, 3.0 * BODY_WEIGHT, _force_scale),
     Assumed("peak torque", "Nm", 100.0, specs.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),  # the text, and Table S1
@@ -69,11 +70,11 @@ LOST = tuple(
 HEAT = tuple(
     Assumed(name, unit, low, value, high, heat=field)
     for name, unit, low, value, high, field in (
-        ("winding's capacity", "J/K", 50.0, specs.WINDING_CAPACITY, 152.0, "winding_capacity"),
+        ("winding's capacity", "J/K", 50.0, _MOTOR.winding_capacity, 152.0, "winding_capacity"),
         ("winding to case", "K/W", 0.5, 1.5, 4.5, "winding_to_case"),  # the straightest rise has 1.5 K/W
-        ("case's capacity", "J/K", 200.0, specs.CASE_CAPACITY, 600.0, "case_capacity"),
-        ("case to air", "K/W", 0.5, specs.CASE_TO_AIR, 2.0, "case_to_air"),
-        ("magnets' loss", "1/K", 0.9e-3, specs.MAGNET_LOSS, 1.2e-3, "magnet_loss"),
+        ("case's capacity", "J/K", 200.0, _MOTOR.case_capacity, 600.0, "case_capacity"),
+        ("case to air", "K/W", 0.5, _MOTOR.case_to_air, 2.0, "case_to_air"),
+        ("magnets' loss", "1/K", 0.9e-3, _MOTOR.magnet_loss, 1.2e-3, "magnet_loss"),
     )
 )
 """Of the motors' heat."""

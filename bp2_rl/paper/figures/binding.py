@@ -19,8 +19,8 @@ from bp2_rl.paper.benchmarks.speeds import whole_strides
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.runs import read_runs
 from bp2_rl.paper.figures.settings import BindingSettings
-from bp2_rl.paper.trajectories.described import Gait, describe, running_cost
-from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, Weighed, weigh
+from bp2_rl.paper.trajectories.gait_summary import GaitSummary, running_cost, summarise_gait
+from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, ShadowPrices, find_shadow_prices
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, LEGS, ROBOTS
 from bp2_rl.simulation.account import replay
@@ -37,7 +37,7 @@ class BindingAtSpeed:
     """The optimiser at a speed."""
 
     speed: float  # m/s
-    gait: Gait | None  # None where no trajectory was found
+    gait: GaitSummary | None  # None where no trajectory was found
     cost: float | None  # of the optimiser's own objective
     touched: dict[str, float]  # by limit: share of motors or feet times instants
     prices: dict[str, float]  # d ln cost / d ln of the parameter
@@ -48,8 +48,8 @@ class Gap:
     """A policy's gait, and the optimiser's at the same speed on the same robot."""
 
     name: str
-    policy: Gait
-    optimiser: Gait | None
+    policy: GaitSummary
+    optimiser: GaitSummary | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +63,7 @@ class BindingNumbers:
 
 
 def measure(settings: BindingSettings) -> BindingNumbers:
-    """Solve at each speed, weigh the limits, and set the runs beside.
+    """Solve at each speed, find the shadow prices, and set the runs beside.
 
     Raises:
         UserError: a run is of another robot, or has no two strides.
@@ -79,10 +79,10 @@ def measure(settings: BindingSettings) -> BindingNumbers:
     found: list[BindingAtSpeed] = []
     solutions: list[Solution] = []
     for speed in settings.speeds:
-        weighed = _cheapest(problem.at(speed), solutions, changes | {SPEED: _speed})
-        found.append(_relative(speed, weighed))
-        if weighed is not None:
-            solutions.append(weighed.solution)
+        priced = _cheapest(problem.at(speed), solutions, changes | {SPEED: _speed})
+        found.append(_relative(speed, priced))
+        if priced is not None:
+            solutions.append(priced.solution)
     if not solutions:
         raise UserError("--speeds: no trajectory was found at any of them: name slower ones, or more --intervals")
     greatest = _greatest(solutions[-1], changes)
@@ -92,11 +92,11 @@ def measure(settings: BindingSettings) -> BindingNumbers:
 
 def _greatest(start: Solution, changes: dict[str, Change]) -> BindingAtSpeed:
     try:
-        top = weigh(start, changes, greatest=True)
+        top = find_shadow_prices(start, changes, greatest=True)
     except NotSolved:
         return _relative(start.problem.speed, None)
     return BindingAtSpeed(
-        top.solution.problem.speed, describe(top.solution), top.solution.cost, top.touched, dict(top.prices)
+        top.solution.problem.speed, summarise_gait(top.solution), top.solution.cost, top.active, dict(top.prices)
     )
 
 
@@ -104,11 +104,11 @@ def _speed(problem: Problem, factor: float) -> Problem:
     return problem.at(factor * problem.speed)
 
 
-def _cheapest(problem: Problem, before: list[Solution], changes: dict[str, Change]) -> Weighed | None:
-    """The cheaper of what the cold guess and the neighbour lead to, weighed; None where neither leads anywhere."""
+def _cheapest(problem: Problem, before: list[Solution], changes: dict[str, Change]) -> ShadowPrices | None:
+    """The cheaper of what the cold guess and the neighbour leads to, with its shadow prices; None if there is none."""
     best = min(_solved(problem, before), key=lambda solution: solution.cost, default=None)
     try:
-        return None if best is None else weigh(best, changes)
+        return None if best is None else find_shadow_prices(best, changes)
     except NotSolved:
         return None
 
@@ -122,20 +122,20 @@ def _solved(problem: Problem, before: list[Solution]) -> Iterator[Solution]:
             continue
 
 
-def _beside(problem: Problem, solutions: list[Solution]) -> Gait | None:
+def _beside(problem: Problem, solutions: list[Solution]) -> GaitSummary | None:
     best = min(_solved(problem, solutions), key=lambda solution: solution.cost, default=None)
-    return None if best is None else describe(best)
+    return None if best is None else summarise_gait(best)
 
 
-def _relative(speed: float, weighed: Weighed | None) -> BindingAtSpeed:
-    if weighed is None:
+def _relative(speed: float, priced: ShadowPrices | None) -> BindingAtSpeed:
+    if priced is None:
         return BindingAtSpeed(speed, None, None, {}, {})
-    cost = weighed.solution.cost
-    prices = {name: price / cost for name, price in weighed.prices.items()}
-    return BindingAtSpeed(speed, describe(weighed.solution), cost, weighed.touched, prices)
+    cost = priced.solution.cost
+    prices = {name: price / cost for name, price in priced.prices.items()}
+    return BindingAtSpeed(speed, summarise_gait(priced.solution), cost, priced.active, prices)
 
 
-def describe_run(run: Trajectory) -> Gait:
+def describe_run(run: Trajectory) -> GaitSummary:
     """A policy's, over the whole strides of the steady part of its run.
 
     Raises:
@@ -150,7 +150,7 @@ def describe_run(run: Trajectory) -> Gait:
     cos, sin = np.cos(part.heading)[:, None], np.sin(part.heading)[:, None]
     along = cos * part.foot_force[..., 0] + sin * part.foot_force[..., 1]
     force = np.stack([along, part.foot_force[..., 2]], axis=-1).reshape(len(part), -1)
-    return Gait(
+    return GaitSummary(
         speed=float(np.mean(part.ground_velocity[:, 0])),
         period=len(part) * part.dt / strides,
         duty=float(np.mean(contacts(part))),
@@ -200,7 +200,7 @@ def _touched_table(numbers: BindingNumbers) -> Table:
     return Table("Limits that hold: share of motors, feet or joints x instants", ("Limit", *_heads(numbers)), lines)
 
 
-def _share(value: float | None, gait: Gait | None) -> str:
+def _share(value: float | None, gait: GaitSummary | None) -> str:
     return NOT_MEASURED if gait is None else "" if value is None else f"{value:.1%}"
 
 

@@ -25,11 +25,12 @@ from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.figures.assumed import ASSUMED, HEAT, LOST, MECHANICAL
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
+from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
-from bp2_rl.paper.trajectories.shadow_prices import weigh
+from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import copper_loss, stall_torque
-from bp2_rl.robot.specs import AMBIENT, BUILT, MotorHeat
+from bp2_rl.robot.specs import BUILT
 
 SHARE = 0.1  # of a unit, by which an assumption is changed to either side
 TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = "main torque", "C_z", "thigh reverses", "lesser power"
@@ -217,9 +218,9 @@ def _greatest(cruise: Solution) -> list[tuple[str, float, dict[str, float]]]:
             one.name: one.change for one in (*MECHANICAL, *LOST) if one.change is not None and one.name != "F bar"
         }
         problem = dataclasses.replace(start.problem, hardware=hardware)
-        weighed = weigh(dataclasses.replace(start, problem=problem), changes, greatest=True)
-        start, speed = weighed.solution, weighed.solution.problem.speed
-        found.append((name, speed, {key: price / speed for key, price in weighed.prices.items()}))
+        priced = find_shadow_prices(dataclasses.replace(start, problem=problem), changes, greatest=True)
+        start, speed = priced.solution, priced.solution.problem.speed
+        found.append((name, speed, {key: price / speed for key, price in priced.prices.items()}))
     return found
 
 

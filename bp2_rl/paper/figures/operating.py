@@ -16,9 +16,10 @@ from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
+from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.robot.specs import AMBIENT, LEGS, MotorHeat
+from bp2_rl.robot.specs import LEGS
 from bp2_rl.simulation.metrics import envelope_use, steady_window
 from bp2_rl.simulation.trajectory import Trajectory
 

@@ -7,7 +7,8 @@ by the mean over time of its running cost.
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +18,9 @@ from bp2_rl.base import serialization as config
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, is_saved, load_solution, save_solution, speed_name
-from bp2_rl.paper.trajectories.described import Gait as Described
-from bp2_rl.paper.trajectories.described import describe
+from bp2_rl.paper.trajectories.gait_summary import GaitSummary, summarise_gait
 
 GREATEST = "greatest"  # name of the file
-
-
-@dataclasses.dataclass(frozen=True)
-class ComparedVariant:
-    """One of those that are compared."""
-
-    name: str
-    folder: str  # of its solutions
-    problem: Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,12 +30,12 @@ class ComparisonRow:
     name: str
     speed: float | None  # m/s, asked for or, of the greatest, found
     greatest: bool
-    described: Described | None  # None where no trajectory was found
+    gait: GaitSummary | None  # None where no trajectory was found
     pitch: tuple[float, float] | None  # rad, least and greatest; nose down is positive
 
 
 @dataclasses.dataclass(frozen=True)
-class Numbers:
+class VariantComparison:
     """A whole comparison."""
 
     problem: Problem
@@ -54,7 +45,7 @@ class Numbers:
 
 def compare(
     problem: Problem,
-    variants: Sequence[ComparedVariant],
+    variants: Mapping[str, Problem],
     speeds: Sequence[float],
     folder: Path,
     *,
@@ -67,8 +58,8 @@ def compare(
     of what the last two speeds lead to. Solutions are kept in `folder`, and what is there is not solved again.
 
     Args:
-        problem: what the variants are of.
-        variants: of it.
+        problem: what is varied.
+        variants: problems by name.
         speeds: m/s, the slowest first.
         folder: of the solutions.
         what: is compared, for the message that says that the folder holds something else.
@@ -80,36 +71,35 @@ def compare(
     config.claim_folder(folder, "problem.json", problem, what)
     with contextlib.ExitStack() as stack:
         run = map if workers == 1 else stack.enter_context(spawned(workers)).map
-        yield from run(_rows, variants, itertools.repeat(speeds), itertools.repeat(folder))
+        yield from run(_rows, variants, variants.values(), itertools.repeat(speeds), itertools.repeat(folder))
 
 
-def _rows(variant: ComparedVariant, speeds: Sequence[float], folder: Path) -> list[ComparisonRow]:
+def _rows(name: str, problem: Problem, speeds: Sequence[float], folder: Path) -> list[ComparisonRow]:
     from bp2_rl.optimiser.collocation import fastest, solve  # CasADi, where something is solved
 
+    kept = folder / re.sub(r"[^\w.-]+", "-", name).strip("-")
     found: list[Solution] = []
     rows = []
     for speed in speeds:
-        asked = variant.problem.at(speed)
+        asked = problem.at(speed)
         starts = [None, *(solution.motion for solution in found[-1:])]
         tries = [lambda start=start, asked=asked: solve(asked, start) for start in starts]
-        solution = _kept(folder / variant.folder / speed_name(speed), tries, lambda solution: -solution.cost)
+        solution = _kept(kept / speed_name(speed), tries, lambda solution: -solution.cost)
         found += [] if solution is None else [solution]
-        rows.append(_row(variant.name, speed, solution, greatest=False))
+        rows.append(_row(name, speed, solution, greatest=False))
     tries = [lambda start=start: fastest(start) for start in found[-2:]]
-    top = _kept(folder / variant.folder / GREATEST, tries, lambda solution: solution.problem.speed)
-    return [*rows, _row(variant.name, None if top is None else top.problem.speed, top, greatest=True)]
+    top = _kept(kept / GREATEST, tries, lambda solution: solution.problem.speed)
+    return [*rows, _row(name, None if top is None else top.problem.speed, top, greatest=True)]
 
 
 def _kept(path: Path, tries: Sequence[Callable[[], Solution]], worth: Callable[[Solution], float]) -> Solution | None:
     """The solution that is kept there, or else the worthiest of the tries, which is then kept; None of none."""
     if is_saved(path):
         return load_solution(path)
-    found = []
+    found: list[Solution] = []
     for solve_it in tries:
-        try:
+        with contextlib.suppress(NotSolved):
             found.append(solve_it())
-        except NotSolved:
-            continue
     best = max(found, key=worth, default=None)
     if best is not None:
         save_solution(path, best)
@@ -120,7 +110,7 @@ def _row(name: str, speed: float | None, solution: Solution | None, *, greatest:
     if solution is None:
         return ComparisonRow(name, speed, greatest, None, None)
     pitch = solution.motion.q[..., 2]
-    return ComparisonRow(name, speed, greatest, describe(solution), (float(np.min(pitch)), float(np.max(pitch))))
+    return ComparisonRow(name, speed, greatest, summarise_gait(solution), (float(np.min(pitch)), float(np.max(pitch))))
 
 
 def tabulate(rows: Sequence[ComparisonRow]) -> Table:
@@ -128,7 +118,7 @@ def tabulate(rows: Sequence[ComparisonRow]) -> Table:
     table = Table("", "m/s", "R", "work / m g d", "period", "duty", "peak torque", "RMS", "force", "pitch")
     for row in rows:
         speed = "greatest" if row.speed is None else f"{row.speed:.2f}, greatest" if row.greatest else f"{row.speed:g}"
-        gait = row.described
+        gait = row.gait
         if gait is None or row.pitch is None:
             table.add_row(row.name, speed, "not found")
             continue

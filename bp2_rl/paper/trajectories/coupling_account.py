@@ -24,7 +24,7 @@ from bp2_rl.paper.trajectories.coupling import (
 from bp2_rl.paper.trajectories.decomposition import TERMS, Coupling, Decomposition, comparable, coupling_opposes
 
 HARMONICS = (2, 4, 8)
-"""Of the stride, up to which torques are looked at: 17 Hz, a toe on its spring, is the fifth or sixth at 10 m/s."""
+"""Torques are looked at up to these harmonics of the stride; a toe on its spring, 17 Hz, is the fifth or sixth."""
 PAPER_INSTANT = 0.21  # T, at which the paper has the hip reverse
 
 

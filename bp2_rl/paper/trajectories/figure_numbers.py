@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.optimiser.verify import summarise
+from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.paper.trajectories.coupling_account import CouplingAccount
 from bp2_rl.paper.trajectories.decomposition import (
     KINDS,
@@ -18,15 +18,11 @@ from bp2_rl.paper.trajectories.decomposition import (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class ShownStride:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShownStride(StrideSummary):
     """The trajectory that is drawn, and what its panels and the trends say."""
 
     speed: float  # m/s
-    period: float  # s
-    duty: float
-    peak_torque: float  # Nm
-    peak_force: float  # N, vertical, of a foot
     closure: float  # N or Nm, of the equations of motion
     velocity_force: float  # peak of the vertical C over weight
     horizontal_impulse: float  # N s, of the ground over the cycle: 0
@@ -60,7 +56,7 @@ def number_shown(solution: Solution, terms: Decomposition, trends: Trends) -> Sh
     }
     return ShownStride(
         speed=solution.problem.speed,
-        **summarise(solution),
+        **vars(summarise(solution)),
         closure=terms.closure,
         velocity_force=peak_velocity_force(terms),
         horizontal_impulse=float(pushed[x]),

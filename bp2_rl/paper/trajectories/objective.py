@@ -18,7 +18,7 @@ from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chains
 from bp2_rl.paper.trajectories.codesign.search import start_chain
-from bp2_rl.paper.trajectories.codesign.settings import Bounds, CodesignSettings
+from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings, DesignBounds
 from bp2_rl.robot import specs
 
 BODY_WEIGHT = specs.TOTAL_MASS * specs.GRAVITY  # N
@@ -144,8 +144,8 @@ def _chains(settings: ObjectiveSettings, speed: float, body_weights: float) -> d
     finer = free.on_mesh(settings.intervals)
     seeds = range(settings.starts)
     return {
-        AS_IS: [Chain((bare,), (), Bounds(), seed) for seed in seeds],
-        WITH_RESERVE: [Chain((reserved,), (), Bounds(), seed) for seed in seeds],
+        AS_IS: [Chain((bare,), (), DesignBounds(), seed) for seed in seeds],
+        WITH_RESERVE: [Chain((reserved,), (), DesignBounds(), seed) for seed in seeds],
         FREE: [start_chain(codesign, seed).then(finer) for seed in seeds],
     }
 

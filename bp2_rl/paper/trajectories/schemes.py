@@ -54,7 +54,7 @@ def compare_schemes(
             on_mesh = dataclasses.replace(problem, scheme=scheme, intervals=intervals)
             start = None if solution is None else resample(solution.problem, solution.motion, on_mesh)
             solution = solve(on_mesh, start)
-            yield SchemeRow(scheme, intervals, verify(solution) | summarise(solution))
+            yield SchemeRow(scheme, intervals, verify(solution) | vars(summarise(solution)))
 
 
 def tabulate_schemes(rows: Sequence[SchemeRow]) -> Table:

@@ -1,12 +1,12 @@
-"""What holds a trajectory back: which limits it touches, and what a little more of each would bring.
+"""Shadow prices: which limits are active in a trajectory, and what a little more of each would bring.
 
 At an optimum x* of   minimise f(x)  subject to  lower(p) <= g(x, p) <= upper(p)   with multipliers lambda
 
     d f* / dp = lambda^T (dg/dp - d bound/dp),   the bound that holds
 
-to first order, with nothing solved again (the envelope theorem). Where the speed itself is looked for, f is -haste
-times the speed, but for a cost that does not matter, and the same gives what the greatest speed gains. How p enters
-the cost itself, as the peak torque does by which torques are divided there, is left out: it is no limit.
+to first order, with nothing solved again (the envelope theorem). Where the speed itself is looked for, f is
+-speed_weight times the speed, but for a cost that does not matter, and the same gives what the greatest speed gains.
+How p enters the cost itself, as the peak torque does by which torques are divided there, is left out: it is no limit.
 """
 
 import dataclasses
@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.optimiser.collocation import HASTE, Optimised, optimise, transcribe
+from bp2_rl.optimiser.collocation import GREATEST_SPEED, STANDARD, Optimised, optimise
 from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.program import Bounds
 from bp2_rl.optimiser.solution import Solution
+from bp2_rl.optimiser.transcription import SolveOptions, transcribe
 
 STEP = 1e-4  # relative, of a parameter, to either side
 Change = Callable[[Problem, float], Problem]
@@ -69,16 +71,16 @@ LOSSES: dict[str, Change] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Weighed:
-    """An optimum, and what its limits weigh."""
+class ShadowPrices:
+    """An optimum, the limits that are active there, and the shadow prices of its problem's parameters."""
 
     solution: Solution
-    touched: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
+    active: dict[str, float]  # by limit: share of motors, feet or coordinates times instants at which it holds
     prices: dict[str, float]  # d objective / d ln p, by parameter: in units of cost or, where that is looked for, m/s
 
 
-def weigh(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> Weighed:
-    """The optimum next to a solution, what it touches, and what changes of its problem are worth.
+def find_shadow_prices(start: Solution, changes: Mapping[str, Change], *, greatest: bool = False) -> ShadowPrices:
+    """Find the optimum next to a solution, its active limits, and what changes of its problem are worth.
 
     Args:
         start: where the search begins; a solution that is at its optimum stays there.
@@ -88,52 +90,50 @@ def weigh(start: Solution, changes: Mapping[str, Change], *, greatest: bool = Fa
     Raises:
         NotSolved: IPOPT lost it.
     """
-    haste = HASTE if greatest else 0.0
-    optimised = optimise(start.problem, start.motion, haste=haste)
-    unit = -1.0 / HASTE if greatest else 1.0
-    prices = {name: unit * _slope(optimised, change, haste) for name, change in changes.items()}
-    return Weighed(optimised.solution, touched(optimised), prices)
+    options = GREATEST_SPEED if greatest else STANDARD
+    optimised = optimise(start.problem, start.motion, options)
+    unit = -1.0 / options.speed_weight if greatest else 1.0
+    prices = {name: unit * _slope(optimised, change, options) for name, change in changes.items()}
+    return ShadowPrices(optimised.solution, active_limits(optimised), prices)
 
 
-def touched(optimised: Optimised) -> dict[str, float]:
-    """By limit, the share of all its instants at which it holds; those that never do are left out.
+def active_limits(optimised: Optimised) -> dict[str, float]:
+    """Return, by limit, the share of all its instants at which it is active; limits that never are do not appear.
 
-    One holds where its multiplier exceeds its distance, both scaled: of one of them the solver's tolerance is left.
+    A limit is active where its multiplier exceeds its distance, both scaled: at an optimum one of the two is zero but
+    for the solver's tolerance.
     """
-    program, optimum = optimised.program, optimised.optimum
+    program, optimum = optimised.transcription.program, optimised.optimum
     conditions = program.conditions(optimum.point)
-    held: dict[str, list[float]] = {}
-    for named, multipliers, values, bounds in (
-        (program.limiting, optimum.on_constraints, conditions.values, conditions.constraints),
-        (program.limited, optimum.on_unknowns, optimum.point, conditions.unknowns),
+    counts: dict[str, list[float]] = {}
+    for limits, multipliers, values, bounds in (
+        (program.constraint_limits, optimum.constraint_multipliers, conditions.values, conditions.constraint_bounds),
+        (program.unknown_limits, optimum.unknown_multipliers, optimum.point, conditions.unknown_bounds),
     ):
-        distance = np.minimum(values - bounds[0], bounds[1] - values)
+        distance = np.minimum(values - bounds.lower, bounds.upper - values)
         holds = np.abs(multipliers) > np.maximum(distance, 0.0)
-        for limit, places, share in named:
-            count = held.setdefault(limit, [0.0, 0.0])
+        for limit, places, share in limits:
+            count = counts.setdefault(limit, [0.0, 0.0])
             count[0] += np.count_nonzero(holds[places])
             count[1] += share * len(places)
-    return {limit: float(holding / of) for limit, (holding, of) in held.items() if holding}
+    return {limit: float(holding / of) for limit, (holding, of) in counts.items() if holding}
 
 
-def _slope(optimised: Optimised, change: Change, haste: float) -> float:
+def _slope(optimised: Optimised, change: Change, options: SolveOptions) -> float:
     """d f* / d ln p of the objective, by the multipliers."""
     optimum, sides = optimised.optimum, []
     for factor in (1.0 - STEP, 1.0 + STEP):
         problem = change(optimised.solution.problem, factor)
-        program, _ = transcribe(problem, optimised.solution.motion, proximity=0.0, free={}, haste=haste)
+        program = transcribe(problem, optimised.solution.motion, options).program
         sides.append(program.conditions(optimum.point))
     less, more = sides
-    change_of_f = optimum.on_constraints @ (more.values - less.values)
-    change_of_f -= _held(optimum.on_constraints, less.constraints, more.constraints)
-    change_of_f -= _held(optimum.on_unknowns, less.unknowns, more.unknowns)
+    change_of_f = optimum.constraint_multipliers @ (more.values - less.values)
+    change_of_f -= _bound_term(optimum.constraint_multipliers, less.constraint_bounds, more.constraint_bounds)
+    change_of_f -= _bound_term(optimum.unknown_multipliers, less.unknown_bounds, more.unknown_bounds)
     return float(change_of_f / (2.0 * STEP))
 
 
-Sides = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
-
-
-def _held(multipliers: Float[np.ndarray, " k"], less: Sides, more: Sides) -> float:
+def _bound_term(multipliers: Float[np.ndarray, " k"], less: Bounds, more: Bounds) -> float:
     """What moves with the bounds: each bound's shift by the multiplier of the side that holds."""
     lower, upper = (
         np.subtract(b, a, out=np.zeros_like(a), where=np.isfinite(a)) for a, b in zip(less, more, strict=True)

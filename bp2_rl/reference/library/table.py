@@ -2,7 +2,7 @@
 
 import functools
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -85,7 +85,7 @@ def _with_feet(
     (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
         np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
     )
-    place, rate = kinematics.planar_foot(
+    place, rate = foot_in_plane(
         (q[..., 2:3], hip, knee, leg_length - specs.FOOT_RADIUS - spring),
         (v[..., 2:3], hip_rate, knee_rate, -spring_rate),
         leg_length,
@@ -95,3 +95,25 @@ def _with_feet(
         return np.concatenate([trunk, np.stack(legs, axis=-1).reshape(*trunk.shape[:-1], -1)], axis=-1)
 
     return row(q[..., :TRUNK], *place, spring), row(v[..., :TRUNK], *rate, spring_rate)
+
+
+def foot_in_plane(
+    joints: tuple[Any, Any, Any, Any], rates: tuple[Any, Any, Any, Any], leg_length: float
+) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee and length of the lower leg.
+
+    These are the numbers of `optimiser.links`, but not to the last bit: policies were trained with this arithmetic.
+    """
+    (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
+    thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
+    # Along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate.
+    links: tuple[tuple[Any, Any, Any, Any], ...] = (
+        (kinematics.FORE_AFT, 0.0, pitch, pitch_rate),
+        (leg_length, 0.0, thigh + np.pi / 2, thigh_rate),
+        (lower, lower_rate, thigh + knee + np.pi / 2, thigh_rate + knee_rate),
+    )
+    x = np.sum([length * np.cos(angle) for length, _, angle, _ in links], axis=0)
+    z = np.sum([-length * np.sin(angle) for length, _, angle, _ in links], axis=0)
+    x_rate = np.sum([change * np.cos(at) - length * turn * np.sin(at) for length, change, at, turn in links], axis=0)
+    z_rate = np.sum([-change * np.sin(at) - length * turn * np.cos(at) for length, change, at, turn in links], axis=0)
+    return (x, z), (x_rate, z_rate)

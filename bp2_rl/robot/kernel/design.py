@@ -1,7 +1,7 @@
 """What the compiled model says of BP2: its masses and lengths, springs, joint stops and contacts."""
 
 import dataclasses
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -9,7 +9,7 @@ from flax import struct
 from jaxtyping import Array, Float, Int
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.kernel.vectors import Number, Vector
+from bp2_rl.robot.kernel.vectors import Number, Vector, add, scaled
 from bp2_rl.robot.model import foot_geom_ids
 from bp2_rl.robot.specs import LEGS
 
@@ -17,7 +17,7 @@ TRUNK, LEG = 6, 4  # coordinates of the trunk and of a leg: abad, hip, knee, spr
 _FIRST_BODY, _FIRST_JOINT = 2, 1  # of the legs: the world and the trunk, the trunk's free joint stand before them
 
 
-def _number() -> Any:
+def _static() -> Any:
     """A field that is known when the program is compiled."""
     return cast(Any, struct).field(pytree_node=False)
 
@@ -49,24 +49,24 @@ class Design(struct.PyTreeNode):
     hip: Number  # along y, from the abduction joint
     range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0 of abad, hip and knee
     foot_weight: Number  # MuJoCo's body_invweight0
-    timestep: float = _number()  # s
-    gravity: float = _number()  # m/s2
-    trunk_mass: float = _number()  # kg
-    trunk_inertia: Vector = _number()
-    trunk_com: Vector = _number()
-    thigh: float = _number()  # from hip to knee
-    thigh_com: float = _number()  # below the hip
-    shank_com: float = _number()  # below the knee
-    toe_com: float = _number()  # below the knee, at no compression
-    foot: float = _number()  # of the sole's centre
-    foot_radius: float = _number()
-    armature: float = _number()  # kg m2, of every motor
-    spring: tuple[float, float] = _number()  # N/m, N s/m
-    stops: tuple[tuple[float, float, float], ...] = _number()
+    timestep: float = _static()  # s
+    gravity: float = _static()  # m/s2
+    trunk_mass: float = _static()  # kg
+    trunk_inertia: Vector = _static()
+    trunk_com: Vector = _static()
+    thigh: float = _static()  # from hip to knee
+    thigh_com: float = _static()  # below the hip
+    shank_com: float = _static()  # below the knee
+    toe_com: float = _static()  # below the knee, at no compression
+    foot: float = _static()  # of the sole's centre
+    foot_radius: float = _static()
+    armature: float = _static()  # kg m2, of every motor
+    spring: tuple[float, float] = _static()  # N/m, N s/m
+    stops: tuple[tuple[float, float, float], ...] = _static()
     """of the spring: N/m, and the least and greatest compression without force"""
-    ranges: tuple[tuple[float, float], ...] = _number()  # of abad, hip and knee, rad
-    range_softness: Softness = _number()
-    floor_softness: Softness = _number()
+    ranges: tuple[tuple[float, float], ...] = _static()  # of abad, hip and knee, rad
+    range_softness: Softness = _static()
+    floor_softness: Softness = _static()
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":
@@ -106,6 +106,37 @@ class Design(struct.PyTreeNode):
             foot_weight=_column(model.body_invweight0[bodies[:, 3], 0]),
             floor_softness=_softness(model, model.geom_solref[feet[0]], model.geom_solimp[feet[0]]),
         )
+
+
+class Masses(NamedTuple):
+    """Masses of one draw of robots, kg; principal inertias, kg m2; the trunk's centre of mass, m."""
+
+    trunk: Number
+    trunk_inertia: Vector
+    trunk_com: Vector
+    bodies: tuple[Number, ...]  # abad, thigh, shank, toe
+    inertias: tuple[Vector, ...]
+
+    @classmethod
+    def of(cls, design: Design, factors: Float[Array, "18 N"], com_offset: Float[Array, "3 N"]) -> "Masses":
+        """Return the masses of a design whose bodies are heavier by these factors, in MuJoCo's order."""
+        trunk, legs = factors[1], factors[2:].reshape(4, 4, -1)
+        com = add(design.trunk_com, (com_offset[0], com_offset[1], com_offset[2]))
+        return cls(
+            trunk=design.trunk_mass * trunk,
+            trunk_inertia=scaled(trunk, design.trunk_inertia),
+            trunk_com=com,
+            bodies=tuple(body.mass * legs[:, i] for i, body in enumerate(design.bodies)),
+            inertias=tuple(scaled(legs[:, i], body.inertia) for i, body in enumerate(design.bodies)),
+        )
+
+
+class Robots(NamedTuple):
+    """Robots of one design that differ in their masses and in the friction of the floor under them."""
+
+    design: Design
+    masses: Masses
+    friction: Number  # (N,)
 
 
 def _softness(model: mujoco.MjModel, reference: np.ndarray, impedance: np.ndarray) -> Softness:

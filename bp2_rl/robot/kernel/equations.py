@@ -1,7 +1,7 @@
-"""The equations of motion: the inertia matrix, an arrow, and the bias of velocities and gravity.
+"""The equations of motion: the inertia matrix, an arrowhead matrix, and the bias of velocities and gravity.
 
 The unknowns are the acceleration of the trunk's origin, the trunk's angular acceleration, both in the world's axes, and
-those of the legs' coordinates. Legs are coupled through the trunk alone, which makes the matrix an arrow.
+those of the legs' coordinates. Legs are coupled through the trunk alone, which makes the matrix an arrowhead.
 """
 
 from functools import partial
@@ -9,44 +9,19 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, Block, GeneralizedVector
+from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
-from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Masses, Momentum, Part, Plane, Rotation
+from bp2_rl.robot.kernel.legs import Composite, Inertia, Legs, Momentum, Part, PlanePoint, RobotPose, Rotation
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
 
-Rows = list[list[Number]]
 
-
-class Accelerations(NamedTuple):
-    """Or velocities, or forces: of the trunk, six of (N,), and of each leg's four coordinates, (4, N)."""
-
-    trunk: list[Number]
-    legs: list[Number]
-
-    def in_world(self, rotation: Rotation) -> "Accelerations":
-        """Return these accelerations in the world's axes; in MuJoCo's the trunk turns about its own axes."""
-        x, y, z, *turn = self.trunk
-        return Accelerations([x, y, z, *rotation.to_world((turn[0], turn[1], turn[2]))], self.legs)
-
-    def in_mujoco(self, rotation: Rotation) -> "Accelerations":
-        """Return these accelerations in MuJoCo's coordinates, where the trunk turns about its own axes."""
-        x, y, z, *turn = self.trunk
-        return Accelerations([x, y, z, *rotation.to_trunk((turn[0], turn[1], turn[2]))], self.legs)
-
-
-class Arrow(NamedTuple):
-    """A symmetric matrix by its lower halves."""
-
-    trunk: Rows  # 6 x 6, (N,)
-    coupling: Rows  # leg's coordinate x the trunk's six, (4, N)
-    legs: Rows  # 4 x 4, (4, N)
-
-
-def inertia_matrix(barriers: FusionBarriers, design: Design, masses: Masses, legs: Legs, rotation: Rotation) -> Arrow:
+def inertia_matrix(barriers: FusionBarriers, robots: Robots, pose: RobotPose) -> ArrowheadMatrix:
     """The inertia matrix, kg, kg m and kg m2."""
+    (design, masses, _), (rotation, legs) = robots, pose
     whole = barriers(Composite.of, legs)
     momenta = barriers(Legs.momenta, legs, whole)
-    return Arrow(
+    return ArrowheadMatrix(
         trunk=barriers(partial(_trunk_block, design), masses, legs, whole, rotation),
         coupling=barriers(partial(_coupling, design), legs, momenta, rotation),
         legs=barriers(partial(_legs_block, design), legs, momenta),
@@ -56,29 +31,28 @@ def inertia_matrix(barriers: FusionBarriers, design: Design, masses: Masses, leg
 def smooth_force(
     design: Design,
     masses: Masses,
-    legs: Legs,
-    rotation: Rotation,
+    pose: RobotPose,
     compression: Number,
-    velocity: Accelerations,
-    applied: Accelerations,
-) -> Accelerations:
+    velocity: GeneralizedVector,
+    applied: GeneralizedVector,
+) -> GeneralizedVector:
     """All forces but the constraints': applied ones, springs, gravity and what velocities cost, N and Nm.
 
     The springs' compression in m; velocities and applied forces in MuJoCo's coordinates.
     """
     _, _, _, *spin = velocity.trunk
-    trunk, joints = _bias(design, masses, legs, rotation, (spin[0], spin[1], spin[2]), velocity.legs)
+    trunk, joints = _bias(design, masses, pose, (spin[0], spin[1], spin[2]), velocity.legs)
     stiffness, damping = design.spring
     spring = -stiffness * compression - damping * velocity.legs[3]
     for stop, least, most in design.stops:
         spring = spring - stop * (compression - jnp.clip(compression, least, most))
-    outside = applied.in_world(rotation)
+    outside = applied.in_world(pose.rotation)
     free = [force - bias for force, bias in zip(outside.legs, joints, strict=True)]
     free[3] = free[3] + spring
-    return Accelerations([force - bias for force, bias in zip(outside.trunk, trunk, strict=True)], free)
+    return GeneralizedVector([force - bias for force, bias in zip(outside.trunk, trunk, strict=True)], free)
 
 
-def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, rotation: Rotation) -> Rows:
+def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, rotation: Rotation) -> Block:
     """Return the trunk's block of the mass matrix: all bodies as one, about the trunk's origin, in the world's axes."""
     anchor, com, own = design.anchor, masses.trunk_com, masses.trunk_inertia
     moment = legs.to_trunk(whole.moment)
@@ -120,9 +94,9 @@ def _trunk_block(design: Design, masses: Masses, legs: Legs, whole: Composite, r
     ]
 
 
-def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation) -> Rows:
+def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotation: Rotation) -> Block:
     """Momentum about the trunk's origin of each joint at unit rate, in the world's axes."""
-    rows: Rows = []
+    rows: Block = []
     for linear, angular in momenta:
         in_trunk = legs.to_trunk(linear)
         about_origin = add(legs.to_trunk(angular), cross(design.anchor, in_trunk))
@@ -130,10 +104,10 @@ def _coupling(design: Design, legs: Legs, momenta: tuple[Momentum, ...], rotatio
     return rows
 
 
-def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Rows:
+def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Block:
     """Return a leg's block of the mass matrix: what a joint feels of the momentum of the joints below it."""
     knee_x, knee_z = legs.knee
-    block: Rows = [
+    block: Block = [
         [momenta[0].angular[0]],
         [momenta[1].angular[0], momenta[1].angular[1]],
         [momenta[2].angular[0], momenta[2].angular[1]],
@@ -148,9 +122,10 @@ def _legs_block(design: Design, legs: Legs, momenta: tuple[Momentum, ...]) -> Ro
 
 
 def _bias(
-    design: Design, masses: Masses, legs: Legs, rotation: Rotation, spin: Vector, rates: list[Number]
+    design: Design, masses: Masses, pose: RobotPose, spin: Vector, rates: list[Number]
 ) -> tuple[list[Number], list[Number]]:
     """The forces that keep every coordinate unaccelerated, world's axes: on the trunk's six, and on each leg's four."""
+    rotation, legs = pose
     upward = scaled(design.gravity, rotation.z)  # gravity is as if all were accelerated upwards
     com, own = masses.trunk_com, masses.trunk_inertia
     trunk_force = scaled(masses.trunk, add(upward, cross(spin, cross(spin, com))))
@@ -160,33 +135,39 @@ def _bias(
     abad, hip, knee, slide = rates
     start = legs.from_trunk(add(upward, cross(spin, cross(spin, design.anchor))))
     turning = legs.from_trunk(spin)
-    leg = _Turning((turning[0] + abad, turning[1], turning[2]), (0.0 * abad, turning[2] * abad, -turning[1] * abad))
+    leg = _AngularMotion(
+        (turning[0] + abad, turning[1], turning[2]), (0.0 * abad, turning[2] * abad, -turning[1] * abad)
+    )
     thigh, shank = leg.pitched(hip), leg.pitched(hip + knee)
 
     abad_part, thigh_part, shank_part, toe_part = legs.parts
     side = design.hip
-    at_hip = add(start, leg.swing((0.0 * side, side, 0.0 * side)))
+    at_hip = add(start, leg.relative_acceleration((0.0 * side, side, 0.0 * side)))
     knee_x, knee_z = legs.knee
-    at_knee = add(at_hip, thigh.swing((knee_x, 0.0 * knee_x, knee_z)))
+    at_knee = add(at_hip, thigh.relative_acceleration((knee_x, 0.0 * knee_x, knee_z)))
     cos, sin = legs.shank
-    sliding = scaled(2.0 * slide, cross(shank.rate, (sin, 0.0 * sin, cos)))
+    sliding = scaled(2.0 * slide, cross(shank.velocity, (sin, 0.0 * sin, cos)))
     accelerations = (
-        add(start, leg.swing(abad_part.com)),
-        add(at_hip, thigh.swing((thigh_part.com[0], 0.0 * cos, thigh_part.com[2]))),
-        add(at_knee, shank.swing((shank_part.com[0] - knee_x, 0.0 * cos, shank_part.com[2] - knee_z))),
-        add(at_knee, shank.swing((toe_part.com[0] - knee_x, 0.0 * cos, toe_part.com[2] - knee_z)), sliding),
+        add(start, leg.relative_acceleration(abad_part.com)),
+        add(at_hip, thigh.relative_acceleration((thigh_part.com[0], 0.0 * cos, thigh_part.com[2]))),
+        add(at_knee, shank.relative_acceleration((shank_part.com[0] - knee_x, 0.0 * cos, shank_part.com[2] - knee_z))),
+        add(
+            at_knee,
+            shank.relative_acceleration((toe_part.com[0] - knee_x, 0.0 * cos, toe_part.com[2] - knee_z)),
+            sliding,
+        ),
     )
     forces = [scaled(part.mass, a) for part, a in zip(legs.parts, accelerations, strict=True)]
     turns = (leg, thigh, shank, shank)
-    moments = [turn.moment(part.inertia) for part, turn in zip(legs.parts, turns, strict=True)]
+    moments = [turn.torque(part.inertia) for part, turn in zip(legs.parts, turns, strict=True)]
 
     force = add(*forces)
     moment = add(*moments, *(cross(part.com, f) for part, f in zip(legs.parts, forces, strict=True)))
     below = list(zip(legs.parts, forces, moments, strict=True))
     joints = [
         moment[0],
-        sum(_pitch(*body, (0.0, 0.0)) for body in below[1:]),
-        sum(_pitch(*body, legs.knee) for body in below[2:]),
+        sum(_pitch_moment(*body, (0.0, 0.0)) for body in below[1:]),
+        sum(_pitch_moment(*body, legs.knee) for body in below[2:]),
         sin * forces[3][0] + cos * forces[3][2],
     ]
     in_trunk = legs.to_trunk(force)
@@ -196,26 +177,29 @@ def _bias(
     return [*rotation.to_world(total_force), *rotation.to_world(total_moment)], joints
 
 
-class _Turning(NamedTuple):
-    """How a part of the legs turns while no coordinate accelerates: rad/s and rad/s2, leg's frame."""
+class _AngularMotion(NamedTuple):
+    """Angular velocity (rad/s) and acceleration (rad/s2) of a part of the legs while no coordinate accelerates.
 
-    rate: Vector
-    change: Vector
+    Vectors are in the leg's frame.
+    """
 
-    def pitched(self, rate: Number) -> "_Turning":
-        """Return the turning of a part that turns about y at this rate in the present frame."""
+    velocity: Vector
+    acceleration: Vector
+
+    def pitched(self, rate: Number) -> "_AngularMotion":
+        """Return the motion of a part that turns about y at this rate relative to this one."""
         (x, y, z), (ax, ay, az) = self
-        return _Turning((x, y + rate, z), (ax - z * rate, ay, az + x * rate))
+        return _AngularMotion((x, y + rate, z), (ax - z * rate, ay, az + x * rate))
 
-    def swing(self, lever: Vector) -> Vector:
-        """The acceleration of a point of the part over that of another, m/s2."""
-        return add(cross(self.change, lever), cross(self.rate, cross(self.rate, lever)))
+    def relative_acceleration(self, lever: Vector) -> Vector:
+        """The acceleration of a point of the part relative to the point at the lever's other end, m/s2."""
+        return add(cross(self.acceleration, lever), cross(self.velocity, cross(self.velocity, lever)))
 
-    def moment(self, inertia: Inertia) -> Vector:
-        """What this turning needs about the centre of mass, Nm."""
-        return add(inertia.times(self.change), cross(self.rate, inertia.times(self.rate)))
+    def torque(self, inertia: Inertia) -> Vector:
+        """The torque about the centre of mass that this motion needs, Nm."""
+        return add(inertia.times(self.acceleration), cross(self.velocity, inertia.times(self.velocity)))
 
 
-def _pitch(part: Part, force: Vector, moment: Vector, about: Plane) -> Number:
+def _pitch_moment(part: Part, force: Vector, moment: Vector, about: PlanePoint) -> Number:
     """The moment about y through a point of the plane, Nm."""
     return moment[1] + (part.com[2] - about[1]) * force[0] - (part.com[0] - about[0]) * force[2]

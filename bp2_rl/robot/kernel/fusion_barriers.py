@@ -1,6 +1,9 @@
-"""Barriers against XLA's fusion: a conditional whose condition always holds, which XLA cannot know, on processors.
+"""Where XLA compiles the physics step in parts: fusion barriers between them on CPUs, one kernel each on GPUs.
 
-On GPUs the step is divided into a few kernels (Pallas) instead.
+XLA fuses operations into one loop where it can, and computes whatever is cheap anew in each loop that needs it. It does
+not see how much that is in long chains of products and sums: on a CPU the step took twice as long as without fusion.
+A fusion barrier is a conditional whose condition always holds, which XLA cannot know: it does not fuse what is inside a
+conditional with what is outside. On GPUs the step is divided into a few kernels (Pallas, on Triton) instead.
 """
 
 from collections.abc import Callable
@@ -16,29 +19,24 @@ BLOCK, WARPS = 32, 4
 
 
 class FusionBarriers(NamedTuple):
-    """Computes a piece of a program apart from the rest, within a conditional that always holds.
+    """Computes functions behind fusion barriers: XLA does not fuse them with the rest of the program."""
 
-    XLA computes whatever is cheap anew in each loop that needs it, and does not see how much that is in long chains of
-    products and sums: on a processor the whole step took twice as long as without any such fusion. XLA does not fuse
-    the inside of a conditional with the outside.
-    """
-
-    always: Bool[Array, ""] | None  # None: compute all in one
+    always: Bool[Array, ""] | None  # None: no barriers
 
     @classmethod
     def of(cls, friction: Any) -> "FusionBarriers":
-        """Barriers for processors, whose condition is that the floor's friction is not negative; none on GPUs."""
+        """Return barriers for CPUs, whose condition is that the floor's friction is not negative; none on GPUs."""
         return cls(~(friction[0] < 0.0) if jax.default_backend() == "cpu" else None)
 
-    def __call__(self, piece: Callable[..., T], *inputs: Any) -> T:
-        """Return piece(*inputs), behind the barrier."""
+    def __call__(self, function: Callable[..., T], *inputs: Any) -> T:
+        """Return function(*inputs), behind a barrier."""
         if self.always is None:
-            return piece(*inputs)
-        return jax.lax.cond(self.always, piece, _zeros_like(piece), *inputs)
+            return function(*inputs)
+        return jax.lax.cond(self.always, function, _zeros_like(function), *inputs)
 
 
 def in_one_kernel(function: Callable[..., T], *inputs: Any) -> T:
-    """Return function(*inputs), on a GPU as one kernel (Pallas, on Triton): all between stays in registers.
+    """Return function(*inputs), computed on a GPU by one kernel: all between stays in registers.
 
     Of all arrays, in and out, the last axis is the robots', or 1; a first one is the legs'. Robots may not depend on
     each other. The function may close over numbers, but not over arrays.
@@ -87,8 +85,8 @@ def _pallas(function: Callable[..., T], *inputs: Any, interpret: bool = False) -
     return jax.tree.unflatten(results, run(*leaves))
 
 
-def _zeros_like(piece: Callable[..., T]) -> Callable[..., T]:
+def _zeros_like(function: Callable[..., T]) -> Callable[..., T]:
     def zeros(*inputs: Any) -> Any:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(piece, *inputs))
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *inputs))
 
     return zeros

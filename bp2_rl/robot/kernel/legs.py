@@ -8,12 +8,11 @@ trunk's origin.
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from bp2_rl.robot.kernel.design import Design
+from bp2_rl.robot.kernel.design import Design, Masses
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, cos_sin, cross, dot, scaled
 
-Plane = tuple[Number, Number]
+PlanePoint = tuple[Number, Number]
 """x and z in a leg's plane."""
 
 
@@ -41,29 +40,6 @@ class Rotation(NamedTuple):
     def to_trunk(self, v: Vector) -> Vector:
         """A vector of the world in the trunk's axes."""
         return add(scaled(v[0], self.x), scaled(v[1], self.y), scaled(v[2], self.z))
-
-
-class Masses(NamedTuple):
-    """Masses of one draw of robots, kg; principal inertias, kg m2; the trunk's centre of mass, m."""
-
-    trunk: Number
-    trunk_inertia: Vector
-    trunk_com: Vector
-    bodies: tuple[Number, ...]  # abad, thigh, shank, toe
-    inertias: tuple[Vector, ...]
-
-    @classmethod
-    def of(cls, design: Design, factors: Float[Array, "18 N"], com_offset: Float[Array, "3 N"]) -> "Masses":
-        """Return the masses of a design whose bodies are heavier by these factors, in MuJoCo's order."""
-        trunk, legs = factors[1], factors[2:].reshape(4, 4, -1)
-        com = add(design.trunk_com, (com_offset[0], com_offset[1], com_offset[2]))
-        return cls(
-            trunk=design.trunk_mass * trunk,
-            trunk_inertia=scaled(trunk, design.trunk_inertia),
-            trunk_com=com,
-            bodies=tuple(body.mass * legs[:, i] for i, body in enumerate(design.bodies)),
-            inertias=tuple(scaled(legs[:, i], body.inertia) for i, body in enumerate(design.bodies)),
-        )
 
 
 class Inertia(NamedTuple):
@@ -106,14 +82,14 @@ class Legs(NamedTuple):
 
     cos: Number  # of the abduction angle
     sin: Number
-    shank: Plane  # cosine and sine of the shank's pitch
-    knee: Plane
+    shank: PlanePoint  # cosine and sine of the shank's pitch
+    knee: PlanePoint
     foot: Vector  # its centre
     parts: tuple[Part, Part, Part, Part]  # abad, thigh, shank, toe
 
     @classmethod
     def of(cls, design: Design, masses: Masses, coordinates: list[Number]) -> "Legs":
-        """That at these coordinates: abad, hip and knee in rad, spring in m."""
+        """Return the pose at these coordinates: abad, hip and knee in rad, spring in m."""
         abad, hip, knee, compression = coordinates
         (cos, sin), (cos_t, sin_t), (cos_s, sin_s) = cos_sin(abad), cos_sin(hip), cos_sin(hip + knee)
         knee_x, knee_z = -design.thigh * sin_t, -design.thigh * cos_t
@@ -157,10 +133,17 @@ class Legs(NamedTuple):
         along = toe.mass * sin, jnp.zeros_like(cos), toe.mass * cos
         return (
             Momentum((jnp.zeros_like(cos), -h[2], h[1]), (whole.xx, whole.xy, whole.xz)),
-            _spin((0.0, 0.0), self.parts[1:]),
-            _spin(self.knee, self.parts[2:]),
+            _pitch_momentum((0.0, 0.0), self.parts[1:]),
+            _pitch_momentum(self.knee, self.parts[2:]),
             Momentum(along, cross(toe.com, along)),
         )
+
+
+class RobotPose(NamedTuple):
+    """How the trunk is turned, and where the legs are."""
+
+    rotation: Rotation
+    legs: Legs
 
 
 class Composite(NamedTuple):
@@ -193,7 +176,7 @@ class Composite(NamedTuple):
         )
 
 
-def _spin(about: Plane, parts: tuple[Part, ...]) -> Momentum:
+def _pitch_momentum(about: PlanePoint, parts: tuple[Part, ...]) -> Momentum:
     """Return the momentum of a turn about y through this point of the plane."""
     levers = [(part.com[0] - about[0], part.com[2] - about[1]) for part in parts]
     x = sum(part.mass * z for part, (_, z) in zip(parts, levers, strict=True))

@@ -9,8 +9,8 @@ from bp2_rl.optimiser.solution import NotSolved
 from bp2_rl.paper.figures import binding as numbers_module
 from bp2_rl.paper.figures.binding import binding, describe_run
 from bp2_rl.paper.figures.settings import BindingSettings
-from bp2_rl.paper.trajectories.described import running_cost
-from bp2_rl.paper.trajectories.shadow_prices import weigh
+from bp2_rl.paper.trajectories.gait_summary import running_cost
+from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
 from bp2_rl.robot.specs import IDEAL, TOTAL_MASS
 
 
@@ -48,9 +48,9 @@ def test_no_greatest_speed_loses_nothing(monkeypatch):
     def search(start, changes, *, greatest=False):
         if greatest:
             raise NotSolved("lost")
-        return weigh(start, changes)
+        return find_shadow_prices(start, changes)
 
-    monkeypatch.setattr(numbers_module, "weigh", search)
+    monkeypatch.setattr(numbers_module, "find_shadow_prices", search)
     monkeypatch.setattr(numbers_module, "LIMITS", {"friction": numbers_module.LIMITS["friction"]})
     drawn = binding(BindingSettings(speeds=(10.0,), intervals=4))
     _, prices = drawn.tables

@@ -29,7 +29,7 @@ from bp2_rl.paper.figures.identifiability_numbers import (
 )
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
 from bp2_rl.paper.motor_heat import Network
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.paper.thermal_specs import MotorHeat
 
 SIZE = len(PRINTED), len(ASSUMED)
 
@@ -86,7 +86,7 @@ def test_the_sprint_is_that_of_two_straight_lines():
 def test_a_hips_turn_and_heat_are_read_off_the_motion():
     problem = Problem(speed=10.0, intervals=6)
     guess = cold_guess(problem)
-    solution = Solution(problem, guess, 0.0, 0.0, 0, 0.0)
+    solution = Solution(problem=problem, motion=guess, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
     cycle = whole_cycle(solution)
     phase = 2.0 * np.pi * cycle.time / cycle.period
     # A hip that swings as a cosine of the phase less 0.7, on half a cycle and its mirror image: speed falls through

@@ -20,7 +20,7 @@ from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
 from bp2_rl.paper.trajectories.codesign.scan import Scan, scan_chains, scan_design
 from bp2_rl.paper.trajectories.codesign.search import DesignRow, find_designs, start_chain
 from bp2_rl.paper.trajectories.codesign.sensitivity import variations
-from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, Bounds, CodesignSettings
+from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, CodesignSettings, DesignBounds
 from bp2_rl.paper.trajectories.codesign.study import Codesign, print_study, remarks
 from bp2_rl.robot.actuator import Actuator, torque_limits
 
@@ -91,7 +91,7 @@ def test_the_found_motion_stays_within_the_motor_behind_the_found_gear(design):
 )
 def test_bounds_without_a_design_are_refused(bounds, says):
     with pytest.raises(UserError, match=says) as refused:
-        Bounds(**bounds)
+        DesignBounds(**bounds)
     assert "\n" not in str(refused.value)
 
 
@@ -106,11 +106,11 @@ def test_settings_are_the_same_after_json():
 
 
 def test_a_scan_keeps_the_cheaper_direction_and_resumed_solves_nothing_again(tmp_path, monkeypatch):
-    settings = dataclasses.replace(SETTINGS, scanned=Bounds(spring_stiffness=(5000.0, 7000.0)))
+    settings = dataclasses.replace(SETTINGS, scanned=DesignBounds(spring_stiffness=(5000.0, 7000.0)))
     costs = iter((3.0, 1.0, 2.0, 1.0, 2.0, 1.5))  # upwards, then downwards
 
-    def fake(problem, guess, free, time_limit):
-        assert not free
+    def fake(problem, guess, options):
+        assert not options.free
         return dataclasses.replace(_made_up(problem), cost=next(costs))
 
     monkeypatch.setattr(collocation, "solve", fake)
@@ -128,9 +128,9 @@ def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
     chain = scan_chains(SETTINGS, "leg_length", "BP2")[0]
     calls = []
 
-    def fake(problem, guess, free, time_limit):
+    def fake(problem, guess, options):
         calls.append(problem.hardware.leg_length)
-        assert not free
+        assert not options.free
         if len(calls) == 3:
             raise KeyboardInterrupt
         return dataclasses.replace(TROT, problem=problem)
@@ -148,7 +148,7 @@ def test_a_failure_is_remembered_and_passed_over(tmp_path, monkeypatch):
     up, _ = scan_chains(SETTINGS, "leg_length", "BP2")
     starts = []
 
-    def fake(problem, guess, free, time_limit):
+    def fake(problem, guess, options):
         starts.append(guess.durations[0])
         if problem == up.problems[1]:
             raise NotSolved("no trajectory")
@@ -211,7 +211,7 @@ def test_a_study_is_kept_and_drawn(tmp_path):
 def _made_up(problem: Problem):
     """A solution that satisfies nothing, with durations of its own."""
     guess = cold_guess(problem, seed=7)
-    return Solution(problem, guess, 1.0, 0.0, 1, 0.1)
+    return Solution(problem=problem, motion=guess, cost=1.0, violation=0.0, iterations=1, seconds=0.1)
 
 
 def _row(cost: float, **figures) -> DesignRow:

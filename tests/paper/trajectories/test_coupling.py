@@ -237,6 +237,8 @@ def test_half_a_robot_has_no_leg_of_the_same_pair():
     problem = Problem(gait="two-leg", intervals=4)
     guess = cold_guess(problem)
     swinging = dataclasses.replace(guess, a=np.full_like(guess.a, 30.0))
-    sources = split_sources(Solution(problem, swinging, 0.0, 0.0, 0, 0.0))
+    sources = split_sources(
+        Solution(problem=problem, motion=swinging, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    )
     assert not np.any(sources.through[THROUGH.index("same pair")])
     assert np.all(sources.through[THROUGH.index("other pair"), :, sources.motors("hip")])

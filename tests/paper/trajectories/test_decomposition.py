@@ -39,7 +39,7 @@ def terms(trot) -> Decomposition:
 
 
 def pretended(problem: Problem, motion: Motion) -> Solution:
-    return Solution(problem, motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    return Solution(problem=problem, motion=motion, cost=0.0, violation=0.0, iterations=0, seconds=0.0)
 
 
 def posed(gait: Gait = "trot", **values: dict[int, float]) -> Decomposition:

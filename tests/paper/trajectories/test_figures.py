@@ -196,7 +196,7 @@ def test_a_family_shows_its_members_by_speed(figures, trot):
 
 def test_half_a_robot_on_two_legs_is_drawn_too():
     problem = Problem(gait="two-leg", intervals=4)
-    guess = Solution(problem, cold_guess(problem), cost=0.0, violation=0.0, iterations=0, seconds=0.0)
+    guess = Solution(problem=problem, motion=cold_guess(problem), cost=0.0, violation=0.0, iterations=0, seconds=0.0)
     assert pixels(trajectory_figure(guess)).size > 0
     figure = decomposition_figure(decompose(guess), find_trends([guess, at_speed(guess, 8.0)]))
     assert "H" in panel(figure, "B").get_title(loc="left")

@@ -8,9 +8,9 @@ from bp2_rl.optimiser import collocation
 from bp2_rl.optimiser.problem import STRIDES, Problem
 from bp2_rl.optimiser.solution import load_solution, speed_name
 from bp2_rl.optimiser.verify import verify
-from bp2_rl.paper.trajectories import gaits
+from bp2_rl.paper.trajectories import variants
 from bp2_rl.paper.trajectories.comparison import compare
-from bp2_rl.paper.trajectories.gaits import gait_variants
+from bp2_rl.paper.trajectories.variants import gait_variants
 
 
 def test_a_pronk_lands_and_lifts_on_all_legs_at_once():
@@ -49,7 +49,7 @@ def test_a_half_bound_is_a_trajectory():
 
 
 def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(gaits, "GAITS", {"pronk": "pronk"})
+    monkeypatch.setattr(variants, "GAITS", {"pronk": "pronk"})
     problem = Problem(intervals=4, pitch_limit=0.6)
 
     def compared(problem):
@@ -59,7 +59,7 @@ def test_gaits_are_solved_once_and_kept(tmp_path, monkeypatch):
     rows = compared(problem)
     assert [row.greatest for row in rows] == [False, True]
     six, top = rows
-    assert six.described is not None
+    assert six.gait is not None
     assert six.speed == 6.0
     assert (top.speed or 0.0) > 6.0
     assert np.max(np.abs(six.pitch or ())) <= 0.6

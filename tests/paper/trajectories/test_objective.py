@@ -30,11 +30,11 @@ def asked() -> Iterator[list[tuple[Problem, tuple[str, ...]]]]:
     asked = []
     costs = itertools.cycle([2.0, 1.0, 1.5])
 
-    def answer(problem, start, *, free, **_):
-        asked.append((problem, tuple(free)))
-        if free and problem.weights.force > 1000.0:
+    def answer(problem, start, options):
+        asked.append((problem, tuple(options.free)))
+        if options.free and problem.weights.force > 1000.0:
             raise NotSolved("not this one")
-        return Solution(problem, start, next(costs), 0.0, 0, 0.0)
+        return Solution(problem=problem, motion=start, cost=next(costs), violation=0.0, iterations=0, seconds=0.0)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(collocation, "solve", answer)

@@ -1,52 +1,53 @@
-"""What limits weigh: by the multipliers of one solve, against problems that were solved again."""
+"""Shadow prices by the multipliers of one solve, against problems that were solved again."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from bp2_rl.optimiser.collocation import HASTE, optimise, solve
+from bp2_rl.optimiser.collocation import GREATEST_SPEED, optimise, solve
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Weighed, touched, weigh
+from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, ShadowPrices, active_limits, find_shadow_prices
 from bp2_rl.robot.specs import BUILT
 
 NAMES = "rotor inertia", "foot clearance"
 
 
 @pytest.fixture(scope="module")
-def weighed() -> Weighed:
+def priced() -> ShadowPrices:
     """A trot on a mesh that is solved in a moment; true or not, its multipliers are its own."""
     coarse = solve(Problem(speed=10.0, intervals=4))
-    return weigh(coarse, {name: LIMITS[name] for name in NAMES})
+    return find_shadow_prices(coarse, {name: LIMITS[name] for name in NAMES})
 
 
-def test_a_price_is_what_solving_again_says(weighed):
-    start, change = weighed.solution, LIMITS["rotor inertia"]
+def test_a_price_is_what_solving_again_says(priced):
+    start, change = priced.solution, LIMITS["rotor inertia"]
     less, more = (solve(change(start.problem, factor), start.motion).cost for factor in (0.995, 1.005))
     # Central differences over 1 %: what is of third order in them is below a per cent.
-    assert weighed.prices["rotor inertia"] == pytest.approx((more - less) / 0.01, rel=0.01)
+    assert priced.prices["rotor inertia"] == pytest.approx((more - less) / 0.01, rel=0.01)
     # At this speed feet clear the ground by far, so that nobody pays for it.
-    assert abs(weighed.prices["foot clearance"]) < 1e-6
-    assert "clearance" not in weighed.touched
+    assert abs(priced.prices["foot clearance"]) < 1e-6
+    assert "clearance" not in priced.active
 
 
-def test_what_is_touched_is_at_its_limit(weighed):
-    free = weighed.solution
+def test_what_is_touched_is_at_its_limit(priced):
+    free = priced.solution
     limit = 0.5 * float(np.max(np.abs(free.motion.q[..., 2])))
-    assert "pitch" not in weighed.touched
+    assert "pitch" not in priced.active
     tight = optimise(dataclasses.replace(free.problem, pitch_limit=limit), free.motion)
     pitch = np.abs(tight.solution.motion.q[..., 2])
     assert np.max(pitch) == pytest.approx(limit, abs=1e-6)
-    assert touched(tight)["pitch"] == pytest.approx(np.mean(pitch > (1.0 - 1e-4) * limit), abs=1e-9)
+    assert active_limits(tight)["pitch"] == pytest.approx(np.mean(pitch > (1.0 - 1e-4) * limit), abs=1e-9)
 
 
-def test_the_greatest_speed_gains_as_much_as_is_said(weighed):
-    fast = weigh(weighed.solution, {"no-load speed": LIMITS["no-load speed"]}, greatest=True)
+def test_the_greatest_speed_gains_as_much_as_is_said(priced):
+    fast = find_shadow_prices(priced.solution, {"no-load speed": LIMITS["no-load speed"]}, greatest=True)
     speed, problem = fast.solution.problem.speed, fast.solution.problem
-    more = optimise(problem.on(no_load_speed=1.005 * 21.4), fast.solution.motion, haste=HASTE).solution.problem.speed
+    faster = optimise(problem.on(no_load_speed=1.005 * 21.4), fast.solution.motion, GREATEST_SPEED)
+    more = faster.solution.problem.speed
     # One-sided, so its own curvature counts.
     assert fast.prices["no-load speed"] == pytest.approx((more - speed) / 0.005, rel=0.05)
-    assert {"joint speed", "peak torque"} <= fast.touched.keys()
+    assert {"joint speed", "peak torque"} <= fast.active.keys()
 
 
 @pytest.mark.parametrize("name", [*LIMITS, *LOSSES])

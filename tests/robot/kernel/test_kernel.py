@@ -1,4 +1,4 @@
-"""The kernel's millisecond beside C MuJoCo's, which shares no code with it."""
+"""The kernel's step beside C MuJoCo's, which shares no code with it."""
 
 import dataclasses
 import functools
@@ -12,10 +12,10 @@ from landing import converged, random_states
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.randomization import Randomization, draw
-from bp2_rl.robot.kernel import constraints, fusion_barriers, millisecond
-from bp2_rl.robot.kernel.design import Design
-from bp2_rl.robot.kernel.legs import Masses
-from bp2_rl.robot.kernel.millisecond import Moving, step
+from bp2_rl.robot.kernel import constraints, fusion_barriers
+from bp2_rl.robot.kernel import step as step_module
+from bp2_rl.robot.kernel.design import Design, Masses, Robots
+from bp2_rl.robot.kernel.step import MuJoCoState, step
 from bp2_rl.robot.kernel.vectors import cos_sin
 from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
 from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
@@ -51,9 +51,8 @@ def stepped(hardware: HardwareSpec):
     def run(qpos, qvel, torque):
         masses = Masses.of(design, robots.mass.T, robots.com_offset.T)
         force = jnp.zeros((NV, len(qpos))).at[MOTOR_QVEL].set(torque.T)
-        after, heights = step(
-            design, masses, robots.friction, Moving(qpos.T, qvel.T, jnp.zeros((NV, len(qpos)))), force
-        )
+        before = MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, len(qpos))))
+        after, heights = step(Robots(design, masses, robots.friction), before, force)
         return after.qpos.T, after.qvel.T, after.qacc_warmstart.T, heights.T
 
     return run
@@ -110,9 +109,9 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
         @jax.jit
         def run(qpos, qvel, torque):
             force = jnp.zeros((NV, 5000)).at[MOTOR_QVEL].set(torque.T)
-            moving = Moving(qpos.T, qvel.T, jnp.zeros((NV, 5000)))
-            masses = Masses.of(design, ones, jnp.zeros((3, 5000)))
-            return step(design, masses, 0.8 * jnp.ones(5000), moving, force)[0].qacc_warmstart
+            before = MuJoCoState(qpos.T, qvel.T, jnp.zeros((NV, 5000)))
+            robots = Robots(design, Masses.of(design, ones, jnp.zeros((3, 5000))), 0.8 * jnp.ones(5000))
+            return step(robots, before, force)[0].qacc_warmstart
 
         return np.asarray(run(*states))
 
@@ -125,7 +124,7 @@ def test_full_newton_steps_end_at_the_minimum(monkeypatch):
 
 def as_on_a_gpu(monkeypatch, **options):
     monkeypatch.setattr(fusion_barriers.FusionBarriers, "of", lambda friction: fusion_barriers.FusionBarriers(None))
-    monkeypatch.setattr(millisecond, "in_one_kernel", functools.partial(fusion_barriers._pallas, **options))
+    monkeypatch.setattr(step_module, "in_one_kernel", functools.partial(fusion_barriers._pallas, **options))
 
 
 def test_in_programs_or_in_kernels_the_step_is_the_same(states, monkeypatch):
@@ -144,7 +143,7 @@ def thought_of_gpu():
     return jax.sharding.use_abstract_mesh(jax.sharding.AbstractMesh((), (), abstract_device=device))
 
 
-def test_for_a_gpu_a_millisecond_is_four_kernels(states, monkeypatch):
+def test_for_a_gpu_a_step_is_four_kernels(states, monkeypatch):
     """As far as that can be told without one: it is handed to Triton, and little else is left around it."""
     as_on_a_gpu(monkeypatch)
     with thought_of_gpu():

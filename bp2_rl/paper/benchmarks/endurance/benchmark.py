@@ -20,8 +20,9 @@ from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingTr
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, RandomRobot
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.motor_heat import Network
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec, MotorHeat
+from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.schedule import Ramp
 

@@ -4,8 +4,8 @@ import dataclasses
 
 from bp2_rl.paper.benchmarks.endurance.calibration import CalibratedMotor, straightest
 from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingCourse
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import specs
-from bp2_rl.robot.specs import MotorHeat
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,7 @@ from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Row, Table, round
 from bp2_rl.paper.benchmarks.endurance.heating import EASING, MARGIN, UPDATE, WINDOW, EnduranceResult
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.simulation.schedule import Ramp
@@ -21,7 +22,7 @@ def cause(metrics: EnduranceMetrics, run: EnduranceResult) -> str:
     """What ended a run."""
     if run.cause != "winding":
         return CAUSES[run.cause]
-    return "class H, 180 °C" if metrics.heat.limit == specs.WINDING_LIMIT else f"{metrics.heat.limit:g} °C"
+    return "class H, 180 °C" if metrics.heat.limit == MotorHeat().limit else f"{metrics.heat.limit:g} °C"
 
 
 def verdict(metrics: EnduranceMetrics) -> str:

@@ -1,8 +1,8 @@
 """`bp2 paper trajectories gaits` and `limbs`: variants of BP2 beside each other, over speed."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from typing import Annotated
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
@@ -11,9 +11,6 @@ from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
 from bp2_rl.paper.cli.report import print_table
-
-if TYPE_CHECKING:
-    from bp2_rl.paper.trajectories.comparison import ComparedVariant
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -63,21 +60,21 @@ class LimbsArguments(ComparisonArguments):
 
 def compare_gaits(arguments: GaitsArguments) -> None:
     """Print what each gait costs and how fast it gets, and leave the numbers."""
-    from bp2_rl.paper.trajectories.gaits import gait_variants
+    from bp2_rl.paper.trajectories.variants import gait_variants
 
     _set_beside(arguments, gait_variants(arguments.problem), "gaits")
 
 
 def compare_limbs(arguments: LimbsArguments) -> None:
     """Print what robots with other legs cost and how fast each gets, and leave the numbers."""
-    from bp2_rl.paper.trajectories.limbs import limb_variants
+    from bp2_rl.paper.trajectories.variants import limb_variants
 
     _set_beside(arguments, limb_variants(arguments.problem), "limbs")
 
 
-def _set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVariant"], what: str) -> None:
+def _set_beside(arguments: ComparisonArguments, variants: Mapping[str, Problem], what: str) -> None:
     """Print the table, and leave its numbers anew with each variant."""
-    from bp2_rl.paper.trajectories.comparison import Numbers, compare, tabulate
+    from bp2_rl.paper.trajectories.comparison import VariantComparison, compare, tabulate
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
@@ -85,6 +82,6 @@ def _set_beside(arguments: ComparisonArguments, variants: Sequence["ComparedVari
         compared = compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers)
         for some in progress.track(compared, len(variants), description=what):
             rows += some
-            save_config(numbers, Numbers(problem, speeds, tuple(rows)))
+            save_config(numbers, VariantComparison(problem, speeds, tuple(rows)))
     print_table(tabulate(rows), 130)
     print(f"numbers: {numbers}")

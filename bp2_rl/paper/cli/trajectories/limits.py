@@ -37,17 +37,19 @@ def find_limits(arguments: LimitsArguments) -> None:
     from rich.table import Table
 
     from bp2_rl.paper.trajectories import limits
+    from bp2_rl.paper.trajectories.variants import hardware_variants, loss_variants
 
     if arguments.losses:
-        order = list(limits.loss_variants(arguments.problem.hardware))
-        search = limits.losses_one_at_a_time
+        variants = loss_variants(arguments.problem)
+        search = limits.greatest_speeds_by_loss(variants, arguments.workers)
     else:
-        order, search = [*limits.CHANGES, limits.NO_SPEED_LIMIT], limits.greatest_speeds
+        variants = hardware_variants(arguments.problem)
+        search = limits.greatest_speeds(variants, arguments.workers)
     with output.own_folder(arguments.out):
         with output.progress() as progress:
-            searched = progress.track(search(arguments.problem, arguments.workers), len(order), description="variants")
-            found = {limit.variant: limit for limit in searched}
-        solutions = {name: found[name].solution for name in order}
+            searched = progress.track(search, len(variants), description="variants")
+            found = {one.variant: one for one in searched}
+        solutions = {name: found[name].solution for name in variants}
         speeds = {name: solution and solution.problem.speed for name, solution in solutions.items()}
         save_config(arguments.out / SPEEDS, limits.GreatestSpeeds(arguments.problem, speeds))
     table = Table("variant", "greatest speed, m/s", "change", "period, s", "duty")

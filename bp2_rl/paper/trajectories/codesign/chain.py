@@ -13,9 +13,9 @@ from bp2_rl.base.serialization import config_hash
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, load_solution, resample, save_solution
-from bp2_rl.paper.trajectories.codesign.settings import Bounds, Parameter
+from bp2_rl.paper.trajectories.codesign.settings import DesignBounds, Parameter
 
-PATIENCE = 20.0  # s for each interval, several times what a solution takes; what has none would go on for longer
+TIME_LIMIT = 20.0  # s an interval: several times what a solution takes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Chain:
 
     problems: tuple[Problem, ...]
     free: tuple[Parameter, ...]
-    bounds: Bounds
+    bounds: DesignBounds
     seed: int = 0  # of the cold guess; 0 is the one that is not varied
 
     def then(self, problem: Problem) -> "Chain":
@@ -83,6 +83,7 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
     """Solve a chain's last problem from a solution, or else from a cold guess, and keep what came of it."""
     from bp2_rl.optimiser.collocation import solve  # CasADi only where something is solved
     from bp2_rl.optimiser.guess import cold_guess
+    from bp2_rl.optimiser.transcription import SolveOptions
 
     problem, path = chain.problems[-1], _path(chain, folder)
     if start is None:
@@ -91,7 +92,8 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
         problem = problem.on(**{name: getattr(start.problem.hardware, name) for name in chain.free})
         guess = resample(start.problem, start.motion, problem)
     try:
-        solution = solve(problem, guess, free=chain.bounds.of(chain.free), time_limit=PATIENCE * problem.intervals)
+        options = SolveOptions(free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals)
+        solution = solve(problem, guess, options)
     except NotSolved as failure:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path.with_suffix(".failed"), f"{failure}\n")

@@ -19,7 +19,7 @@ AT_BOUND = 1e-3  # of a parameter's range: closer than this, the bound made the 
 
 
 @dataclasses.dataclass(frozen=True)
-class Bounds:
+class DesignBounds:
     """Least and greatest values of the parameters; the shortest leg holds shank, toe and the spring's travel."""
 
     gear_ratio: tuple[float, float] = (5.0, 14.0)
@@ -71,9 +71,9 @@ class CodesignSettings:
     problem: Problem = Problem(
         intervals=8, speed_margin=0.6, weights=CostWeights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
     )
-    bounds: Bounds = Bounds()
+    bounds: DesignBounds = DesignBounds()
     # Where scans go; free parameters keep to `bounds`. Behind higher gears the speed margin leaves no gait.
-    scanned: Bounds = Bounds(gear_ratio=(5.5, 10.0), leg_length=(0.29, 0.45))
+    scanned: DesignBounds = DesignBounds(gear_ratio=(5.5, 10.0), leg_length=(0.29, 0.45))
     starts: Starts = 4  # of the optimum
     starts_elsewhere: Annotated[int, Within(0, 1000)] = 1  # of every other setting, besides the optimum itself
     grid: Annotated[int, Within(3, 1000)] = 7  # values in a scan

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import QUIET, WIDTH, styled
 from bp2_rl.optimiser.cycle import cost_of_transport, robot_mass
-from bp2_rl.optimiser.figure_style import LEFT, RIGHT, finely, letter
+from bp2_rl.optimiser.figure_style import LEFT, RIGHT, letter, on_fine_mesh
 from bp2_rl.optimiser.problem import spring_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.decomposition import comparable
@@ -27,7 +27,7 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
     problem = solutions[0].problem
     springs = spring_coordinates(problem.stride.legs)
     speeds = [solution.problem.speed for solution in solutions]
-    motions = [finely(solution).motion for solution in solutions]
+    motions = [on_fine_mesh(solution).motion for solution in solutions]
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     panels = figure.subplots(4, 2, sharex=True).ravel().tolist()
 

@@ -17,7 +17,7 @@ from bp2_rl.paper.benchmarks.endurance.calibration import (
     straightest,
 )
 from bp2_rl.paper.motor_heat import Network
-from bp2_rl.robot.specs import MotorHeat
+from bp2_rl.paper.thermal_specs import MotorHeat
 
 MOTOR, HEAT, TOP_HEAT = MotorHeat(), 147.0, 273.0  # W
 

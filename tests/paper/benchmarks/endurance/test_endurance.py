@@ -13,9 +13,10 @@ from bp2_rl.paper.benchmarks.endurance.calibration import seconds_to
 from bp2_rl.paper.benchmarks.endurance.heating import AveragingWindow, EnduranceResult, HeatedRun, HeatingCourse
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics
 from bp2_rl.paper.benchmarks.options import DeepSetup
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, winding_heat
-from bp2_rl.robot.specs import BUILT, MotorHeat
+from bp2_rl.robot.specs import BUILT
 from bp2_rl.settings.env import RandomizationConfig
 
 REMEMBERED = {name: functools.cache(getattr(calibration, name)) for name in ("calibrated", "family")}

@@ -12,8 +12,9 @@ from runs import run_one
 from bp2_rl.env.controller import motors_of
 from bp2_rl.paper.benchmarks.endurance.heating import UPDATE, WINDOW, Heating, HeatingTry, hot_run
 from bp2_rl.paper.motor_heat import Network
+from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot.actuator import Actuator, winding_heat
-from bp2_rl.robot.specs import BUILT, IDEAL, MotorHeat
+from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.schedule import Ramp

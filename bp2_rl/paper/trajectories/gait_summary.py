@@ -1,4 +1,4 @@
-"""A gait in a few numbers that do not hang on how its trajectory was found: to set gaits beside each other."""
+"""A gait in a few numbers that do not depend on how its trajectory was found, so that gaits can be compared."""
 
 import dataclasses
 
@@ -8,26 +8,22 @@ from jaxtyping import Float
 from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.optimiser.verify import summarise
+from bp2_rl.optimiser.verify import StrideSummary, summarise
 from bp2_rl.robot.specs import HardwareSpec
 
 
-@dataclasses.dataclass(frozen=True)
-class Gait:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaitSummary(StrideSummary):
     """A gait at a speed, of the optimiser or of a policy; hips and knees, forces along the track and up."""
 
     speed: float  # m/s
-    period: float  # s
-    duty: float
-    peak_torque: float  # Nm
     rms_torque: float  # Nm
-    peak_force: float  # N, vertical, of a foot
     positive: float  # cost of transport: the motors' positive work
     running_cost: float  # mean over time of the optimiser's R without its smoothness
 
 
-def describe(solution: Solution) -> Gait:
-    """A solution's, as a whole robot's: of half a robot, the running cost counts twice."""
+def summarise_gait(solution: Solution) -> GaitSummary:
+    """Summarise a solution as a whole robot's gait: the running cost of half a robot counts twice."""
     cycle = whole_cycle(solution)
     motion, weights = cycle.motion, cycle.weights / cycle.period
 
@@ -36,9 +32,9 @@ def describe(solution: Solution) -> Gait:
 
     qd = motion.v[..., motor_coordinates(cycle.problem.stride.legs)]
     R = running_cost(motion.tau, qd, motion.force, solution.problem.hardware, solution.problem.weights)
-    return Gait(
+    return GaitSummary(
         speed=solution.problem.speed,
-        **summarise(solution),
+        **vars(summarise(solution)),
         rms_torque=float(np.sqrt(mean(np.mean(motion.tau**2, axis=-1)))),
         positive=cost_of_transport(solution),
         running_cost=mean(R) / solution.problem.share,

@@ -1,0 +1,163 @@
+"""One physics step: MuJoCo's semi-implicit Euler, with the springs' damping implicit."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, GeneralizedVector, solve
+from bp2_rl.robot.kernel.constraints import ConstrainedMotion, Constraints, find_constraints, solve_constraints
+from bp2_rl.robot.kernel.design import LEG, TRUNK, Design, Masses, Robots
+from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
+from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
+from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
+from bp2_rl.robot.kernel.vectors import Number, Vector
+
+Quaternion = tuple[Number, Number, Number, Number]
+
+
+class MuJoCoState(NamedTuple):
+    """The robots' state in MuJoCo's coordinates."""
+
+    qpos: Float[Array, "23 N"]
+    qvel: Float[Array, "22 N"]
+    qacc_warmstart: Float[Array, "22 N"]
+
+
+def step(robots: Robots, state: MuJoCoState, applied: Float[Array, "22 N"]) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
+    """One step of `design.timestep`: (the state after it, the heights of the feet's centres before it, m).
+
+    Args:
+        robots: those that move.
+        state: before the step.
+        applied: forces on the coordinates (MuJoCo's `qfrc_applied`), the motors' among them, N and Nm.
+    """
+    after, heights = _step(robots, _RobotState.of(state), _split(applied))
+    return after.in_mujoco(), heights
+
+
+class _RobotState(NamedTuple):
+    """The state of the robots, coordinate by coordinate."""
+
+    place: Vector
+    quaternion: Quaternion
+    legs: list[Number]
+    velocity: GeneralizedVector
+    warmstart: GeneralizedVector
+
+    @classmethod
+    def of(cls, state: MuJoCoState) -> "_RobotState":
+        qpos, qvel, warmstart = state
+        place, quaternion = (qpos[0], qpos[1], qpos[2]), (qpos[3], qpos[4], qpos[5], qpos[6])
+        return cls(place, quaternion, _by_coordinate(qpos[TRUNK + 1 :]), _split(qvel), _split(warmstart))
+
+    def in_mujoco(self) -> MuJoCoState:
+        qpos = jnp.concatenate([jnp.stack([*self.place, *self.quaternion]), _leg_by_leg(self.legs)])
+        return MuJoCoState(qpos, _joined(self.velocity), _joined(self.warmstart))
+
+
+def _step(robots: Robots, state: _RobotState, applied: GeneralizedVector) -> tuple[_RobotState, Array]:
+    barriers = FusionBarriers.of(robots.friction)
+    pose, inertia = in_one_kernel(partial(_pose_and_inertia, barriers), robots, state)
+    force, constraints, guess, heights = in_one_kernel(
+        partial(_forces_and_constraints, barriers), robots, pose, state, applied
+    )
+    constrained = in_one_kernel(partial(solve_constraints, barriers), inertia, force, constraints, guess)
+    after = in_one_kernel(partial(_advance, barriers), robots.design, inertia, pose.rotation, state, constrained)
+    return after, heights
+
+
+def _pose_and_inertia(
+    barriers: FusionBarriers, robots: Robots, state: _RobotState
+) -> tuple[RobotPose, ArrowheadMatrix]:
+    """Where everything is, and its inertia."""
+    pose = barriers(partial(_pose, robots.design), robots.masses, state.quaternion, state.legs)
+    return pose, inertia_matrix(barriers, robots, pose)
+
+
+def _forces_and_constraints(
+    barriers: FusionBarriers, robots: Robots, pose: RobotPose, state: _RobotState, applied: GeneralizedVector
+) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
+    """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
+    (design, masses, friction), velocity, height = robots, state.velocity, state.place[2]
+    force = barriers(partial(smooth_force, design), masses, pose, state.legs[3], velocity, applied)
+    constraints, heights = barriers(partial(find_constraints, design), pose, friction, height, state.legs, velocity)
+    return force, constraints, state.warmstart.in_world(pose.rotation), heights
+
+
+def _advance(
+    barriers: FusionBarriers,
+    design: Design,
+    inertia: ArrowheadMatrix,
+    rotation: Rotation,
+    state: _RobotState,
+    constrained: ConstrainedMotion,
+) -> _RobotState:
+    """The state after the step under the force in all; the next step's guess is the constrained acceleration."""
+    damped = solve(barriers, _implicit_inertia(inertia, design), constrained.force)
+    after = barriers(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
+    return after._replace(warmstart=constrained.acceleration.in_mujoco(rotation))
+
+
+def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]) -> RobotPose:
+    return RobotPose(Rotation.of(_unit(quaternion)), Legs.of(design, masses, coordinates))
+
+
+def _implicit_inertia(inertia: ArrowheadMatrix, design: Design) -> ArrowheadMatrix:
+    """The matrix of the implicit step."""
+    *others, spring = inertia.legs
+    return inertia._replace(legs=[*others, [*spring[:3], spring[3] + design.timestep * design.spring[1]]])
+
+
+def _integrated(dt: float, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
+    """The state after the step."""
+    trunk = [v + dt * a for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)]
+    legs = [v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)]
+    (x, y, z), (vx, vy, vz, *spin) = state.place, trunk
+    turn = dt * spin[0], dt * spin[1], dt * spin[2]
+    return state._replace(
+        place=(x + dt * vx, y + dt * vy, z + dt * vz),
+        quaternion=_rotated(_unit(state.quaternion), turn),
+        legs=[q + dt * v for q, v in zip(state.legs, legs, strict=True)],
+        velocity=GeneralizedVector(trunk, legs),
+    )
+
+
+def _rotated(q: Quaternion, by: Vector) -> Quaternion:
+    """The orientation after a turn by a vector, rad, in its own axes."""
+    w, x, y, z = q
+    angle = jnp.sqrt(by[0] * by[0] + by[1] * by[1] + by[2] * by[2])
+    share = jnp.where(angle > 0.0, jnp.sin(0.5 * angle) / jnp.where(angle > 0.0, angle, 1.0), 0.5)
+    c, i, j, k = jnp.cos(0.5 * angle), share * by[0], share * by[1], share * by[2]
+    return (
+        w * c - x * i - y * j - z * k,
+        w * i + x * c + y * k - z * j,
+        w * j - x * k + y * c + z * i,
+        w * k + x * j - y * i + z * c,
+    )
+
+
+def _unit(quaternion: Quaternion) -> Quaternion:
+    w, x, y, z = quaternion
+    scale = 1.0 / jnp.sqrt(w * w + x * x + y * y + z * z)
+    return scale * w, scale * x, scale * y, scale * z
+
+
+def _split(generalized: Float[Array, "22 N"]) -> GeneralizedVector:
+    return GeneralizedVector([generalized[i] for i in range(TRUNK)], _by_coordinate(generalized[TRUNK:]))
+
+
+def _joined(x: GeneralizedVector) -> Float[Array, "22 N"]:
+    return jnp.concatenate([jnp.stack(x.trunk), _leg_by_leg(x.legs)])
+
+
+def _by_coordinate(coordinates: Float[Array, "16 N"]) -> list[Number]:
+    """Abduction, hip, knee and spring of all legs, (4, N) each, from MuJoCo's order."""
+    legs = coordinates.reshape(LEG, LEG, -1)
+    return [legs[:, i] for i in range(LEG)]
+
+
+def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "16 N"]:
+    """Return coordinates given number by number as one array, leg by leg."""
+    return jnp.stack(coordinates, axis=1).reshape(LEG * LEG, -1)
