@@ -17,8 +17,9 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.evaluation.benchmarks.options import Backend, Setup
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.specs import RobotName
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"

@@ -46,8 +46,7 @@ class JudgedLaunch:
 
     def ramp(self, env: EnvConfig) -> Ramp:
         """Return the commands of this launch in a training's environment."""
-        target = (self.share * env.commands.max_forward, 0.0, 0.0)
-        return Ramp(target, acceleration=self.acceleration, hold=self.hold).under(env.control)
+        return Ramp(self.share * env.commands.max_forward, self.acceleration, self.hold).under(env.control)
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Return the robot that is launched."""

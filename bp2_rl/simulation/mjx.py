@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import Controller, ControllerState, Targets, motors_of
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
@@ -31,11 +32,11 @@ def simulate_in_mjx(policy: ActionFunction, config: EnvConfig, request: RunReque
     Foot forces are C MuJoCo's for the recorded states and torques: MJX keeps its own in private fields.
 
     Raises:
-        ValueError: the request has another world than level ground, a watch, a gyro's bias or other numerics.
+        UserError: the request has another world than level ground, a watch, a gyro's bias or other numerics.
     """
     plain = RunRequest(request.schedule, request.hardware, request.operator, finish=request.finish, name=request.name)
     if request != plain:
-        raise ValueError("MJX runs on level ground, without a watch, a gyro's bias or other numerics")
+        raise UserError("MJX runs on level ground, without a watch, a gyro's bias or other numerics; use mujoco")
     robot = request.robot(config)
     start = settled([robot])
     state = Controller(config).init()
@@ -57,7 +58,7 @@ def simulate_in_mjx(policy: ActionFunction, config: EnvConfig, request: RunReque
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[step], qvel[step], torque[step]
         mujoco.mj_forward(model, data)
         recording.foot_force[step] = foot_forces(data)
-    return recording.trajectory(request, config, length=length, fell=fell, mass=start.mass(0), backend="MJX")
+    return recording.trajectory(request, config, "mjx", length=length, fell=fell, mass=start.mass(0))
 
 
 @functools.lru_cache(maxsize=8)

@@ -1,26 +1,30 @@
-"""Runs of a policy in C MuJoCo: what is asked for, and `simulate`, which runs it.
+"""Runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s side by side.
 
-The physics is an independent implementation, in float64 with a converged solver, so that nothing that a policy has
-learnt about the approximations of its training helps it here.
+The default simulator, C MuJoCo, is an independent implementation in float64 with a converged solver, so that nothing
+that a policy has learnt about the approximations of its training helps it here.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import NQ, NU, NV
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
-from bp2_rl.simulation.schedule import Schedule
+from bp2_rl.simulation.schedule import Ramp, Schedule
 from bp2_rl.simulation.simulator import CONVERGED, DT, Numerics, RobotSetup, Simulator, settled
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose
@@ -56,24 +60,71 @@ class RunRequest:
         return dataclasses.replace(RobotSetup.of(config, self.hardware), world=self.world, numerics=self.numerics)
 
 
+def rollout(
+    policy: Policy | ActionFunction,
+    schedule: Schedule,
+    *,
+    config: EnvConfig | None = None,
+    hardware: HardwareSpec | None = None,
+    operator: HeadingHold = HEADING_HOLD,
+    world: World = LEVEL,
+    backend: Backend = "mujoco",
+) -> Trajectory:
+    """Run a policy once from a settled stand; see `RunRequest` for the options, and `simulate`.
+
+    A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
+    """
+    config = _config_of(policy, config)
+    asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
+    [run] = simulate(policy, [RunRequest(asked, hardware, operator, world)], config, backend=backend)
+    return run
+
+
 def simulate(
-    policy: Policy | ActionFunction, requests: Sequence[RunRequest], config: EnvConfig | None = None
+    policy: Policy | ActionFunction,
+    requests: Sequence[RunRequest],
+    config: EnvConfig | None = None,
+    *,
+    backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand in C MuJoCo, many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, in C MuJoCo many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot.
+    CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32.
 
     Args:
         policy: a loaded policy, or a function from an observation to an action, for one robot.
         requests: the runs.
         config: the environment that the policy was trained in; that of a loaded policy's card by default.
+        backend: the simulator.
+
+    Raises:
+        UserError: a policy without a card and without `config`, a policy that reads other observations than `config`
+            gives, or a request that MJX does not run.
     """
-    if config is None:
-        if not isinstance(policy, Policy):
-            raise TypeError("simulate() needs the config of a policy that has no card")
-        config = policy.card.env
-    return _in_parts(policy, requests, config)
+    config = _config_of(policy, config)
+    if backend == "mujoco":
+        return _in_parts(policy, requests, config)
+    from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
+
+    return (simulate_in_mjx(policy, config, request) for request in requests)
+
+
+def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
+    """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
+    if not isinstance(policy, Policy):
+        if config is None:
+            raise UserError("a policy without a card runs only with a config: pass config=EnvConfig(...)")
+        return config
+    config = config or policy.card.env
+    wanted, given = policy.card.observation_layout, tuple(map(tuple, layout_of(config.control)))
+    if wanted != given:
+        entry, other = next(pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1])
+        raise UserError(
+            f"the policy observes {entry or 'nothing more'} where this config gives {other or 'nothing more'}; pass "
+            "no config, or one with the control of policy.card.env"
+        )
+    return config
 
 
 def _in_parts(policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig) -> Iterator[Trajectory]:
@@ -121,7 +172,9 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
         if ended.all():
             break
     return [
-        recording.of(i).trajectory(request, config, length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i))
+        recording.of(i).trajectory(
+            request, config, "mujoco", length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i)
+        )
         for i, request in enumerate(requests)
     ]
 
@@ -175,17 +228,17 @@ class Recording:
         return Recording(*(array[run] for array in vars(self).values()))
 
     def trajectory(
-        self, request: RunRequest, config: EnvConfig, *, length: int, fell: bool, mass: float, backend: str = "C MuJoCo"
+        self, request: RunRequest, config: EnvConfig, backend: Backend, *, length: int, fell: bool, mass: float
     ) -> Trajectory:
         """Return the first `length` milliseconds of one run.
 
         Args:
             request: the run.
             config: the policy's environment.
+            backend: the simulator.
             length: ms.
             fell: whether the next state was that of a fallen robot.
             mass: of the robot, kg.
-            backend: the simulator's name, for titles.
         """
         return Trajectory(
             time=np.arange(length) * DT,
@@ -196,5 +249,5 @@ class Recording:
             mass=mass,
             hardware=request.robot(config).config.hardware,
             name=request.name,
-            backend=backend,
+            backend=TITLES[backend],
         )

@@ -11,21 +11,10 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec
 from bp2_rl.settings.env import ControlConfig
-from bp2_rl.simulation.mjx import simulate_in_mjx
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
 
 OWN = "card's own"
-
-
-def run_once(policy: Policy, request: RunRequest, setup: Setup) -> Trajectory:
-    """Run a policy once, in the simulator that was asked for."""
-    if setup.backend == "mjx":
-        return simulate_in_mjx(policy, policy.card.env, request)
-    [run] = simulate(policy, [request])
-    return run
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:

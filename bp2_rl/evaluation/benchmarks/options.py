@@ -1,14 +1,14 @@
 """What may be chosen about a benchmark; read before JAX is imported, so that a mistake is answered at once."""
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
-Backend = Literal["mujoco", "mjx"]
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 

@@ -28,7 +28,6 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_simulator,
     on_card,
     robot_of,
-    run_once,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -46,7 +45,7 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -105,7 +104,8 @@ class SprintMetrics:
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    run = run_once(policy, RunRequest(ramp, robot, setup.operator, finish=TRACK, name=name), setup)
+    request = RunRequest(ramp, robot, setup.operator, finish=TRACK, name=name)
+    [run] = simulate(policy, [request], backend=setup.backend)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",
@@ -135,7 +135,7 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     launching = policy.card.env.control.launching
     usual = launching if math.isfinite(launching) else ACCELERATION
     acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
-    ramp = Ramp((speed, 0.0, 0.0), acceleration=acceleration).under(policy.card.env.control)
+    ramp = Ramp(speed, acceleration=acceleration).under(policy.card.env.control)
     if ramp.steady_from >= TIME_LIMIT:
         raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
     return dataclasses.replace(ramp, hold=TIME_LIMIT - ramp.steady_from)

@@ -8,7 +8,6 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     describe_ramp,
     describe_simulator,
     robot_of,
-    run_once,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -17,7 +16,7 @@ from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, r
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.account import account
 from bp2_rl.simulation.metrics import RunMetrics, measure, steady_window
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import ACCELERATION, Ramp
 
 TOPSPEED_HOLD = 20.0  # s
@@ -27,7 +26,7 @@ TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Ramp to the commanded speed, hold it, and measure the run."""
     name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    run = run_once(policy, RunRequest(ramp, robot, setup.operator, name=name), setup)
+    [run] = simulate(policy, [RunRequest(ramp, robot, setup.operator, name=name)], backend=setup.backend)
     metrics = measure(run)
     if setup.backend == "mujoco" and metrics.hold_time >= 1.0:
         metrics = dataclasses.replace(metrics, account=account(steady_window(run)))
@@ -51,7 +50,7 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
     """The schedule."""
     return Ramp(
-        (setup.speed or speed_to_command(policy), 0.0, 0.0),
+        setup.speed or speed_to_command(policy),
         acceleration=setup.acceleration or ACCELERATION,
         hold=setup.hold or TOPSPEED_HOLD,
     ).under(policy.card.env.control)

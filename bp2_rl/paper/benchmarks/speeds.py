@@ -38,7 +38,7 @@ def run_speeds(
 ) -> list[Result]:
     """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
     robot = robot_of(policy, setup)
-    ramps = [dataclasses.replace(ramp, target=(speed, 0.0, 0.0)) for speed in commands]
+    ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
     requests = [RunRequest(each, robot, setup.operator) for each in ramps]
     return simulate_all(functools.partial(_measure, measure), policy, requests)
 

@@ -32,7 +32,7 @@ def test_what_a_controller_does_to_commands_is_said(control, said):
 
 
 def test_a_schedule_says_what_its_controller_limits():
-    ramp = Ramp((9.0, 0.0, 0.0), 2.0, hold=3.0)
+    ramp = Ramp(9.0, 2.0, hold=3.0)
     assert describe_ramp(ramp) == "from a stand to 9 m/s at 2 m/s², then hold for 3 s"
     limited = ramp.under(ControlConfig(launching=6.0, launching_speed=18.0))
     assert "at 2 m/s², and at no more than 6 m/s² x (1 - v / 18 m/s), then hold" in describe_ramp(limited)

@@ -32,7 +32,7 @@ def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(make_pol
 
 def test_conditions_say_how_to_do_it_again(make_policy):
     policy = make_policy()
-    said = conditions(policy, describe_ramp(Ramp((6.0, 0.0, 0.0), 2.4, 20.0)), "a simulator", Setup())
+    said = conditions(policy, describe_ramp(Ramp(6.0, 2.4, 20.0)), "a simulator", Setup())
     assert said["schedule"] == "from a stand to 6 m/s at 2.4 m/s², then hold for 20 s"
     assert "seed 3" in said["policy"]
     assert said["weights_sha256"] == policy.card.weights_sha256

@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.evaluation.benchmarks import conditions
+from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
@@ -16,19 +16,14 @@ from bp2_rl.simulation.operator import HeadingHold
 
 @pytest.fixture
 def asked(monkeypatch, make_run):
-    """What the simulators were asked for, instead of running them."""
+    """The simulator and the request of each run, which is not made."""
     calls = []
 
-    def simulate(policy, requests):
-        calls.append(("mujoco", policy.card.env, requests[0]))
+    def simulate(policy, requests, *, backend):
+        calls.append((backend, requests[0]))
         return [make_run(duration=3.0)]
 
-    def simulate_in_mjx(policy, config, request):
-        calls.append(("mjx", config, request))
-        return make_run(duration=3.0)
-
-    monkeypatch.setattr(conditions, "simulate", simulate)
-    monkeypatch.setattr(conditions, "simulate_in_mjx", simulate_in_mjx)
+    monkeypatch.setattr(module, "simulate", simulate)
     return calls
 
 
@@ -74,12 +69,10 @@ def run(policy, setup):
 @pytest.mark.parametrize("backend", ["mujoco", "mjx"])
 def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     operator = HeadingHold(heading_gain=1.0)
-    policy = make_policy()
-    evaluation = run(policy, Setup(backend=backend, speed=6.0, operator=operator))
-    ((name, config, request),) = asked
+    evaluation = run(make_policy(), Setup(backend=backend, speed=6.0, operator=operator))
+    ((name, request),) = asked
     schedule = request.schedule
     assert name == backend
-    assert config is policy.card.env
     assert request.operator is operator
     assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
     assert evaluation.benchmark == "topspeed"

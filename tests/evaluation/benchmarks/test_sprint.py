@@ -181,11 +181,11 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
 def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_fits):
     asked = []
 
-    def run_once(policy, request, setup):
-        asked.append(request)
-        return make_race()
+    def simulate(policy, requests, *, backend):
+        asked.extend(requests)
+        return [make_race()]
 
-    monkeypatch.setattr(module, "run_once", run_once)
+    monkeypatch.setattr(module, "simulate", simulate)
     policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
     evaluation = sprint(policy, race(policy, setup), setup)
     (request,) = asked

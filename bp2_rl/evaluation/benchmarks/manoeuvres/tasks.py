@@ -118,7 +118,7 @@ def _launches(of: Make, speed: float, level: float, hardware: HardwareSpec) -> I
                 f"{acceleration:g} m/s²",
                 f"{rules.SPEED_SHARE:.0%} of top {AFTERWARDS:g} s after the command",
                 functools.partial(rules.judge_launch, speed=level, acceleration=acceleration),
-                Ramp((speed, 0.0, 0.0), acceleration, AFTERWARDS),
+                Ramp(speed, acceleration, AFTERWARDS),
                 hardware=dataclasses.replace(hardware, friction=friction),
             )
 

@@ -63,7 +63,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
                 asked=speed,
                 speed=near,
                 ticks=ticks,
-                rise=dataclasses.replace(ramp, target=(near, 0.0, 0.0)),
+                rise=dataclasses.replace(ramp, to=near),
                 robot=robot,
                 operator=setup.operator,
                 seed=setup.seed or 0,

@@ -34,7 +34,7 @@ from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp
 
-TOP, LEVEL_SPEED = Ramp((15.0, 0.0, 0.0)), 14.0
+TOP, LEVEL_SPEED = Ramp(15.0), 14.0
 
 
 @pytest.fixture(scope="module")
