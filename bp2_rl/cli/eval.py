@@ -67,7 +67,9 @@ class EvalConfig:
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots are drawn; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
+    """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn from; by default 0."""
+    sensor_noise: bool = False
+    """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HeadingHold()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -48,6 +49,8 @@ class RunRequest:
     world: World = LEVEL
     gyro_bias: float = 0.0
     """rad/s, of the gyro from which the operator has the heading"""
+    noise_seed: int | None = None
+    """of the sensors' noise, whose deviations are those of the policy's training; None: sensors without noise"""
     finish: float = math.inf
     """m, at which distance ahead the run ends"""
     numerics: Numerics = CONVERGED
@@ -68,6 +71,7 @@ def rollout(
     hardware: HardwareSpec | None = None,
     operator: HeadingHold = HEADING_HOLD,
     world: World = LEVEL,
+    noise_seed: int | None = None,
     backend: Backend = "mujoco",
 ) -> Trajectory:
     """Run a policy once from a settled stand; see `RunRequest` for the options, and `simulate`.
@@ -76,7 +80,8 @@ def rollout(
     """
     config = _config_of(policy, config)
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
-    [run] = simulate(policy, [RunRequest(asked, hardware, operator, world)], config, backend=backend)
+    request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
+    [run] = simulate(policy, [request], config, backend=backend)
     return run
 
 
@@ -142,12 +147,14 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
     ticks = np.array([len(commands) - 1 for commands in schedules])
     longest = int(np.max(ticks))
     scheduled = np.stack([commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules])
+    noise = draw_sensor_noise(requests, longest)
     runner = PolicyRunner(
         policy,
         config,
         operators=[request.operator for request in requests],
         latencies=[robot.config.hardware.losses.latency for robot in robots],
         commands=scheduled[:, 0],
+        noise=config.randomization if noise else None,
     )
     recording = Recording.empty(count, longest * specs.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
@@ -155,7 +162,7 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
     for k in range(longest):
         poses = zip(requests, simulator.qpos, strict=True)
         sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * specs.CONTROL_STEP) for one, x in poses])
-        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1])
+        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1], *(drawn[:, k] for drawn in noise))
         for step, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
             running = np.flatnonzero(~ended)
             _push(simulator, requests, running, step)
@@ -177,6 +184,21 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
         )
         for i, request in enumerate(requests)
     ]
+
+
+def draw_sensor_noise(requests: Sequence[RunRequest], ticks: int) -> tuple[np.ndarray, ...]:
+    """Return what `control_step` draws the sensors' noise from: nothing where no robot has noisy sensors.
+
+    Otherwise a random key for every robot and control step (N, T, 2), and that robot's share of the noise (N, T): 1 or
+    0.
+    """
+    seeds = [request.noise_seed for request in requests]
+    if all(seed is None for seed in seeds):
+        return ()
+    of_steps = jax.vmap(jax.random.fold_in, (None, 0))
+    with jax.default_device(jax.devices("cpu")[0]):
+        keys = [np.asarray(of_steps(jax.random.PRNGKey(seed or 0), np.arange(ticks))) for seed in seeds]
+    return np.stack(keys), np.array([[float(seed is not None)] * ticks for seed in seeds])
 
 
 def _push(simulator: Simulator, requests: Sequence[RunRequest], running: Int[np.ndarray, " M"], step: int) -> None:

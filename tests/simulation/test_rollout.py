@@ -1,5 +1,6 @@
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -8,12 +9,13 @@ from runs import run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
+from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
-from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
+from bp2_rl.robot.specs import GRAVITY, STAND_JOINTS, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 from bp2_rl.simulation.metrics import envelope_use, measure
 from bp2_rl.simulation.operator import HeadingHold
@@ -240,6 +242,39 @@ def test_a_rollout_is_a_run_whose_ramp_rises_as_the_policys_controller_lets_it()
     assert run.metrics is run.metrics  # it is measured once
 
 
+def test_noise_of_the_sensors_changes_what_the_policy_observes_and_nothing_else():
+    """Against the noise of training, drawn by hand: a policy whose action is its observation shows it in the target."""
+    config = dataclasses.replace(STANDING, control=ControlConfig(mode="absolute", action_scale=0.1))
+    standing = Ramp(0.0, hold=0.02)
+
+    def joints(observation):
+        return observation[..., 5:17]  # rad, from the stand
+
+    plain, noisy, again, other = (
+        run_one(joints, standing, config, noise_seed=seed, operator=HeadingHold()) for seed in (None, 3, 3, 4)
+    )
+    np.testing.assert_array_equal(noisy.qpos[0], plain.qpos[0])
+    np.testing.assert_array_equal(noisy.target, again.target)
+    assert np.max(np.abs(noisy.target - other.target)) > 1e-4
+    for k in range(4):
+        measured = sense(jnp.asarray(noisy.qpos[5 * k], jnp.float32), jnp.asarray(noisy.qvel[5 * k], jnp.float32))
+        seen = add_noise(measured, config.randomization, jax.random.fold_in(jax.random.PRNGKey(3), k))
+        expected = np.asarray(STAND_JOINTS) + 0.1 * (seen.joint_position - np.asarray(STAND_JOINTS))
+        np.testing.assert_allclose(noisy.target[5 * k], expected, atol=1e-6)  # float32
+    # The motors and the physics know nothing of it.
+    q, qd = noisy.joint_position, noisy.joint_velocity
+    torque = joint_torque(motors_of(config), 0.0 * q, q, qd, noisy.target, 0.0 * qd, 1e-3)
+    np.testing.assert_allclose(noisy.torque, torque, atol=1e-9)
+
+
+def test_a_robot_without_noise_runs_beside_one_with_noise():
+    requests = [RunRequest(Ramp(3.0, hold=0.1), noise_seed=seed) for seed in (None, 3)]
+    plain, noisy = simulate(kick, requests, STANDING)
+    alone = run_one(kick, Ramp(3.0, hold=0.1), STANDING)
+    np.testing.assert_allclose(plain.target[:100], alone.target[:100], atol=1e-6)  # compiled otherwise
+    assert np.max(np.abs(noisy.target[:100] - alone.target[:100])) > 0.1
+
+
 def test_a_shipped_policy_runs_in_three_lines():
     run = rollout(load_policy("built"), Ramp(2.0, hold=0.5))
     assert run.fell_at is None
@@ -290,6 +325,13 @@ def test_both_simulators_know_the_same_facts(trot_in_both):
     for field in ("dt", "steady_from", "fell_at", "mass", "hardware"):
         assert getattr(c, field) == getattr(mjx, field)
     assert (c.backend, mjx.backend) == ("C MuJoCo", "MJX")
+
+
+def test_both_simulators_draw_the_same_noise():
+    runs = [run(kick, Ramp(3.0, hold=0.01), STANDING, noise_seed=5) for run in (run_one, run_in_mjx)]
+    np.testing.assert_allclose(runs[1].target[:5], runs[0].target[:5], atol=1e-4)
+    quiet = run_one(kick, Ramp(3.0, hold=0.01), STANDING)
+    assert np.max(np.abs(runs[1].target[:5] - quiet.target[:5])) > 0.1
 
 
 def test_mjx_refuses_what_it_does_not_run():

@@ -71,7 +71,7 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     metrics = compare(runs)
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
-        "200 Hz, no noise, full strength"
+        "200 Hz, full strength"
     )
     return Evaluation(
         benchmark="convergence",

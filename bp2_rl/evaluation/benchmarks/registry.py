@@ -32,9 +32,13 @@ class Benchmark(Generic[Flags]):
 
 BENCHMARKS = {
     "topspeed": Benchmark(
-        ramp_to_topspeed, topspeed, ("backend", "robot", "speed", "acceleration", "hold", "operator")
+        ramp_to_topspeed,
+        topspeed,
+        ("backend", "robot", "speed", "acceleration", "hold", "seed", "sensor_noise", "operator"),
     ),
-    "sprint": Benchmark(race, sprint, ("backend", "robot", "speed", "acceleration", "operator")),
+    "sprint": Benchmark(
+        race, sprint, ("backend", "robot", "speed", "acceleration", "seed", "sensor_noise", "operator")
+    ),
     "robustness": Benchmark(
         ramp_to_robustness,
         robustness,
@@ -60,5 +64,6 @@ def choose(name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = B
     known = benchmarks[name].flags
     for flag in setup.chosen:
         if flag not in known:
-            raise UserError(f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in known)}")
+            flag, *others = (word.replace("_", "-") for word in (flag, *known))
+            raise UserError(f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in others)}")
     return {name: setup}

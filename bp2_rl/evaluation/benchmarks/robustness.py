@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, name_of, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, describe_sensors, name_of, robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -97,6 +97,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
             "robots": f"{robots}, seed {seed}",
+            "sensors": describe_sensors(drawn, seed),
             "drawn": describe_randomization(drawn, robot),
         },
         verdict=verdict(metrics),
@@ -147,7 +148,7 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
         f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
-        f"x {_range(drawn.losses)}; sensor noise of training; pushes of up to {drawn.push_velocity:g} m/s on each "
+        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:g} m/s on each "
         f"axis, every {drawn.push_interval:g} s in the mean"
     )
 

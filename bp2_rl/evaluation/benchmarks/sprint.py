@@ -104,7 +104,7 @@ class SprintMetrics:
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    request = RunRequest(ramp, robot, setup.operator, finish=TRACK, name=name)
+    request = RunRequest(ramp, robot, setup.operator, finish=TRACK, noise_seed=setup.noise_seed, name=name)
     [run] = simulate(policy, [request], backend=setup.backend)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(

@@ -26,7 +26,8 @@ TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Ramp to the commanded speed, hold it, and measure the run."""
     name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    [run] = simulate(policy, [RunRequest(ramp, robot, setup.operator, name=name)], backend=setup.backend)
+    request = RunRequest(ramp, robot, setup.operator, noise_seed=setup.noise_seed, name=name)
+    [run] = simulate(policy, [request], backend=setup.backend)
     metrics = measure(run)
     if setup.backend == "mujoco" and metrics.hold_time >= 1.0:
         metrics = dataclasses.replace(metrics, account=account(steady_window(run)))

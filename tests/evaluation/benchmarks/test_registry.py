@@ -36,10 +36,15 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
     assert choose(name, chosen) == {name: chosen}
 
 
-@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3)), ("seed", Setup(seed=3))])
+@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3))])
 def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
     with pytest.raises(UserError, match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed"):
         choose("topspeed", wrong)
+
+
+def test_a_refused_flag_is_written_as_it_is_typed():
+    with pytest.raises(UserError, match="--sensor-noise is not of --benchmark manoeuvres, which takes --robot"):
+        choose("manoeuvres", Setup(sensor_noise=True))
 
 
 def test_an_unknown_benchmark_is_refused_with_those_there_are():
@@ -50,7 +55,7 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
         backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
-        operator=HeadingHold(1.0),
+        sensor_noise=True, operator=HeadingHold(1.0),
     )  # fmt: skip
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)
@@ -79,6 +84,15 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
     assert evaluation.results["top_speed"] == pytest.approx(5.0)
     assert "6 m/s" in evaluation.conditions["schedule"]
+
+
+def test_topspeed_says_how_noisy_its_sensors_are(make_policy, asked):
+    quiet, noisy = run(make_policy(), Setup(speed=6.0)), run(make_policy(), Setup(speed=6.0, seed=7, sensor_noise=True))
+    assert [request.noise_seed for _, request in asked] == [None, 7]
+    assert quiet.conditions["sensors"] == "without noise"
+    assert noisy.conditions["sensors"].startswith("with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s")
+    assert "noisy sensors" in noisy.subject
+    assert "noisy sensors" not in quiet.subject
 
 
 def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):

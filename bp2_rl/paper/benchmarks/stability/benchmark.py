@@ -80,7 +80,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         benchmark="stability",
         subject=describe_command(policy, setup, asked[0].speed),
         backend="C MuJoCo",
-        conditions=said | {"noise": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
+        conditions=said | {"sensors": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
         verdict=verdict(metrics),
         good=all(steady(speed) for speed in metrics.speeds),
         rows=stability_rows(metrics),
