@@ -52,7 +52,7 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     best = best_window(run, 1.0)
     if best is not None:
         speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
-        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best second, {best.speed:.2f} m/s")
+        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best speed, {best.speed:.2f} m/s")
     speed.set(ylabel="Speed [m/s]", title="Forward speed", ylim=(min(0.0, float(np.min(forward))), None))
     if width < WIDTH:
         speed.legend(loc="lower right", handlelength=1.6)  # below the curve, which rises and stays

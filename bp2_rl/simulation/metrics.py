@@ -45,8 +45,8 @@ class LegMetrics:
     name: str
     duty_factor: float  # stance over stride
     stride_frequency: float | None  # Hz; None with fewer than two touchdowns
-    peak_force: float  # N, magnitude
-    peak_compression: float  # m, of the spring
+    peak_foot_force: float  # N, magnitude
+    peak_spring_travel: float  # m, of the spring
     on_stop: float  # share of time with the spring on its stop
     stop_hits: int  # times it came onto it
 
@@ -118,15 +118,15 @@ class RunMetrics:
     distance: float  # m, straight from start to end
     lateral_drift: float  # m, greatest distance from the line it set out on
     heading_drift: float  # rad, greatest deviation from the heading it set out on
-    mean_height: float  # m, of the trunk's centre over the steady window
+    trunk_height: float  # m, of the trunk's centre over the steady window
     mechanical_cost_of_transport: float | None  # positive mechanical work / (m g distance), steady window
     electrical_cost_of_transport: float | None  # with copper losses, no credit for braking
     mechanical_power: float  # W, mean positive, steady window
     electrical_power: float  # W, mean, with copper losses
     froude_number: float | None  # best_speed^2 / (g h), h = standing height
     motor_demand: float | None  # m g best_speed / (tau_max omega_max)
-    peak_force: float  # N, of the hardest foot
-    peak_compression: float  # m, of the most compressed spring
+    peak_foot_force: float  # N, of the hardest foot
+    peak_spring_travel: float  # m, of the most compressed spring
     on_stop: float  # share of time with any spring on its stop
     stop_hits: int  # times that a spring came onto its stop, all springs together
     leg_contact: float  # share of time with a leg at or in another leg or the trunk, whether legs are solid or not
@@ -139,8 +139,33 @@ class RunMetrics:
     motors: tuple[MotorMetrics, ...]
     legs: tuple[LegMetrics, ...]
     account: Account | None = None  # where it was asked for
-    half_cycle: float | None = None  # cycles, by which left and right legs are not half a cycle apart; None: no stride
+    off_half_cycle: float | None = None  # cycles, of left legs from half a cycle after right ones; None: no stride
     uneven: float | None = None  # share of the vertical impulse that one side has more than the other
+
+    @property
+    def stride_frequency(self) -> float | None:
+        """Hz, mean of the legs that made a stride; None where none did."""
+        return mean_stride_frequency(self.legs)
+
+    @property
+    def duty_factor(self) -> float:
+        """Stance over stride, mean of the legs."""
+        return sum(leg.duty_factor for leg in self.legs) / len(self.legs)
+
+    @property
+    def peak_torque(self) -> float:
+        """Nm, of the motor with the greatest."""
+        return max(motor.peak_torque for motor in self.motors)
+
+    @property
+    def peak_joint_speed(self) -> float:
+        """Speed of the fastest joint, rad/s."""
+        return max(motor.peak_speed for motor in self.motors)
+
+    @property
+    def peak_motor_power(self) -> float:
+        """Greatest driving power of any motor, W."""
+        return max(motor.peak_power for motor in self.motors)
 
 
 def measure(run: Trajectory) -> RunMetrics:
@@ -155,7 +180,7 @@ def measure(run: Trajectory) -> RunMetrics:
     travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
     joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
     legs = leg_metrics(run, steady)
-    half_cycle, uneven = evenness(steady, legs)
+    off_half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
     return RunMetrics(
@@ -175,15 +200,15 @@ def measure(run: Trajectory) -> RunMetrics:
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
         lateral_drift=lateral_drift(run),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
-        mean_height=float(np.mean(steady.qpos[:, 2])),
+        trunk_height=float(np.mean(steady.qpos[:, 2])),
         mechanical_cost_of_transport=mechanical * joules_per_watt if joules_per_watt is not None else None,
         electrical_cost_of_transport=electrical * joules_per_watt if joules_per_watt is not None else None,
         mechanical_power=mechanical,
         electrical_power=electrical,
         froude_number=froude_number(best.speed) if best is not None else None,
         motor_demand=motor_demand(run, best.speed) if best is not None else None,
-        peak_force=max(leg.peak_force for leg in legs),
-        peak_compression=max(leg.peak_compression for leg in legs),
+        peak_foot_force=max(leg.peak_foot_force for leg in legs),
+        peak_spring_travel=max(leg.peak_spring_travel for leg in legs),
         on_stop=float(np.mean(on_stop(run).any(axis=-1))),
         stop_hits=sum(leg.stop_hits for leg in legs),
         leg_contact=float(np.mean(touching)),
@@ -195,7 +220,7 @@ def measure(run: Trajectory) -> RunMetrics:
         outside_envelope=int(np.sum(envelope.outside)),
         motors=motor_metrics(run, envelope),
         legs=legs,
-        half_cycle=half_cycle,
+        off_half_cycle=off_half_cycle,
         uneven=uneven,
     )
 
@@ -384,8 +409,8 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
                 name=name,
                 duty_factor=float(np.mean(strides)),
                 stride_frequency=frequency,
-                peak_force=float(force[i]),
-                peak_compression=float(compression[i]),
+                peak_foot_force=float(force[i]),
+                peak_spring_travel=float(compression[i]),
                 on_stop=float(np.mean(stop[:, i])),
                 stop_hits=int(stop[0, i]) + len(touchdowns(stop[:, i])),
             )

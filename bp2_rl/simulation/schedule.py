@@ -12,7 +12,7 @@ from bp2_rl.base.bounds import Positive, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.env import ControlConfig, Limit
 
-ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
 
 
@@ -43,7 +43,7 @@ class Ramp:
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
-    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
+    acceleration: Positive = COMMAND_ACCELERATION  # m/s2, along the target's direction
     hold: Positive = 20.0  # s
     launching: Limit = math.inf  # m/s2, as `ControlConfig` has them
     launching_speed: Limit = math.inf  # m/s

@@ -196,9 +196,9 @@ class Simulator:
             return
         if self._rows is None:
             parts = zip(self.motors, self._resistance, self._periods, strict=True)
-            self._rows = laws.rows_of([laws.row_of(*part) for part in parts])
+            self._rows = laws.stacked([laws.numbers_of(*part) for part in parts])
         before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
-        forces = laws.ask(self._rows, before, qpos, qvel, position, velocity)
+        forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
         tried = robots if self._all_throughout else robots[self._throughout[robots]]
         for robot in tried.tolist():
             mujoco.mj_getState(self.models[robot], self.data[robot], self._start[robot], STATE)

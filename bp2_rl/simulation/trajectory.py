@@ -1,4 +1,4 @@
-"""What a run leaves to look at: every physics step of one robot, and the facts needed to judge it."""
+"""What a run leaves to look at: every physics step of one robot, and the facts needed to measure it."""
 
 import dataclasses
 import functools

@@ -23,7 +23,7 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
     A card without a result of this benchmark gives the one of its top speed, one without either the fastest command
     of the training.
     """
-    for result in ("commanded_speed", "top_speed"):
+    for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
@@ -78,10 +78,10 @@ def describe(policy: Policy) -> str:
     )
 
 
-def describe_command(policy: Policy, setup: Setup, speed: float) -> str:
-    """Who runs at which command, for titles."""
+def describe_subject(policy: Policy, setup: Setup) -> str:
+    """Return what runs, for titles: without the commanded speed, which a reader would take for the speed run."""
     noisy = ", noisy sensors" if setup.sensor_noise else ""
-    return f"{policy.card.stage} policy, {name_of(robot_of(policy, setup))} robot{noisy}, {speed:g} m/s"
+    return f"{policy.card.stage} policy, {name_of(robot_of(policy, setup))} robot{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:

@@ -17,9 +17,9 @@ from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     OWN,
     conditions,
-    describe_command,
     describe_ramp,
     describe_simulator,
+    describe_subject,
     name_of,
     robot_of,
 )
@@ -93,7 +93,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair)
     return Evaluation(
         benchmark="losses",
-        subject=describe_command(policy, setup, ramp.target[0]),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", built), setup),
         verdict=verdict(metrics),

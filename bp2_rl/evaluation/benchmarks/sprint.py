@@ -23,9 +23,9 @@ from bp2_rl.base.plotting import (
 )
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_rise,
     describe_simulator,
+    describe_subject,
     on_card,
     robot_of,
     speed_to_command,
@@ -49,11 +49,11 @@ from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-LAUNCH = 5.0  # m, as in the paper
+LAUNCH_DISTANCE = 5.0  # m, as in the paper
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 TIME_LIMIT = 30.0  # s
-ACCELERATION = 3.0  # m/s2; most policies stall at 5
-TILES = "100 m", "Mean acceleration", "Best second", "Lane used", "Fall", "Peak motor power"
+SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5
+TILES = "100 m", "Mean acceleration", "Best speed", "Lane used", "Fall", "Peak motor power"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Split:
 
 @dataclasses.dataclass(frozen=True)
 class SprintLaunch:
-    """The first `LAUNCH` metres.
+    """The first `LAUNCH_DISTANCE` metres.
 
     The paper gives mean accelerations (BP2 2.38, a trained sprinter 4.8 m/s2) without a definition. Here it is the
     speed on reaching the mark, a mean over the `RIPPLE` seconds around it, over the time since the start.
@@ -103,7 +103,7 @@ class SprintMetrics:
 
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
-    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
+    name, robot = describe_subject(policy, setup), robot_of(policy, setup)
     request = RunRequest(ramp, robot, setup.operator, finish=TRACK, noise_seed=setup.noise_seed, name=name)
     [run] = simulate(policy, [request], backend=setup.backend)
     metrics = measure_sprint(run, ramp.acceleration)
@@ -133,7 +133,7 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     controller launches, if it does."""
     speed = setup.speed or speed_to_command(policy, "sprint")
     launching = policy.card.env.control.launching
-    usual = launching if math.isfinite(launching) else ACCELERATION
+    usual = launching if math.isfinite(launching) else SPRINT_ACCELERATION
     acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
     ramp = Ramp(speed, acceleration=acceleration).under(policy.card.env.control)
     if ramp.steady_from >= TIME_LIMIT:
@@ -195,12 +195,12 @@ def measure_splits(run: Trajectory) -> tuple[Split, ...]:
 
 def measure_first_metres(run: Trajectory) -> SprintLaunch | None:
     """The first metres; None if the run ends less than half of `RIPPLE` after them."""
-    time = time_at(run, LAUNCH)
+    time = time_at(run, LAUNCH_DISTANCE)
     if time is None or time + RIPPLE / 2 > run.time[-1]:
         return None
     behind, ahead = np.interp((time - RIPPLE / 2, time + RIPPLE / 2), run.time, track_position(run)[0])
     speed = float(ahead - behind) / RIPPLE
-    return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH / time**2)
+    return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH_DISTANCE / time**2)
 
 
 def measure_lane(run: Trajectory) -> Lane:
@@ -268,7 +268,7 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("First 5 m", show(launch and launch.time, ".2f", "s"), f"at {show(launch and launch.speed, '.2f', 'm/s')}"),
         Row("Mean acceleration", show(mean, ".2f", "m/s\u00b2"), "speed at 5 m over time at 5 m"),
         Row("Equivalent", show(equivalent, ".2f", "m/s\u00b2"), "constant one of the same time, 2 d / t\u00b2"),
-        Row("Best second", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
+        Row("Best speed", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
         Row("Fall", show_fall(run.fell_at), f"in {run.duration:.1f} s"),
         Row("Trunk off the line", f"{lane.trunk_offset:.2f} m", "greatest, of its centre"),
         Row("Trunk's side", f"{lane.trunk_reach:.2f} m", "greatest distance from the line, 0.44 m wide"),
@@ -310,7 +310,7 @@ def sprint_results(metrics: SprintMetrics) -> dict[str, object]:
     }
     kept = (
         "commanded_speed",
-        "top_speed",
+        "best_speed",
         "fell_at",
         "peak_torque",
         "peak_motor_power",
@@ -325,8 +325,7 @@ def sprint_results(metrics: SprintMetrics) -> dict[str, object]:
         "leg_clearance",
         "trunk_clearance",
     )
-    run = run_results(metrics.run)
-    return rounded(race) | {name: run[name] for name in kept}
+    return rounded(race) | run_results(metrics.run, kept)
 
 
 CAPTION = (

@@ -4,9 +4,9 @@ import dataclasses
 
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_ramp,
     describe_simulator,
+    describe_subject,
     robot_of,
     speed_to_command,
 )
@@ -17,15 +17,15 @@ from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.account import account
 from bp2_rl.simulation.metrics import RunMetrics, measure, steady_window
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.schedule import ACCELERATION, Ramp
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
 TOPSPEED_HOLD = 20.0  # s
-TILES = "Top speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"
+TILES = "Best speed", "Time held", "Tracking error", "Fall", "Electrical cost", "On the envelope"
 
 
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Ramp to the commanded speed, hold it, and measure the run."""
-    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
+    name, robot = describe_subject(policy, setup), robot_of(policy, setup)
     request = RunRequest(ramp, robot, setup.operator, noise_seed=setup.noise_seed, name=name)
     [run] = simulate(policy, [request], backend=setup.backend)
     metrics = measure(run)
@@ -52,7 +52,7 @@ def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
     """The schedule."""
     return Ramp(
         setup.speed or speed_to_command(policy),
-        acceleration=setup.acceleration or ACCELERATION,
+        acceleration=setup.acceleration or COMMAND_ACCELERATION,
         hold=setup.hold or TOPSPEED_HOLD,
     ).under(policy.card.env.control)
 

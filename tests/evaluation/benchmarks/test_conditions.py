@@ -6,7 +6,7 @@ import pytest
 from bp2_rl.base.assets import asset_path
 from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.sprint import ACCELERATION, race
+from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
@@ -49,5 +49,5 @@ def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothi
     assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (ACCELERATION, math.inf)
+    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (SPRINT_ACCELERATION, math.inf)
     assert ramp_to_topspeed(blank, Setup()).launching == control.launching

@@ -12,10 +12,10 @@ from bp2_rl.simulation.schedule import Ramp
 @pytest.mark.parametrize(
     ("results", "speed"),
     [
-        ({"topspeed": {"commanded_speed": 9.0, "top_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
-        ({"topspeed": {"top_speed": 8.25}}, 8.25),
+        ({"topspeed": {"commanded_speed": 9.0, "best_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
+        ({"topspeed": {"best_speed": 8.25}}, 8.25),
         ({"sprint": {"commanded_speed": 8.0}}, 7.5),
-        ({"topspeed": {"commanded_speed": None, "top_speed": "fast"}}, 7.5),  # the fastest command of the training
+        ({"topspeed": {"commanded_speed": None, "best_speed": "fast"}}, 7.5),  # the fastest command of the training
         ({}, 7.5),
     ],
 )

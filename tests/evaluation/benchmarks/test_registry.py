@@ -82,7 +82,7 @@ def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
     assert evaluation.benchmark == "topspeed"
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
-    assert evaluation.results["top_speed"] == pytest.approx(5.0)
+    assert evaluation.results["best_speed"] == pytest.approx(5.0)
     assert "6 m/s" in evaluation.conditions["schedule"]
 
 

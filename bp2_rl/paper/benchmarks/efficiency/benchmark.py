@@ -8,7 +8,7 @@ import dataclasses
 
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -54,7 +54,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="efficiency",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said,
         verdict=verdict(metrics),

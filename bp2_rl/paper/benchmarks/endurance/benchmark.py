@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -100,7 +100,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="endurance",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said | {"motor heat": describe_heat(metrics)},
         verdict=verdict(metrics),

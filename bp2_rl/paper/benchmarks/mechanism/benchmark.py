@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -63,7 +63,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         pictures.append(Picture("terms", figures.TERMS_CAPTION, figures.terms_figure(metrics, fastest)))
     return Evaluation(
         benchmark="mechanism",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said,
         verdict=verdict(metrics),

@@ -10,9 +10,9 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_rise,
     describe_simulator,
+    describe_subject,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
@@ -78,7 +78,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, describe_strides(asked), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="stability",
-        subject=describe_command(policy, setup, asked[0].speed),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said | {"sensors": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
         verdict=verdict(metrics),
