@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import layout_of
@@ -158,21 +158,27 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
     )
     recording = Recording.empty(count, longest * specs.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
+    pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
+    watches = {robot: request.watch for robot, request in enumerate(requests) if request.watch is not None}
     lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
     for k in range(longest):
         poses = zip(requests, simulator.qpos, strict=True)
         sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * specs.CONTROL_STEP) for one, x in poses])
         targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1], *(drawn[:, k] for drawn in noise))
         for step, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
-            running = np.flatnonzero(~ended)
-            _push(simulator, requests, running, step)
+            for robot in pushed:
+                if not ended[robot]:
+                    requests[robot].world.push(simulator.data[robot], step)
+                    simulator.read(robot)
             recording.qpos[:, step], recording.qvel[:, step] = simulator.qpos, simulator.qvel
             recording.target[:, step], recording.command[:, step] = position, runner.command
-            there = simulator.qpos[:, 0] >= finish
-            recording.torque[:, step] = simulator.millisecond(position, velocity, running)
+            enough = simulator.qpos[:, 0] >= finish
+            recording.torque[:, step] = simulator.millisecond(position, velocity, np.flatnonzero(~ended))
             recording.foot_force[:, step] = simulator.foot_force
             down = fall(simulator.qpos, simulator.qvel, config.termination).happened
-            over = ~ended & (down | there | _watch(simulator, requests, running, recording.torque[:, step]))
+            for robot, watch in watches.items():
+                enough[robot] |= not ended[robot] and watch(simulator, robot, recording.torque[robot, step])
+            over = ~ended & (down | enough)
             lasted[over], fell[over & down] = step + 1, True
             ended |= over
         ended |= ticks <= k + 1
@@ -199,27 +205,6 @@ def draw_sensor_noise(requests: Sequence[RunRequest], ticks: int) -> tuple[np.nd
     with jax.default_device(jax.devices("cpu")[0]):
         keys = [np.asarray(of_steps(jax.random.PRNGKey(seed or 0), np.arange(ticks))) for seed in seeds]
     return np.stack(keys), np.array([[float(seed is not None)] * ticks for seed in seeds])
-
-
-def _push(simulator: Simulator, requests: Sequence[RunRequest], running: Int[np.ndarray, " M"], step: int) -> None:
-    for robot in running.tolist():
-        if requests[robot].world.pushes:
-            requests[robot].world.push(simulator.data[robot], step)
-            simulator.read(robot)
-
-
-def _watch(
-    simulator: Simulator,
-    requests: Sequence[RunRequest],
-    running: Int[np.ndarray, " M"],
-    torque: Float[np.ndarray, "N 12"],
-) -> np.ndarray:
-    """Return which runs end because their `watch` says so."""
-    enough = np.zeros(len(requests), bool)
-    for robot in running.tolist():
-        watch = requests[robot].watch
-        enough[robot] = watch is not None and watch(simulator, robot, torque[robot])
-    return enough
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:

@@ -183,7 +183,7 @@ class Simulator:
         """
         robots = self._everyone if robots is None else robots
         self._update(position, velocity, robots)
-        torque = self.torque.copy()
+        torque = self.torque  # an update writes another array
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
         return torque

@@ -1,4 +1,7 @@
-"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed."""
+"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed.
+
+`GOOD` says what counts. Legs pass through each other here, as in training; where they are too deep is counted by itself.
+"""
 
 import dataclasses
 import math
@@ -29,6 +32,10 @@ NUM_ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
+GOOD = (
+    "no robot falls; legs in each other are no fall here, though training ends an episode where they are too deep: "
+    "such robots are counted as `Legs too deep`"
+)
 TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
 
 
@@ -68,6 +75,8 @@ class RobustnessMetrics:
     greatest_offset: float | None  # m
     fallen_at: tuple[float, ...]  # s, in order
     legs_touch: int  # robots with a leg in another or in the trunk at some control step
+    legs_too_deep: int  # those deeper than `allowed_overlap`, at which training ends an episode
+    allowed_overlap: float  # m
     leg_depth: float  # m, greatest
     robots: tuple[DrawnRobot, ...]
 
@@ -87,7 +96,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         operator=setup.operator,
         impl=_IMPLS[setup.backend],
     )
-    metrics = measure_fleet(run)
+    metrics = measure_fleet(run, policy.card.env.termination.max_overlap)
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
@@ -99,6 +108,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
             "robots": f"{robots}, seed {seed}",
             "sensors": describe_sensors(drawn, seed),
             "drawn": describe_randomization(drawn, robot),
+            "good": GOOD,
         },
         verdict=verdict(metrics),
         good=metrics.upright == len(metrics.robots),
@@ -160,8 +170,13 @@ def _range(bounds: tuple[float, float]) -> str:
 # --- What is measured ----------------------------------------------------------------------------------------
 
 
-def measure_fleet(run: BatchRun) -> RobustnessMetrics:
-    """All figures of merit of a fleet."""
+def measure_fleet(run: BatchRun, allowed_overlap: float) -> RobustnessMetrics:
+    """Return all figures of merit of a fleet.
+
+    Args:
+        run: what the fleet did.
+        allowed_overlap: m, of legs in each other; training ends an episode at more.
+    """
     upright = np.isinf(run.fell_at)
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
     offsets = np.max(np.abs(run.offset), axis=0)
@@ -186,6 +201,8 @@ def measure_fleet(run: BatchRun) -> RobustnessMetrics:
         greatest_offset=float(np.max(offsets[upright])) if count else None,
         fallen_at=tuple(float(time) for time in np.sort(run.fell_at[~upright])),
         legs_touch=int(np.sum(run.leg_room <= 0.0)),
+        legs_too_deep=int(np.sum(run.leg_room < -allowed_overlap)),
+        allowed_overlap=allowed_overlap,
         leg_depth=max(-float(np.min(run.leg_room)), 0.0),
         robots=robots,
     )
@@ -229,6 +246,7 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
+        Row("Legs too deep", f"{m.legs_too_deep}", f"of these, by more than training's {1e3 * m.allowed_overlap:g} mm"),
     )
 
 
@@ -247,6 +265,7 @@ def fleet_results(metrics: RobustnessMetrics) -> dict[str, object]:
             "lane_offset": offset and offset.median,
             "greatest_lane_offset": m.greatest_offset,
             "legs_touch": m.legs_touch,
+            "legs_too_deep": m.legs_too_deep,
             "leg_depth": m.leg_depth,
         }
     )

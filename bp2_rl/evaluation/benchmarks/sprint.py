@@ -52,6 +52,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 LAUNCH_DISTANCE = 5.0  # m, as in the paper
 LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
 TIME_LIMIT = 30.0  # s
+GOOD = f"{TRACK:g} m in {TIME_LIMIT:g} s at most, with trunk and feet inside one lane"
 SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5
 TILES = "100 m", "Mean acceleration", "Best speed", "Lane used", "Fall", "Peak motor power"
 
@@ -106,12 +107,13 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     name, robot = describe_subject(policy, setup), robot_of(policy, setup)
     request = RunRequest(ramp, robot, setup.operator, finish=TRACK, noise_seed=setup.noise_seed, name=name)
     [run] = simulate(policy, [request], backend=setup.backend)
+    said = conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup),
+        conditions=said | {"good": GOOD},
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=sprint_rows(metrics),
