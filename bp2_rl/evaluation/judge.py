@@ -23,11 +23,12 @@ from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.metrics import HELD, best_window
+from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.windows import best_window
 
 AT_A_TIME = 2  # most policies that are judged side by side
 NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge

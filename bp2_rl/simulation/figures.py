@@ -25,8 +25,10 @@ from bp2_rl.base.plotting import (
 )
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.simulation.metrics import RIPPLE, best_window, contacts, steady_window, touchdowns
+from bp2_rl.simulation.gait import contacts, touchdowns
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window, steady_window
 
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride

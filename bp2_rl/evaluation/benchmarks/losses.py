@@ -121,7 +121,7 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
     """
     if not differing(IDEAL, robot_of(policy, setup)):
         raise UserError("--benchmark losses: the robot of this policy's card has no losses to leave out")
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LOSSES_HOLD))
+    return ramp_to_topspeed(policy, setup, hold=LOSSES_HOLD)
 
 
 def greatest_speeds() -> dict[str, float]:

@@ -1,6 +1,6 @@
 """How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed.
 
-`GOOD` says what counts. Legs pass through each other here, as in training; where they are too deep is counted by itself.
+`GOOD` says what counts. Legs pass through each other here, as in training; how deep is counted by itself.
 """
 
 import dataclasses
@@ -125,9 +125,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: the same for every policy, so that they can be compared."""
-    return ramp_to_topspeed(
-        policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or ROBUSTNESS_HOLD)
-    )
+    return ramp_to_topspeed(policy, setup, speed=SPEED, hold=ROBUSTNESS_HOLD)
 
 
 _IMPLS: dict[str, Literal["kernel", "jax"]] = {"mujoco": "kernel", "mjx": "jax"}

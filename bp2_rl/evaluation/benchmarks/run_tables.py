@@ -158,40 +158,13 @@ def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
 
 
 RESULTS = (
-    "commanded_speed",
-    "best_speed",
-    "held_speed",
-    "mean_speed",
-    "slowest_held_speed",
-    "hold_time",
-    "fell_at",
-    "tracking_error",
-    "lateral_drift",
-    "heading_drift",
-    "trunk_height",
-    "stride_frequency",
-    "duty_factor",
-    "off_half_cycle",
-    "uneven",
-    "peak_torque",
-    "peak_joint_speed",
-    "peak_motor_power",
-    "on_envelope",
-    "outside_envelope",
-    "peak_foot_force",
-    "peak_spring_travel",
-    "on_stop",
-    "stop_hits",
-    "leg_contact",
-    "leg_contact_time",
-    "leg_depth",
-    "leg_clearance",
-    "trunk_clearance",
-    "mechanical_cost_of_transport",
-    "electrical_cost_of_transport",
-    "electrical_power",
-    "froude_number",
-)
+    "commanded_speed", "best_speed", "held_speed", "mean_speed", "slowest_held_speed", "hold_time", "fell_at",
+    "tracking_error", "lateral_drift", "heading_drift", "trunk_height", "stride_frequency", "duty_factor",
+    "off_half_cycle", "uneven", "peak_torque", "peak_joint_speed", "peak_motor_power", "on_envelope",
+    "outside_envelope", "peak_foot_force", "peak_spring_travel", "on_stop", "stop_hits", "leg_contact",
+    "leg_contact_time", "leg_depth", "leg_clearance", "trunk_clearance", "mechanical_cost_of_transport",
+    "electrical_cost_of_transport", "electrical_power", "froude_number",
+)  # fmt: skip
 """What a policy's card says of a run: fields and properties of `RunMetrics`."""
 
 

@@ -147,7 +147,7 @@ def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
     """The schedule of the runs at top speed; that of the sprints is looked at, too, before any robot runs."""
     race(policy, setup)
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or SENSITIVITY_HOLD))
+    return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 
 
 # --- What is measured ----------------------------------------------------------------------------------------

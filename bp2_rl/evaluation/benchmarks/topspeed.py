@@ -15,9 +15,10 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_results, run_rows, run_tables
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.account import account
-from bp2_rl.simulation.metrics import RunMetrics, measure, steady_window
+from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
+from bp2_rl.simulation.windows import steady_window
 
 TOPSPEED_HOLD = 20.0  # s
 FOLLOWS = 0.5  # of the commanded speed: a robot that is slower does not run at all as it is told
@@ -51,13 +52,11 @@ def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_topspeed(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule."""
-    return Ramp(
-        setup.speed or speed_to_command(policy),
-        acceleration=setup.acceleration or COMMAND_ACCELERATION,
-        hold=setup.hold or TOPSPEED_HOLD,
-    ).under(policy.card.env.control)
+def ramp_to_topspeed(policy: Policy, setup: Setup, *, speed: float | None = None, hold: float = TOPSPEED_HOLD) -> Ramp:
+    """Return the schedule; `speed` (m/s) and `hold` (s) are for a setup that leaves them open."""
+    speed = setup.speed or speed or speed_to_command(policy)
+    ramp = Ramp(speed, setup.acceleration or COMMAND_ACCELERATION, setup.hold or hold)
+    return ramp.under(policy.card.env.control)
 
 
 def follows(metrics: RunMetrics) -> bool:

@@ -13,7 +13,7 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot.specs import LEGS
 from bp2_rl.settings.reference import CollocationConfig
-from bp2_rl.simulation.metrics import contacts, touchdowns
+from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp

@@ -4,8 +4,9 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.specs import LEGS
-from bp2_rl.simulation.metrics import best_window, contacts, touchdowns
+from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window
 
 CYCLES = 3
 LEG = LEGS.index("RR")  # whose touchdown begins a cycle, as in the paper

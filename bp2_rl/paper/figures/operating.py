@@ -19,8 +19,9 @@ from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.specs import AMBIENT, LEGS, MotorHeat
-from bp2_rl.simulation.metrics import envelope_use, steady_window
+from bp2_rl.simulation.metrics import envelope_use
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import steady_window
 
 BENCHMARK = "topspeed"
 ENDS = {"fore": "F", "hind": "R"}  # and how their legs' names begin

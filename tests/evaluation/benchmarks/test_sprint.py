@@ -13,22 +13,18 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.sprint import (
     SprintMetrics,
-    foot_centres,
-    foot_edges,
     measure_first_metres,
     measure_sprint,
     race,
     sprint,
-    sprint_figure,
-    time_at,
-    track_position,
-    trunk_edges,
     verdict,
 )
+from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.track import foot_centres, foot_edges, time_at, track_position, trunk_edges
 
 
 @pytest.fixture

@@ -29,16 +29,16 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window
 from bp2_rl.simulation.world import EVEN, GRID
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
@@ -80,11 +80,6 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         results=manoeuvre_results(metrics),
         tables=(manoeuvre_table(metrics),),
     )
-
-
-def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
-    """The launch to what counts as the top speed."""
-    return ramp_to_topspeed(policy, setup)
 
 
 # --- How they are run ----------------------------------------------------------------------------------------

@@ -8,12 +8,13 @@ from typing import Any
 
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
-from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, TIME_LIMIT, TRACK
+from bp2_rl.evaluation.benchmarks.sprint import TIME_LIMIT, TRACK
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp, Schedule
+from bp2_rl.simulation.track import LANE_WIDTH
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 

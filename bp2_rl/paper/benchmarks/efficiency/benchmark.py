@@ -4,8 +4,6 @@ The paper prints no cost of transport. It says that all motors work within their
 springs relieve them; both are asked here.
 """
 
-import dataclasses
-
 import numpy as np
 
 from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
@@ -70,8 +68,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed."""
-    hold = setup.hold or (QUICK_HOLD if setup.quick else HOLD)
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=hold))
+    return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
 
 
 def account(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:

@@ -141,7 +141,7 @@ def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpe
 
 def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed; it is held for so long at most."""
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LONGEST))
+    return ramp_to_topspeed(policy, setup, hold=LONGEST)
 
 
 def _network(heat: MotorHeat) -> Network:

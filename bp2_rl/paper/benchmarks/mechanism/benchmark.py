@@ -5,8 +5,6 @@ source: of the inertial torque at a hip that other coordinates' accelerations ma
 what comes from other legs through the trunk?
 """
 
-import dataclasses
-
 import numpy as np
 
 from bp2_rl.base.errors import UserError
@@ -79,7 +77,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed."""
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
+    return ramp_to_topspeed(policy, setup, hold=HOLD)
 
 
 def decompose(ramp: Ramp, run: Trajectory) -> Ran:

@@ -17,8 +17,9 @@ from bp2_rl.paper.trajectories.described import Gait, describe, running_cost
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, Weighed, weigh
 from bp2_rl.robot.specs import IDEAL, LEGS, ROBOTS
 from bp2_rl.simulation.account import replay
-from bp2_rl.simulation.metrics import contacts, steady_window
+from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import steady_window
 
 BENCHMARK = "topspeed"
 SPEED = "speed"

@@ -19,7 +19,6 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     level_speed,
     manoeuvres,
     outcome_of,
-    ramp_to_manoeuvres,
     simulate_all,
     summarise,
     verdict,
@@ -29,6 +28,7 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment, Braking, M
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
@@ -153,7 +153,7 @@ def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, mon
     monkeypatch.setattr(module, "simulate_all", lambda measure, _, asked: [measure(one, fast) for one in asked])
     monkeypatch.setattr(module, "simulate", lambda *_: iter([fast]))
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
-    evaluation = manoeuvres(policy, ramp_to_manoeuvres(policy, setup), setup)
+    evaluation = manoeuvres(policy, ramp_to_topspeed(policy, setup), setup)
     assert not evaluation.good
     assert evaluation.results["of"] == 95
     assert evaluation.results["passes"]["Latency"] == "3 of 3"
