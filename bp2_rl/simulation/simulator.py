@@ -135,6 +135,7 @@ class Simulator:
     def read(self, robot: int) -> None:
         """Read a robot's state from `data` after a change from outside."""
         self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[robot]
+        self.torque = self.torque.copy()  # a millisecond has returned it
         self.torque[robot] = self.data[robot].ctrl
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
@@ -183,7 +184,7 @@ class Simulator:
         """
         robots = self._everyone if robots is None else robots
         self._update(position, velocity, robots)
-        torque = self.torque  # an update writes another array
+        torque = self.torque  # each update makes an array of its own
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
         return torque

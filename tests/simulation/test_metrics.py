@@ -10,7 +10,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.simulation import metrics
+from bp2_rl.simulation import gait, metrics
 from bp2_rl.simulation.metrics import RunMetrics, measure
 
 STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)  # Nm, where the back-EMF line meets the torque axis
@@ -180,7 +180,7 @@ def test_envelope_is_that_of_the_hardware_that_ran(make_run):
 def test_duty_factor_and_stride_frequency_of_a_trot(make_run, frequency, duty):
     m = measure(make_run(frequency=frequency, duty=duty))
     peak = np.pi / (8 * duty)  # of the half sine, in body weights: its ends lie below the thresholds
-    unseen = (np.arcsin(metrics.TOUCH_FORCE / peak) + np.arcsin(metrics.LIFT_FORCE / peak)) / np.pi
+    unseen = (np.arcsin(gait.TOUCH_FORCE / peak) + np.arcsin(gait.LIFT_FORCE / peak)) / np.pi
     for leg in m.legs:
         assert leg.stride_frequency == pytest.approx(frequency, rel=2e-3)  # touchdowns fall on milliseconds
         assert leg.duty_factor == pytest.approx(duty * (1 - unseen), abs=1e-3 * frequency)
@@ -228,7 +228,7 @@ def test_contact_needs_more_force_to_begin_than_to_last(make_run):
     force[150:, :, 2] = 0.5 * weight  # on the ground
     force[250:, :, 2] = 0.03 * weight  # between the thresholds: still
     force[350:, :, 2] = 0.01 * weight  # off
-    standing = metrics.contacts(make_run(duration=0.4, foot_force=force))
+    standing = gait.contacts(make_run(duration=0.4, foot_force=force))
     np.testing.assert_array_equal(standing, np.tile(((run.time >= 0.1495) & (run.time < 0.3495))[:, None], 4))
 
 

@@ -219,7 +219,7 @@ def test_flags_of_others_are_refused(flag, wrong):
 @pytest.mark.parametrize("fell_at", [None, 0.002])
 def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, fell_at):
     run = make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
-    figure = sprint_figure(run, measure_sprint(run, 5.0))
+    figure = sprint_figure(run, measure_sprint(run, 5.0).time)
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["Speed", "Lane of 1.22 m", "Time over 100 m"]
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
