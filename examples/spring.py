@@ -38,7 +38,7 @@ def try_spring(stiffness: float, speed: float, hold: float, policy: Path = POLIC
     [run] = simulate(chosen, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold), robot)])
     metrics = measure(run)
     sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
-    return Tried(sag, metrics.mean_speed, metrics.peak_compression, metrics.fell_at)
+    return Tried(sag, metrics.mean_speed, metrics.peak_spring_travel, metrics.fell_at)
 
 
 def main() -> None:

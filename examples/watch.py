@@ -37,7 +37,7 @@ def main() -> None:
     metrics = watch(policy, speed=2.0, hold=5.0, out=OUT)
     fell = "did not fall" if metrics.fell_at is None else f"fell after {metrics.fell_at:.2f} s"
     print(f"{metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded; {fell}")
-    print(f"hardest foot {metrics.peak_force:.0f} N, most compressed spring {1000 * metrics.peak_compression:.0f} mm")
+    print(f"hardest foot {metrics.peak_foot_force:.0f} N, springs up to {1000 * metrics.peak_spring_travel:.0f} mm")
     try:
         make_video(OUT / "trajectory.npz", OUT / "film.mp4")
     except NoVideo as why:

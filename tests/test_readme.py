@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ROWS = {
-    "top speed": lambda results: f"{results['topspeed']['top_speed']:.2f} m/s",
+    "top speed": lambda results: f"{results['topspeed']['best_speed']:.2f} m/s",
     "100 m": lambda results: f"{results['sprint']['time_100m']:.2f} s",
     "200 randomised robots": lambda results: "{upright} upright, legs touch in {legs_touch}".format(
         **results["robustness"]

@@ -17,8 +17,9 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
-from bp2_rl.evaluation.benchmarks.options import Backend, Setup
+from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.robot.specs import RobotName
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
@@ -66,7 +67,9 @@ class EvalConfig:
     robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """How many robots are drawn; by default 200. Of robustness."""
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """What the robots, and the rough ground of manoeuvres, are drawn from; by default 0."""
+    """What the robots, the rough ground of manoeuvres and the sensors' noise are drawn from; by default 0."""
+    sensor_noise: bool = False
+    """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HeadingHold()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""

@@ -23,11 +23,12 @@ from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.metrics import HELD, best_window
+from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.windows import best_window
 
 AT_A_TIME = 2  # most policies that are judged side by side
 NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge
@@ -46,8 +47,7 @@ class JudgedLaunch:
 
     def ramp(self, env: EnvConfig) -> Ramp:
         """Return the commands of this launch in a training's environment."""
-        target = (self.share * env.commands.max_forward, 0.0, 0.0)
-        return Ramp(target, acceleration=self.acceleration, hold=self.hold).under(env.control)
+        return Ramp(self.share * env.commands.max_forward, self.acceleration, self.hold).under(env.control)
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Return the robot that is launched."""
@@ -60,7 +60,7 @@ class JudgedLaunch:
         )
 
 
-LAUNCHES = (
+JUDGED_LAUNCHES = (
     JudgedLaunch(acceleration=3.0, hold=HELD),
     JudgedLaunch(acceleration=6.0, hold=1.0),
     JudgedLaunch(acceleration=3.0, hold=1.0, friction=0.75, mass=1.05, latency=0.005),
@@ -74,7 +74,7 @@ class LaunchResult:
     """How a launch ended."""
 
     fell: bool
-    speed: float  # m/s, top speed: the best mean over a second; 0 where the robot fell
+    best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
 
 
 def measure_launch(
@@ -94,9 +94,9 @@ def measure_launch(
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result for a policy from the results of its `LAUNCHES`."""
-    mean = sum(one.speed for one in launches) / len(launches)
-    return JudgeResult(launches[0].speed, sum(one.fell for one in launches), len(launches), mean)
+    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`."""
+    mean = sum(one.best_speed for one in launches) / len(launches)
+    return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 
 
 @contextlib.contextmanager
@@ -107,12 +107,12 @@ def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]
         env: of the training.
         cache: where JAX keeps compiled programs, if anywhere.
     """
-    count = min(max(processors() - 1, 1), AT_A_TIME * len(LAUNCHES))
+    count = min(max(processors() - 1, 1), AT_A_TIME * len(JUDGED_LAUNCHES))
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
         # The processes end with the thread that submits the first task, so this thread does.
         for _ in range(count):
             pool.submit(_warm_up, env)
-        yield JudgeProcesses(pool, places=max(count // len(LAUNCHES), 1))
+        yield JudgeProcesses(pool, places=max(count // len(JUDGED_LAUNCHES), 1))
 
 
 class JudgeProcesses:
@@ -123,8 +123,8 @@ class JudgeProcesses:
 
     def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
         """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
-        first = self._pool.submit(_launch, policy, LAUNCHES[0], kept, length)
-        return PendingLaunches([first, *(self._pool.submit(_launch, policy, one) for one in LAUNCHES[1:])])
+        first = self._pool.submit(_launch, policy, JUDGED_LAUNCHES[0], kept, length)
+        return PendingLaunches([first, *(self._pool.submit(_launch, policy, one) for one in JUDGED_LAUNCHES[1:])])
 
 
 class PendingLaunches:
@@ -136,7 +136,7 @@ class PendingLaunches:
     def speed(self) -> float:
         """Return the speed of the first launch, m/s, once it has ended; 0 until then."""
         first = self._launches[0]
-        return first.result().speed if first.done() and not first.cancelled() and not first.exception() else 0.0
+        return first.result().best_speed if first.done() and not first.cancelled() and not first.exception() else 0.0
 
     def done(self) -> bool:
         """Return whether all launches have ended."""
@@ -162,7 +162,7 @@ def _begin(cache: str | None) -> None:
 
 def _warm_up(env: EnvConfig) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
-    for one in LAUNCHES:
+    for one in JUDGED_LAUNCHES:
         measure_launch(_keep_still, env, dataclasses.replace(one, hold=specs.CONTROL_STEP, acceleration=1e3))
 
 

@@ -19,7 +19,7 @@ from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
-from bp2_rl.simulation.schedule import ACCELERATION
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import shove
 
@@ -183,8 +183,8 @@ class Session:
         speed = float(np.clip(self.wish.speed, -limits.max_backward, limits.max_forward))
         now = self._asked
         control = self.config.control
-        braking = min(control.braking, ACCELERATION if control.stopping_time else BRAKING)
-        launching = ACCELERATION
+        braking = min(control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING)
+        launching = COMMAND_ACCELERATION
         if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once
             launching = launch_rate(now.speed, control, np)
         speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, launching * dt))

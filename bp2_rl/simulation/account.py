@@ -20,9 +20,11 @@ from bp2_rl.robot import losses, specs
 from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
-from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics, contacts, touchdowns, window_means
+from bp2_rl.simulation.gait import contacts, touchdowns
+from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics
 from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import window_means
 
 CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
 BURST = 0.05  # s, over which a battery's burst is averaged

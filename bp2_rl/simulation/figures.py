@@ -25,8 +25,10 @@ from bp2_rl.base.plotting import (
 )
 from bp2_rl.robot import specs
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.simulation.metrics import RIPPLE, best_window, contacts, steady_window, touchdowns
+from bp2_rl.simulation.gait import contacts, touchdowns
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window, steady_window
 
 JOINT_TITLES = {"abad": "Abduction", "hip": "Hip", "knee": "Knee"}
 CLOSE_UP = 1.2  # s of steady running shown stride by stride
@@ -52,7 +54,7 @@ def speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     best = best_window(run, 1.0)
     if best is not None:
         speed.axvspan(best.start, best.start + 1.0, color=LEG_COLORS["FL"], alpha=0.25, linewidth=0)
-        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best second, {best.speed:.2f} m/s")
+        speed.plot([], [], color=LEG_COLORS["FL"], alpha=0.35, linewidth=7, label=f"best speed, {best.speed:.2f} m/s")
     speed.set(ylabel="Speed [m/s]", title="Forward speed", ylim=(min(0.0, float(np.min(forward))), None))
     if width < WIDTH:
         speed.legend(loc="lower right", handlelength=1.6)  # below the curve, which rises and stays

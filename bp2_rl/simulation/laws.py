@@ -28,7 +28,7 @@ from bp2_rl.robot.model import NQ, NV
 
 SIZES = 4, 24
 """Programs are compiled for these numbers of robots; fewer robots are filled up with copies of the last one."""
-Row = Float[np.ndarray, " _"]
+RobotNumbers = Float[np.ndarray, " _"]
 JOINT = [
     "stiffness",
     "damping",
@@ -45,34 +45,34 @@ NO_BUS = Bus(ENDLESS, ENDLESS, 0.0)
 NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 
 
-def row_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> Row:
+def numbers_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> RobotNumbers:
     """A robot, whose motors' torques are computed anew after so many seconds."""
     by_joint = [np.broadcast_to(np.float64(getattr(motors, name)), specs.NUM_MOTORS) for name in JOINT]
     rest = (*_fields(motors.bus or NO_BUS), *_fields(resistance or NO_RESISTANCE), seconds)
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
-def ask(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
+def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
     """Return the motors' torques (12, Nm) and the losses' generalised forces (22).
 
     Args:
-        rows: the robots' numbers, from `rows_of`.
+        rows: the robots' numbers, from `stacked`.
         arrays: torque before, qpos, qvel, target of joints and its rate.
     """
-    return _call(_compiled(_ask, (12, NQ, NV, 12, 12)), rows, arrays)
+    return _call(_compiled(_forces, (12, NQ, NV, 12, 12)), rows, arrays)
 
 
 def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
     """Return the torques (12) and forces (22) to try next, and the largest torque beyond the envelope at the end (1).
 
     Args:
-        rows: the robots' numbers, from `rows_of`.
+        rows: the robots' numbers, from `stacked`.
         arrays: torque tried, torque before, qpos, qvel, qvel at the end, mobility.
     """
     return _call(_compiled(_correct, (12, 12, NQ, NV, NV, 12)), rows, arrays)
 
 
-def rows_of(rows: Sequence[Row]) -> Float[Array, "P _"]:
+def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
     """Return the rows of N robots, filled up, on the CPU, where the laws are computed."""
     with jax.enable_x64(True):
         return jax.device_put(np.stack(rows)[filled(len(rows))], jax.devices("cpu")[0])
@@ -111,7 +111,7 @@ def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
     return Actuator(**named, bus=Bus(*rest[:bus])), Resistance(*rest[bus:-1]), rest[-1]
 
 
-def _ask(
+def _forces(
     motors: Actuator, resistance: Resistance, seconds: Any, before: Array, qpos: Array, qvel: Array, q_target: Array,
     qd_target: Array,
 ) -> tuple[Array, ...]:  # fmt: skip

@@ -4,26 +4,19 @@ The paper leaves most definitions open; the ones used here are stated in the doc
 """
 
 import dataclasses
-import itertools
-import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from bp2_rl.robot import actuator, specs
-from bp2_rl.robot.clearance import Clearance, clearance
+from bp2_rl.simulation.gait import LegMetrics, evenness, leg_metrics, leg_room, mean_stride_frequency, on_stop
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window, hold_phase, steady_window, window_means
 
 HELD = 5.0  # s: a speed kept for so long is held
 RIPPLE = 0.25  # s: a mean over so long takes out the speed's ripple within a stride
-TOUCH_FORCE = 0.05  # of body weight: a foot that presses harder is on the ground ...
-LIFT_FORCE = 0.02  # ... until it presses less than this
-BOUNCE = 0.03  # s: a shorter loss of contact is a bounce, not a swing
-SCUFF = 0.01  # s: a shorter contact is a scuff, not a stance
 NEAR_ENVELOPE = 0.01  # of peak torque: closer to a limit counts as on the envelope
-CHUNK = 512  # samples whose clearances are computed at a time: so many stay in a processor's cache
 ROUNDING = 1e-6  # of peak torque: what float32 speeds move the limit by
 
 
@@ -36,19 +29,6 @@ class MotorMetrics:
     peak_speed: float  # rad/s
     peak_power: float  # W, driving
     on_envelope: float  # share of time within NEAR_ENVELOPE of a torque limit
-
-
-@dataclasses.dataclass(frozen=True)
-class LegMetrics:
-    """One leg: gait over the steady window, extremes over the whole run."""
-
-    name: str
-    duty_factor: float  # stance over stride
-    stride_frequency: float | None  # Hz; None with fewer than two touchdowns
-    peak_force: float  # N, magnitude
-    peak_compression: float  # m, of the spring
-    on_stop: float  # share of time with the spring on its stop
-    stop_hits: int  # times it came onto it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,15 +98,15 @@ class RunMetrics:
     distance: float  # m, straight from start to end
     lateral_drift: float  # m, greatest distance from the line it set out on
     heading_drift: float  # rad, greatest deviation from the heading it set out on
-    mean_height: float  # m, of the trunk's centre over the steady window
+    trunk_height: float  # m, of the trunk's centre over the steady window
     mechanical_cost_of_transport: float | None  # positive mechanical work / (m g distance), steady window
     electrical_cost_of_transport: float | None  # with copper losses, no credit for braking
     mechanical_power: float  # W, mean positive, steady window
     electrical_power: float  # W, mean, with copper losses
     froude_number: float | None  # best_speed^2 / (g h), h = standing height
     motor_demand: float | None  # m g best_speed / (tau_max omega_max)
-    peak_force: float  # N, of the hardest foot
-    peak_compression: float  # m, of the most compressed spring
+    peak_foot_force: float  # N, of the hardest foot
+    peak_spring_travel: float  # m, of the most compressed spring
     on_stop: float  # share of time with any spring on its stop
     stop_hits: int  # times that a spring came onto its stop, all springs together
     leg_contact: float  # share of time with a leg at or in another leg or the trunk, whether legs are solid or not
@@ -139,8 +119,33 @@ class RunMetrics:
     motors: tuple[MotorMetrics, ...]
     legs: tuple[LegMetrics, ...]
     account: Account | None = None  # where it was asked for
-    half_cycle: float | None = None  # cycles, by which left and right legs are not half a cycle apart; None: no stride
+    off_half_cycle: float | None = None  # cycles, of left legs from half a cycle after right ones; None: no stride
     uneven: float | None = None  # share of the vertical impulse that one side has more than the other
+
+    @property
+    def stride_frequency(self) -> float | None:
+        """Hz, mean of the legs that made a stride; None where none did."""
+        return mean_stride_frequency(self.legs)
+
+    @property
+    def duty_factor(self) -> float:
+        """Stance over stride, mean of the legs."""
+        return sum(leg.duty_factor for leg in self.legs) / len(self.legs)
+
+    @property
+    def peak_torque(self) -> float:
+        """Nm, of the motor with the greatest."""
+        return max(motor.peak_torque for motor in self.motors)
+
+    @property
+    def peak_joint_speed(self) -> float:
+        """Speed of the fastest joint, rad/s."""
+        return max(motor.peak_speed for motor in self.motors)
+
+    @property
+    def peak_motor_power(self) -> float:
+        """Greatest driving power of any motor, W."""
+        return max(motor.peak_power for motor in self.motors)
 
 
 def measure(run: Trajectory) -> RunMetrics:
@@ -155,7 +160,7 @@ def measure(run: Trajectory) -> RunMetrics:
     travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
     joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
     legs = leg_metrics(run, steady)
-    half_cycle, uneven = evenness(steady, legs)
+    off_half_cycle, uneven = evenness(steady, legs)
     room = leg_room(run)
     touching = room.least <= 0.0
     return RunMetrics(
@@ -175,15 +180,15 @@ def measure(run: Trajectory) -> RunMetrics:
         distance=float(np.linalg.norm(run.qpos[-1, :2] - run.qpos[0, :2])),
         lateral_drift=lateral_drift(run),
         heading_drift=float(np.max(np.abs(run.heading - run.heading[0]))),
-        mean_height=float(np.mean(steady.qpos[:, 2])),
+        trunk_height=float(np.mean(steady.qpos[:, 2])),
         mechanical_cost_of_transport=mechanical * joules_per_watt if joules_per_watt is not None else None,
         electrical_cost_of_transport=electrical * joules_per_watt if joules_per_watt is not None else None,
         mechanical_power=mechanical,
         electrical_power=electrical,
         froude_number=froude_number(best.speed) if best is not None else None,
         motor_demand=motor_demand(run, best.speed) if best is not None else None,
-        peak_force=max(leg.peak_force for leg in legs),
-        peak_compression=max(leg.peak_compression for leg in legs),
+        peak_foot_force=max(leg.peak_foot_force for leg in legs),
+        peak_spring_travel=max(leg.peak_spring_travel for leg in legs),
         on_stop=float(np.mean(on_stop(run).any(axis=-1))),
         stop_hits=sum(leg.stop_hits for leg in legs),
         leg_contact=float(np.mean(touching)),
@@ -195,52 +200,12 @@ def measure(run: Trajectory) -> RunMetrics:
         outside_envelope=int(np.sum(envelope.outside)),
         motors=motor_metrics(run, envelope),
         legs=legs,
-        half_cycle=half_cycle,
+        off_half_cycle=off_half_cycle,
         uneven=uneven,
     )
 
 
-# --- Which part of the run --------------------------------------------------------------------------------------
-
-
-def hold_phase(run: Trajectory) -> Trajectory | None:
-    """The part under the schedule's last command, if it was run for at least a second."""
-    held = len(run) * run.dt - run.steady_from
-    return run.between(run.steady_from, math.inf) if held >= 1.0 - 0.5 * run.dt else None
-
-
-def steady_window(run: Trajectory) -> Trajectory:
-    """The part that stands for steady running: the hold phase, or else the best second, or else all."""
-    hold, best = hold_phase(run), best_window(run, 1.0)
-    if hold is not None:
-        return hold
-    return run.between(best.start, best.start + 1.0) if best is not None else run
-
-
 # --- Speed ---------------------------------------------------------------------------------------------------
-
-
-class BestWindow(NamedTuple):
-    """The fastest stretch of a run."""
-
-    start: float  # s
-    speed: float  # m/s, its mean
-
-
-def window_means(values: Float[np.ndarray, " N"], samples: int) -> Float[np.ndarray, " M"]:
-    """Means over every window of so many samples, by its first sample."""
-    sums = np.concatenate(([0.0], np.cumsum(values, dtype=np.float64)))
-    return (sums[samples:] - sums[:-samples]) / samples
-
-
-def best_window(run: Trajectory, length: float) -> BestWindow | None:
-    """The window of `length` seconds with the highest mean forward speed; None where the run is shorter."""
-    samples = round(length / run.dt)
-    if len(run) < samples:
-        return None
-    means = window_means(run.ground_velocity[:, 0], samples)
-    start = int(np.argmax(means))
-    return BestWindow(start=float(run.time[start]), speed=float(means[start]))
 
 
 def held_speed(hold: Trajectory) -> float | None:
@@ -321,99 +286,6 @@ def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics,
         MotorMetrics(name, float(torque[i]), float(speed[i]), float(power[i]), float(near[i]))
         for i, name in enumerate(specs.MOTOR_NAMES)
     )
-
-
-# --- Legs ----------------------------------------------------------------------------------------------------
-
-
-def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """Which feet stand, from their normal forces: with hysteresis, and without bounces and scuffs."""
-    weight = run.mass * specs.GRAVITY
-    force = run.foot_force[:, :, 2]
-    decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
-    decided[0] = True
-    last_decision = np.maximum.accumulate(np.where(decided, np.arange(len(run))[:, None], 0), axis=0)
-    pressing = np.take_along_axis(force > TOUCH_FORCE * weight, last_decision, axis=0)
-    for leg in range(4):
-        pressing[:, leg] = _without_short_spells(pressing[:, leg], False, round(BOUNCE / run.dt))
-        pressing[:, leg] = _without_short_spells(pressing[:, leg], True, round(SCUFF / run.dt))
-    return pressing
-
-
-def _without_short_spells(states: Bool[np.ndarray, " N"], value: bool, samples: int) -> Bool[np.ndarray, " N"]:
-    """Flip every spell of `value` that is shorter than so many samples and lies between two others."""
-    bounds = np.flatnonzero(np.diff(states)) + 1
-    states = states.copy()
-    for start, stop in itertools.pairwise(bounds):
-        if states[start] == value and stop - start < samples:
-            states[start:stop] = not value
-    return states
-
-
-def touchdowns(standing: Bool[np.ndarray, " N"]) -> np.ndarray:
-    """Indices of the first samples of the stances (or of any other spells of True) that begin within the run."""
-    return np.flatnonzero(standing[1:] & ~standing[:-1]) + 1
-
-
-def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
-    """When each spring presses on its stop at full travel."""
-    return run.spring_compression > run.hardware.spring_travel
-
-
-def leg_room(run: Trajectory) -> Clearance:
-    """How far legs are from each other and from the trunk at every sample, m, each " N"; solid or not."""
-    joints, compression = run.joint_position.reshape(-1, 4, 3), run.spring_compression
-    chunks = (slice(start, start + CHUNK) for start in range(0, len(run), CHUNK))
-    parts = [clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks]
-    return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
-
-
-def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
-    """Duty factor and stride frequency over the steady window's whole strides, and each leg's extremes."""
-    standing = contacts(steady)
-    force = np.max(np.linalg.norm(run.foot_force, axis=-1), axis=0)
-    compression = np.max(run.spring_compression, axis=0)
-    stop = on_stop(run)
-    legs = []
-    for i, name in enumerate(specs.LEGS):
-        starts = touchdowns(standing[:, i])
-        strides = standing[starts[0] : starts[-1], i] if len(starts) > 1 else standing[:, i]
-        frequency = (len(starts) - 1) / (len(strides) * run.dt) if len(starts) > 1 else None
-        legs.append(
-            LegMetrics(
-                name=name,
-                duty_factor=float(np.mean(strides)),
-                stride_frequency=frequency,
-                peak_force=float(force[i]),
-                peak_compression=float(compression[i]),
-                on_stop=float(np.mean(stop[:, i])),
-                stop_hits=int(stop[0, i]) + len(touchdowns(stop[:, i])),
-            )
-        )
-    return tuple(legs)
-
-
-def mean_stride_frequency(legs: Sequence[LegMetrics]) -> float | None:
-    """Hz, mean of the legs that made a stride; None where none did."""
-    frequencies = [leg.stride_frequency for leg in legs if leg.stride_frequency is not None]
-    return sum(frequencies) / len(frequencies) if frequencies else None
-
-
-def evenness(steady: Trajectory, legs: Sequence[LegMetrics]) -> tuple[float | None, float | None]:
-    """How far front and rear legs are from half a cycle between left and right (cycles, the greater of both), and which
-    share of the vertical impulse one side has more than the other.
-
-    A leg's phase is that of its vertical force's centroid on the circle of a stride.
-    """
-    frequency = mean_stride_frequency(legs)
-    if frequency is None:
-        return None, None
-    force = steady.foot_force[:, :, 2]
-    phase = np.angle(np.exp(-2j * np.pi * frequency * steady.time) @ force) / (2.0 * np.pi)
-    right, left = slice(0, None, 2), slice(1, None, 2)
-    apart = np.abs((phase[right] - phase[left]) % 1.0 - 0.5)
-    sides = np.sum(force[:, right]), np.sum(force[:, left])
-    return float(np.max(apart)), float(abs(sides[0] - sides[1]) / (sides[0] + sides[1]))
 
 
 def power_demand(mass: float, gravity: float, speed: float, peak_torque: float, no_load_speed: float) -> float:

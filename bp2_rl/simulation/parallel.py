@@ -35,7 +35,7 @@ def keep_workers() -> Generator[None]:
 
 
 def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
-    """`run(policy, task)` for every task, dealt out in turn: each worker compiles its controller once.
+    """`run(policy, task)` for every task, handed out in turn: each worker compiles its controller once.
 
     `run` and all else must be picklable.
     """
@@ -49,10 +49,10 @@ def simulate_all(measure: Callable[[One, Trajectory], Result], policy: Policy, r
 
     `measure` and all else must be picklable.
     """
-    return _share_out(functools.partial(_measure_all, measure), policy, requests, dealt(requests, processors()))
+    return _share_out(functools.partial(_measure_all, measure), policy, requests, shares_of(requests, processors()))
 
 
-def dealt(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
+def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
     """Which of them each worker runs: about as much each, and the same robot with the same one if possible.
 
     The longest first, as those side by side last as long as the longest of them.
@@ -83,9 +83,9 @@ def _share_out(
         return []
     pickled = pickle.dumps(policy)
     with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
-        hands = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]
-        for share, hand in zip(shares, hands, strict=True):
-            done.update(zip(share, hand.result(), strict=True))
+        futures = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]
+        for share, future in zip(shares, futures, strict=True):
+            done.update(zip(share, future.result(), strict=True))
     return [done[i] for i in range(len(tasks))]
 
 

@@ -1,26 +1,31 @@
-"""Runs of a policy in C MuJoCo: what is asked for, and `simulate`, which runs it.
+"""Runs of a policy: `rollout` makes one, `simulate` makes many `RunRequest`s side by side.
 
-The physics is an independent implementation, in float64 with a converged solver, so that nothing that a policy has
-learnt about the approximations of its training helps it here.
+The default simulator, C MuJoCo, is an independent implementation in float64 with a converged solver, so that nothing
+that a policy has learnt about the approximations of its training helps it here.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 
+import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from bp2_rl.base.errors import UserError
+from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import NQ, NU, NV
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
-from bp2_rl.simulation.schedule import Schedule
+from bp2_rl.simulation.schedule import Ramp, Schedule
 from bp2_rl.simulation.simulator import CONVERGED, DT, Numerics, RobotSetup, Simulator, settled
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import LEVEL, World, sensed_pose
@@ -44,6 +49,8 @@ class RunRequest:
     world: World = LEVEL
     gyro_bias: float = 0.0
     """rad/s, of the gyro from which the operator has the heading"""
+    noise_seed: int | None = None
+    """of the sensors' noise, whose deviations are those of the policy's training; None: sensors without noise"""
     finish: float = math.inf
     """m, at which distance ahead the run ends"""
     numerics: Numerics = CONVERGED
@@ -56,24 +63,73 @@ class RunRequest:
         return dataclasses.replace(RobotSetup.of(config, self.hardware), world=self.world, numerics=self.numerics)
 
 
+def rollout(
+    policy: Policy | ActionFunction,
+    schedule: Schedule,
+    *,
+    config: EnvConfig | None = None,
+    hardware: HardwareSpec | None = None,
+    operator: HeadingHold = HEADING_HOLD,
+    world: World = LEVEL,
+    noise_seed: int | None = None,
+    backend: Backend = "mujoco",
+) -> Trajectory:
+    """Run a policy once from a settled stand; see `RunRequest` for the options, and `simulate`.
+
+    A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
+    """
+    config = _config_of(policy, config)
+    asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
+    request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
+    [run] = simulate(policy, [request], config, backend=backend)
+    return run
+
+
 def simulate(
-    policy: Policy | ActionFunction, requests: Sequence[RunRequest], config: EnvConfig | None = None
+    policy: Policy | ActionFunction,
+    requests: Sequence[RunRequest],
+    config: EnvConfig | None = None,
+    *,
+    backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand in C MuJoCo, many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, in C MuJoCo many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot.
+    CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32.
 
     Args:
         policy: a loaded policy, or a function from an observation to an action, for one robot.
         requests: the runs.
         config: the environment that the policy was trained in; that of a loaded policy's card by default.
+        backend: the simulator.
+
+    Raises:
+        UserError: a policy without a card and without `config`, a policy that reads other observations than `config`
+            gives, or a request that MJX does not run.
     """
-    if config is None:
-        if not isinstance(policy, Policy):
-            raise TypeError("simulate() needs the config of a policy that has no card")
-        config = policy.card.env
-    return _in_parts(policy, requests, config)
+    config = _config_of(policy, config)
+    if backend == "mujoco":
+        return _in_parts(policy, requests, config)
+    from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
+
+    return (simulate_in_mjx(policy, config, request) for request in requests)
+
+
+def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
+    """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
+    if not isinstance(policy, Policy):
+        if config is None:
+            raise UserError("a policy without a card runs only with a config: pass config=EnvConfig(...)")
+        return config
+    config = config or policy.card.env
+    wanted, given = policy.card.observation_layout, tuple(map(tuple, layout_of(config.control)))
+    if wanted != given:
+        entry, other = next(pair for pair in itertools.zip_longest(wanted, given) if pair[0] != pair[1])
+        raise UserError(
+            f"the policy observes {entry or 'nothing more'} where this config gives {other or 'nothing more'}; pass "
+            "no config, or one with the control of policy.card.env"
+        )
+    return config
 
 
 def _in_parts(policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig) -> Iterator[Trajectory]:
@@ -91,60 +147,64 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
     ticks = np.array([len(commands) - 1 for commands in schedules])
     longest = int(np.max(ticks))
     scheduled = np.stack([commands[np.minimum(np.arange(longest + 1), len(commands) - 1)] for commands in schedules])
+    noise = draw_sensor_noise(requests, longest)
     runner = PolicyRunner(
         policy,
         config,
         operators=[request.operator for request in requests],
         latencies=[robot.config.hardware.losses.latency for robot in robots],
         commands=scheduled[:, 0],
+        noise=config.randomization if noise else None,
     )
     recording = Recording.empty(count, longest * specs.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
+    pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
+    watches = {robot: request.watch for robot, request in enumerate(requests) if request.watch is not None}
     lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
     for k in range(longest):
         poses = zip(requests, simulator.qpos, strict=True)
         sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * specs.CONTROL_STEP) for one, x in poses])
-        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1])
+        targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1], *(drawn[:, k] for drawn in noise))
         for step, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
-            running = np.flatnonzero(~ended)
-            _push(simulator, requests, running, step)
+            for robot in pushed:
+                if not ended[robot]:
+                    requests[robot].world.push(simulator.data[robot], step)
+                    simulator.read(robot)
             recording.qpos[:, step], recording.qvel[:, step] = simulator.qpos, simulator.qvel
             recording.target[:, step], recording.command[:, step] = position, runner.command
-            there = simulator.qpos[:, 0] >= finish
-            recording.torque[:, step] = simulator.millisecond(position, velocity, running)
+            enough = simulator.qpos[:, 0] >= finish
+            recording.torque[:, step] = simulator.millisecond(position, velocity, np.flatnonzero(~ended))
             recording.foot_force[:, step] = simulator.foot_force
             down = fall(simulator.qpos, simulator.qvel, config.termination).happened
-            over = ~ended & (down | there | _watch(simulator, requests, running, recording.torque[:, step]))
+            for robot, watch in watches.items():
+                enough[robot] |= not ended[robot] and watch(simulator, robot, recording.torque[robot, step])
+            over = ~ended & (down | enough)
             lasted[over], fell[over & down] = step + 1, True
             ended |= over
         ended |= ticks <= k + 1
         if ended.all():
             break
     return [
-        recording.of(i).trajectory(request, config, length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i))
+        recording.of(i).trajectory(
+            request, config, "mujoco", length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i)
+        )
         for i, request in enumerate(requests)
     ]
 
 
-def _push(simulator: Simulator, requests: Sequence[RunRequest], running: Int[np.ndarray, " M"], step: int) -> None:
-    for robot in running.tolist():
-        if requests[robot].world.pushes:
-            requests[robot].world.push(simulator.data[robot], step)
-            simulator.read(robot)
+def draw_sensor_noise(requests: Sequence[RunRequest], ticks: int) -> tuple[np.ndarray, ...]:
+    """Return what `control_step` draws the sensors' noise from: nothing where no robot has noisy sensors.
 
-
-def _watch(
-    simulator: Simulator,
-    requests: Sequence[RunRequest],
-    running: Int[np.ndarray, " M"],
-    torque: Float[np.ndarray, "N 12"],
-) -> np.ndarray:
-    """Return which runs end because their `watch` says so."""
-    enough = np.zeros(len(requests), bool)
-    for robot in running.tolist():
-        watch = requests[robot].watch
-        enough[robot] = watch is not None and watch(simulator, robot, torque[robot])
-    return enough
+    Otherwise a random key for every robot and control step (N, T, 2), and that robot's share of the noise (N, T): 1 or
+    0.
+    """
+    seeds = [request.noise_seed for request in requests]
+    if all(seed is None for seed in seeds):
+        return ()
+    of_steps = jax.vmap(jax.random.fold_in, (None, 0))
+    with jax.default_device(jax.devices("cpu")[0]):
+        keys = [np.asarray(of_steps(jax.random.PRNGKey(seed or 0), np.arange(ticks))) for seed in seeds]
+    return np.stack(keys), np.array([[float(seed is not None)] * ticks for seed in seeds])
 
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
@@ -175,17 +235,17 @@ class Recording:
         return Recording(*(array[run] for array in vars(self).values()))
 
     def trajectory(
-        self, request: RunRequest, config: EnvConfig, *, length: int, fell: bool, mass: float, backend: str = "C MuJoCo"
+        self, request: RunRequest, config: EnvConfig, backend: Backend, *, length: int, fell: bool, mass: float
     ) -> Trajectory:
         """Return the first `length` milliseconds of one run.
 
         Args:
             request: the run.
             config: the policy's environment.
+            backend: the simulator.
             length: ms.
             fell: whether the next state was that of a fallen robot.
             mass: of the robot, kg.
-            backend: the simulator's name, for titles.
         """
         return Trajectory(
             time=np.arange(length) * DT,
@@ -196,5 +256,5 @@ class Recording:
             mass=mass,
             hardware=request.robot(config).config.hardware,
             name=request.name,
-            backend=backend,
+            backend=TITLES[backend],
         )

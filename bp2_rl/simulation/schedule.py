@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -11,7 +12,7 @@ from bp2_rl.base.bounds import Positive, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.env import ControlConfig, Limit
 
-ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
+COMMAND_ACCELERATION = 2.4  # m/s2, at which commands rise; the paper's launch has 2.38
 Command = tuple[float, float, float]  # m/s forward, m/s to the left, rad/s
 
 
@@ -41,8 +42,8 @@ class Ramp:
     Where that limit is the lower one the speed v rises as dv/dt = launching (1 - v / launching_speed), an exponential.
     """
 
-    target: Command
-    acceleration: Positive = ACCELERATION  # m/s2, along the target's direction
+    to: float | Sequence[float]  # m/s forward, or a whole command
+    acceleration: Positive = COMMAND_ACCELERATION  # m/s2, along the target's direction
     hold: Positive = 20.0  # s
     launching: Limit = math.inf  # m/s2, as `ControlConfig` has them
     launching_speed: Limit = math.inf  # m/s
@@ -50,6 +51,8 @@ class Ramp:
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         check_bounds(self, "ramp.")
+        if not isinstance(self.to, float | int) and len(self.to) != 3:
+            raise UserError(f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}")
         if self._speed >= self.launching_speed:
             raise UserError(
                 f"{self._speed:g} m/s is never reached: the policy's control.launching_speed is "
@@ -59,6 +62,12 @@ class Ramp:
     def under(self, control: ControlConfig) -> "Ramp":
         """Return this ramp as the controller's policy is told it."""
         return dataclasses.replace(self, launching=control.launching, launching_speed=control.launching_speed)
+
+    @property
+    def target(self) -> Command:
+        """The command that is held at last."""
+        forward, left, turn = (self.to, 0.0, 0.0) if isinstance(self.to, float | int) else self.to
+        return forward, left, turn
 
     @property
     def steady_from(self) -> float:

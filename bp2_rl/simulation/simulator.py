@@ -135,6 +135,7 @@ class Simulator:
     def read(self, robot: int) -> None:
         """Read a robot's state from `data` after a change from outside."""
         self.qpos[robot], self.qvel[robot], self.foot_force[robot] = self._outputs[robot]
+        self.torque = self.torque.copy()  # a millisecond has returned it
         self.torque[robot] = self.data[robot].ctrl
 
     def state(self, robot: int) -> Float[np.ndarray, " S"]:
@@ -183,7 +184,7 @@ class Simulator:
         """
         robots = self._everyone if robots is None else robots
         self._update(position, velocity, robots)
-        torque = self.torque.copy()
+        torque = self.torque  # each update makes an array of its own
         for update in range(1, self._most_updates):
             self._update(position, velocity, robots[self._updates[robots] > update])
         return torque
@@ -196,9 +197,9 @@ class Simulator:
             return
         if self._rows is None:
             parts = zip(self.motors, self._resistance, self._periods, strict=True)
-            self._rows = laws.rows_of([laws.row_of(*part) for part in parts])
+            self._rows = laws.stacked([laws.numbers_of(*part) for part in parts])
         before, qpos, qvel = self.torque, self.qpos.copy(), self.qvel.copy()
-        forces = laws.ask(self._rows, before, qpos, qvel, position, velocity)
+        forces = laws.forces(self._rows, before, qpos, qvel, position, velocity)
         tried = robots if self._all_throughout else robots[self._throughout[robots]]
         for robot in tried.tolist():
             mujoco.mj_getState(self.models[robot], self.data[robot], self._start[robot], STATE)

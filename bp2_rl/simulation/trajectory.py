@@ -1,8 +1,10 @@
-"""What a run leaves to look at: every physics step of one robot, and the facts needed to judge it."""
+"""What a run leaves to look at: every physics step of one robot, and the facts needed to measure it."""
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +14,9 @@ from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.specs import HardwareSpec
+
+if TYPE_CHECKING:
+    from bp2_rl.simulation.metrics import RunMetrics
 
 FORMAT = "bp2_rl.trajectory/1"
 
@@ -66,6 +71,13 @@ class Trajectory:
     def __len__(self) -> int:
         """Number of samples."""
         return len(self.time)
+
+    @functools.cached_property
+    def metrics(self) -> "RunMetrics":
+        """All figures of merit of the run, computed when they are first asked for."""
+        from bp2_rl.simulation.metrics import measure  # metrics are functions of trajectories
+
+        return measure(self)
 
     @property
     def joint_position(self) -> Float[np.ndarray, "N 12"]:

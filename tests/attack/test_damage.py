@@ -57,7 +57,7 @@ def original(tmp_path_factory):
         assert importlib.import_module("bp2_rl.cli.train").main(words) == 0
     weights = load_policy(folder / "run").card.weights_sha256
     (folder / "report").mkdir()
-    report = Report("topspeed", {"weights_sha256": weights}, {"topspeed": {"top_speed": 9.5}}, {})
+    report = Report("topspeed", {"weights_sha256": weights}, {"topspeed": {"best_speed": 9.5}}, {})
     save_config(folder / "report/metrics.json", report)
     shutil.copy(CollocationConfig().file, folder / "library.npz")
     keep_solved(folder)

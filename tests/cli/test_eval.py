@@ -48,7 +48,7 @@ def here(tmp_path, monkeypatch):
 
 @pytest.fixture
 def policy(here, export):
-    export(here / "policy", topspeed={"top_speed": 0.5})
+    export(here / "policy", topspeed={"best_speed": 0.5})
     return here / "policy"
 
 
@@ -78,7 +78,7 @@ def test_eval_leaves_a_table_and_a_report(policy, capsys):
     status, out, err = run(capsys, policy, "--hold", 1.2, "--no-video")
     assert status == 0
     assert err == ""
-    assert "Top speed" in out
+    assert "Best speed" in out
     assert "Does not run" in out
     (folder,) = Path("reports").iterdir()
     assert folder.name.startswith("topspeed-")
@@ -126,7 +126,7 @@ def test_eval_script_runs_by_itself_from_anywhere(policy, here):
         env=os.environ | {"MUJOCO_GL": "none-such"},  # a broken choice of renderer is no reason not to measure
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "Top speed" in done.stdout
+    assert "Best speed" in done.stdout
     data = json.loads((here / "a" / "report" / "metrics.json").read_text())
     assert data["metrics"]["commanded_speed"] == pytest.approx(0.3)
 
@@ -137,7 +137,7 @@ def test_help_explains_every_flag(capsys):
     assert end.value.code == 0
     out = capsys.readouterr().out
     for field in dataclasses.fields(command.EvalConfig):
-        assert (f"--{field.name}" if field.name != "run" else "POLICY_OR_RUN") in out
+        assert (f"--{field.name.replace('_', '-')}" if field.name != "run" else "POLICY_OR_RUN") in out
 
 
 # --- Wrong input -----------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from bp2_rl.learning.exports import Judge, JudgeResult, PendingResult
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
-FAST, FALLEN = LaunchResult(fell=False, speed=12.5), LaunchResult(fell=True, speed=0.0)
+FAST, FALLEN = LaunchResult(fell=False, best_speed=12.5), LaunchResult(fell=True, best_speed=0.0)
 
 
 def known(launched):

@@ -12,7 +12,7 @@ from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation import judge as judging
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
-from bp2_rl.evaluation.judge import LAUNCHES, JudgedLaunch, LaunchResult
+from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.specs import BUILT
@@ -41,16 +41,16 @@ def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
     assert isinstance(result, RunMetrics)
     assert not launched.fell
-    assert launched.speed > 4.0
-    assert launched.speed == pytest.approx(result.best_speed, abs=1e-9)
+    assert launched.best_speed > 4.0
+    assert launched.best_speed == pytest.approx(result.best_speed, abs=1e-9)
     assert Trajectory.load(kept).time[[0, -1]] == pytest.approx([1.0, 2.499], abs=1e-6)  # its last 1.5 s of 2.5
 
 
 def test_a_robot_that_falls_has_no_speed(slower):
     launched = judging.measure_launch(
-        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, LAUNCHES[1]
+        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, JUDGED_LAUNCHES[1]
     )
-    assert launched == LaunchResult(fell=True, speed=0.0)
+    assert launched == LaunchResult(fell=True, best_speed=0.0)
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
@@ -94,7 +94,7 @@ def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_polic
         wait_for(pending)
         # The same programs on the same processor.
         assert pending.result() == judging.combine(
-            [judging.measure_launch(policy, policy.card.env, one) for one in LAUNCHES]
+            [judging.measure_launch(policy, policy.card.env, one) for one in JUDGED_LAUNCHES]
         )
         assert pending.speed() == pending.result().speed > 0.0
         judge.submit(slow_policy)  # nobody waits for this one

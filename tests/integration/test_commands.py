@@ -42,7 +42,7 @@ def test_both_stages_and_an_evaluation_run_one_after_the_other(tmp_path, monkeyp
     assert f"see it run: python eval.py {relaxed}" in printed
     assert_judged_and_filmed(relaxed, printed)
     assert eval_command.main([str(relaxed), "--speed", "1", "--hold", "0.5", "--no-video", "--out", "report"]) == 0
-    assert "Top speed" in capfd.readouterr().out
+    assert "Best speed" in capfd.readouterr().out
     assert json.loads(Path("report/metrics.json").read_text())["metrics"]["outside_envelope"] == 0
 
 

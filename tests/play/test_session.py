@@ -12,7 +12,7 @@ from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.session import BRAKING, RIPPLE, Wish
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import CONTROL_STEP
-from bp2_rl.simulation.schedule import ACCELERATION, Ramp
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
 
@@ -28,7 +28,7 @@ def run(session, seconds):
 
 def test_it_runs_as_the_judge_has_it_run(session):
     """A run of the same policy on the same robot under the same ramp, held."""
-    ramp = Ramp((0.6, 0.0, 0.0), ACCELERATION, hold=0.15)
+    ramp = Ramp((0.6, 0.0, 0.0), COMMAND_ACCELERATION, hold=0.15)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
         judged = run_one(session._policy, ramp, session.config, hardware=session.hardware)
@@ -43,14 +43,14 @@ def test_it_runs_as_the_judge_has_it_run(session):
 def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(session):
     session.wish = Wish(2.0)
     commands = run(session, 2.0)
-    assert np.diff(commands[:, 0]).max() == pytest.approx(ACCELERATION * CONTROL_STEP, rel=1e-3)
+    assert np.diff(commands[:, 0]).max() == pytest.approx(COMMAND_ACCELERATION * CONTROL_STEP, rel=1e-3)
     assert session.speed == pytest.approx(2.0, abs=0.5)
     session.wish = Wish(2.0, turn=0.8)
     run(session, 1.0)
     assert 0.2 < session.turn < 1.2  # policies turn by less than they are told
     session.wish = Wish(1.0)
     commands = run(session, 0.5)
-    braking = ACCELERATION if session.config.control.stopping_time else BRAKING
+    braking = COMMAND_ACCELERATION if session.config.control.stopping_time else BRAKING
     assert np.diff(commands[:, 0]).min() == pytest.approx(-braking * CONTROL_STEP, rel=1e-3)
     x, y, yaw = session._line
     assert abs(yaw) > 0.1  # the line that it keeps to now is the one on which it was

@@ -27,7 +27,7 @@ def no_action(observation):
 @cache
 def trot(hardware: HardwareSpec = BUILT):
     """Up to 2 m/s, half a second of it held."""
-    return run_one(no_action, Ramp((2.0, 0.0, 0.0), acceleration=4.0, hold=0.5), CONFIG, hardware=hardware)
+    return run_one(no_action, Ramp(2.0, acceleration=4.0, hold=0.5), CONFIG, hardware=hardware)
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, BUILT], ids=["ideal", "built"])

@@ -17,7 +17,7 @@ from bp2_rl.simulation.batch import rollout_batch
 from bp2_rl.simulation.schedule import Ramp
 
 TROTTING = EnvConfig()  # the action is added to the kinematic gait
-SCHEDULE = Ramp((1.0, 0.0, 0.0), hold=0.2)
+SCHEDULE = Ramp(1.0, hold=0.2)
 NOMINAL = RandomizationConfig(enabled=False)
 
 
@@ -64,7 +64,7 @@ def test_a_robot_as_designed_runs_as_it_does_alone(alone):
 @pytest.fixture(scope="module")
 def falling():
     """Twelve robots as they are drawn, under a policy that throws them over."""
-    return rollout_batch(kick, Ramp((3.0, 0.0, 0.0), hold=0.25), TROTTING, robots=12, seed=3)
+    return rollout_batch(kick, Ramp(3.0, hold=0.25), TROTTING, robots=12, seed=3)
 
 
 def test_fallen_robots_are_known_by_the_time_of_their_fall(falling):

@@ -10,7 +10,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.simulation import metrics
+from bp2_rl.simulation import gait, metrics
 from bp2_rl.simulation.metrics import RunMetrics, measure
 
 STALL_TORQUE = 120.0 / (1.0 - 14.7 / 21.4)  # Nm, where the back-EMF line meets the torque axis
@@ -180,7 +180,7 @@ def test_envelope_is_that_of_the_hardware_that_ran(make_run):
 def test_duty_factor_and_stride_frequency_of_a_trot(make_run, frequency, duty):
     m = measure(make_run(frequency=frequency, duty=duty))
     peak = np.pi / (8 * duty)  # of the half sine, in body weights: its ends lie below the thresholds
-    unseen = (np.arcsin(metrics.TOUCH_FORCE / peak) + np.arcsin(metrics.LIFT_FORCE / peak)) / np.pi
+    unseen = (np.arcsin(gait.TOUCH_FORCE / peak) + np.arcsin(gait.LIFT_FORCE / peak)) / np.pi
     for leg in m.legs:
         assert leg.stride_frequency == pytest.approx(frequency, rel=2e-3)  # touchdowns fall on milliseconds
         assert leg.duty_factor == pytest.approx(duty * (1 - unseen), abs=1e-3 * frequency)
@@ -209,15 +209,15 @@ def test_a_hop_longer_than_a_bounce_is_a_stride(make_run):
 def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
     run = make_run()
     even = measure(run)
-    assert even.half_cycle == pytest.approx(0.0, abs=1e-3)
+    assert even.off_half_cycle == pytest.approx(0.0, abs=1e-3)
     assert even.uneven == pytest.approx(0.0, abs=1e-3)
     # The front left leg lands 10 ms late, of the quarter of a second that a stride takes, and 4 % harder.
     force = run.foot_force.copy()
     force[:, 1] = 1.04 * np.roll(force[:, 1], 10, axis=0)
     lame = measure(make_run(foot_force=force))
-    assert lame.half_cycle == pytest.approx(0.04, abs=1e-3)
+    assert lame.off_half_cycle == pytest.approx(0.04, abs=1e-3)
     assert lame.uneven == pytest.approx(0.02 / 4.04 * 2, abs=1e-3)
-    assert measure(make_run(foot_force=0.0 * force)).half_cycle is None
+    assert measure(make_run(foot_force=0.0 * force)).off_half_cycle is None
 
 
 def test_contact_needs_more_force_to_begin_than_to_last(make_run):
@@ -228,7 +228,7 @@ def test_contact_needs_more_force_to_begin_than_to_last(make_run):
     force[150:, :, 2] = 0.5 * weight  # on the ground
     force[250:, :, 2] = 0.03 * weight  # between the thresholds: still
     force[350:, :, 2] = 0.01 * weight  # off
-    standing = metrics.contacts(make_run(duration=0.4, foot_force=force))
+    standing = gait.contacts(make_run(duration=0.4, foot_force=force))
     np.testing.assert_array_equal(standing, np.tile(((run.time >= 0.1495) & (run.time < 0.3495))[:, None], 4))
 
 
@@ -244,7 +244,7 @@ def test_peak_force_is_the_length_of_the_vector(make_run):
     force = make_run().foot_force.copy()
     force[4000, 2] = (300.0, 0.0, 1000.0)
     m = measure(make_run(foot_force=force))
-    assert m.legs[2].peak_force == m.peak_force == pytest.approx(np.hypot(300.0, 1000.0))
+    assert m.legs[2].peak_foot_force == m.peak_foot_force == pytest.approx(np.hypot(300.0, 1000.0))
 
 
 def test_springs_are_on_their_stop_beyond_full_travel(make_run):
@@ -256,7 +256,7 @@ def test_springs_are_on_their_stop_beyond_full_travel(make_run):
     assert [leg.on_stop for leg in m.legs] == pytest.approx([0.1, 0.1, 0.0, 0.0])
     assert m.on_stop == pytest.approx(0.15)
     assert [leg.stop_hits for leg in m.legs] == [1, 1, 0, 0]
-    assert m.peak_compression == 0.135
+    assert m.peak_spring_travel == 0.135
 
 
 def test_every_arrival_of_a_spring_at_its_stop_is_a_hit(make_run):

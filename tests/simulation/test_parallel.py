@@ -9,7 +9,7 @@ import numpy as np
 
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation import parallel, policy_runner
-from bp2_rl.simulation.parallel import dealt, in_parallel, keep_workers, simulate_all
+from bp2_rl.simulation.parallel import in_parallel, keep_workers, shares_of, simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Course
 from bp2_rl.simulation.simulator import Numerics
@@ -23,23 +23,23 @@ def lasting(seconds, robot=BUILT, **how):
 
 def test_each_is_dealt_out_once_and_work_is_shared():
     requests = [lasting(seconds) for seconds in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)]
-    shares = dealt(requests, 2)
+    shares = shares_of(requests, 2)
     assert sorted(i for share in shares for i in share) == list(range(6))
     assert [sum(requests[i].schedule.duration for i in share) for share in shares] == [10.0, 14.0]
     assert shares == [[3, 2, 1, 0], [5, 4]]  # the longest first
-    assert dealt(requests[:1], 4) == [[0]]
+    assert shares_of(requests[:1], 4) == [[0]]
 
 
 def test_a_robot_stays_with_one_worker():
     """It is brought to a stand once."""
     robots = BUILT, IDEAL, LIGHT, BUILT, IDEAL, LIGHT, BUILT, IDEAL
-    shares = dealt([lasting(1.0, robot) for robot in robots], 4)
+    shares = shares_of([lasting(1.0, robot) for robot in robots], 4)
     assert [{robots[i] for i in share} for share in shares] == [{BUILT}, {BUILT, IDEAL}, {IDEAL}, {LIGHT}]
 
 
 def test_finer_physics_is_more_work():
     fine = lasting(1.0, numerics=Numerics(steps=4, motors_each_step=True))
-    assert dealt([lasting(1.0), lasting(1.0), lasting(1.0), lasting(1.0), fine], 2) == [[0, 1, 2, 3], [4]]
+    assert shares_of([lasting(1.0), lasting(1.0), lasting(1.0), lasting(1.0), fine], 2) == [[0, 1, 2, 3], [4]]
 
 
 def where(policy, task):
@@ -67,5 +67,5 @@ def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch)
 
 
 def test_requests_that_take_no_time_are_requests(make_policy):
-    assert dealt([RunRequest(Course(), BUILT)], 2) == [[0]]
-    assert sorted(i for share in dealt([lasting(1.0), RunRequest(Course(), IDEAL)], 2) for i in share) == [0, 1]
+    assert shares_of([RunRequest(Course(), BUILT)], 2) == [[0]]
+    assert sorted(i for share in shares_of([lasting(1.0), RunRequest(Course(), IDEAL)], 2) for i in share) == [0, 1]

@@ -1,22 +1,25 @@
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 from runs import run_one
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
+from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.termination import fall
+from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.actuator import joint_torque
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
-from bp2_rl.robot.specs import GRAVITY, HardwareSpec, Losses
+from bp2_rl.robot.specs import GRAVITY, STAND_JOINTS, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
-from bp2_rl.simulation.metrics import envelope_use
-from bp2_rl.simulation.mjx import simulate_in_mjx
+from bp2_rl.simulation.metrics import envelope_use, measure
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World
@@ -36,7 +39,8 @@ def kick(observation):
 
 
 def run_in_mjx(policy, schedule, config, **request):
-    return simulate_in_mjx(policy, config, RunRequest(schedule, **request))
+    [run] = simulate(policy, [RunRequest(schedule, **request)], config, backend="mjx")
+    return run
 
 
 # --- C MuJoCo ----------------------------------------------------------------------------------------------------
@@ -60,7 +64,7 @@ def test_standing_start_is_at_rest_at_the_origin():
 
 
 def test_feet_of_a_standing_robot_carry_its_weight():
-    run = run_one(no_action, Ramp((0.0, 0.0, 0.0), hold=0.5), STANDING)
+    run = run_one(no_action, Ramp(0.0, hold=0.5), STANDING)
     assert run.fell_at is None
     force = np.mean(run.foot_force[-100:], axis=0)
     assert np.sum(force[:, 2]) == pytest.approx(run.mass * GRAVITY, rel=1e-3)
@@ -90,7 +94,7 @@ def test_foot_forces_are_those_that_mujoco_puts_on_the_feet(world):
 
 def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_them():
     """Every recorded step, repeated from its record alone, leads to the next record."""
-    run = run_one(no_action, Ramp((1.0, 0.0, 0.0), hold=0.1), TROTTING)
+    run = run_one(no_action, Ramp(1.0, hold=0.1), TROTTING)
     model = RobotSetup(TROTTING).model()
     data = mujoco.MjData(model)
     for k in range(0, len(run) - 1, 7):
@@ -102,7 +106,7 @@ def test_samples_are_states_with_the_torque_and_the_forces_that_followed_from_th
 
 
 def test_torque_is_the_motors_answer_to_the_recorded_target():
-    run = run_one(no_action, Ramp((0.0, 0.0, 0.0), hold=0.2), STANDING)
+    run = run_one(no_action, Ramp(0.0, hold=0.2), STANDING)
     motors = motors_of(STANDING)
     q, qd = run.joint_position, run.joint_velocity
     expected = joint_torque(motors, 0.0 * q, q, qd, run.target, 0.0 * qd, 1e-3)
@@ -110,21 +114,21 @@ def test_torque_is_the_motors_answer_to_the_recorded_target():
 
 
 def test_no_torque_leaves_the_envelope_whatever_the_policy_does():
-    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=1.0), TROTTING)
+    run = run_one(kick, Ramp(3.0, hold=1.0), TROTTING)
     use = envelope_use(run)
     assert np.sum(use.outside) == 0
     assert np.mean(use.near) > 0.05  # it tried
 
 
 def test_a_run_ends_at_the_fall():
-    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=5.0), TROTTING)
+    run = run_one(kick, Ramp(3.0, hold=5.0), TROTTING)
     assert run.fell_at == pytest.approx(len(run) * run.dt)
     assert len(run) < 4000
     assert not fall(run.qpos, run.qvel, TROTTING.termination).happened.any()
 
 
 def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
-    schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
+    schedule = Ramp(0.0, hold=0.1)
     usual, fine, finest = (run_one(kick, schedule, STANDING, numerics=Numerics(steps=steps)) for steps in (1, 4, 8))
     assert len(fine) == len(usual) == 100
     np.testing.assert_array_equal(fine.qpos[0], usual.qpos[0])
@@ -140,7 +144,7 @@ def test_finer_physics_leaves_start_samples_and_motors_as_they_are():
 def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
     """Four steps of a quarter of a millisecond, each under the torque of its own start."""
     numerics = Numerics(steps=4, motors_each_step=True)
-    run = run_one(kick, Ramp((3.0, 0.0, 0.0), hold=0.05), STANDING, numerics=numerics)
+    run = run_one(kick, Ramp(3.0, hold=0.05), STANDING, numerics=numerics)
     model, motors = RobotSetup(STANDING).model(), motors_of(STANDING)
     numerics.apply(model)
     data = mujoco.MjData(model)
@@ -162,7 +166,7 @@ def test_motors_as_fine_as_the_physics_are_repeated_by_hand():
 def test_finer_motors_lag_no_less():
     """The drive's first-order lag is of continuous time: computed in quarters of a millisecond it takes as long."""
     lagging = dataclasses.replace(STANDING, hardware=HardwareSpec(losses=Losses(current_lag=0.02)))
-    schedule = Ramp((0.0, 0.0, 0.0), hold=0.1)
+    schedule = Ramp(0.0, hold=0.1)
     held, fine = (
         run_one(kick, schedule, lagging, numerics=Numerics(steps=4, motors_each_step=each)) for each in (False, True)
     )
@@ -176,7 +180,7 @@ def test_finer_motors_lag_no_less():
 def test_another_robot_runs_under_the_controller_of_the_assumed_one():
     heavy = HardwareSpec(mass_scale=1.1, peak_torque=100.0)
     config = EnvConfig(control=ControlConfig(feedforward=1.0))
-    schedule = Ramp((1.0, 0.0, 0.0), hold=0.05)
+    schedule = Ramp(1.0, hold=0.05)
     run = run_one(no_action, schedule, config, hardware=heavy)
     assert run.hardware == heavy
     own, assumed = (
@@ -199,7 +203,7 @@ def test_numerics_reach_the_model():
 
 
 def test_a_run_repeats_exactly():
-    first, second = (run_one(no_action, Ramp((1.0, 0.0, 0.0), hold=0.2), TROTTING) for _ in range(2))
+    first, second = (run_one(no_action, Ramp(1.0, hold=0.2), TROTTING) for _ in range(2))
     for field in ("qpos", "qvel", "torque", "command", "target", "foot_force"):
         np.testing.assert_array_equal(getattr(first, field), getattr(second, field))
 
@@ -207,7 +211,7 @@ def test_a_run_repeats_exactly():
 def test_policy_is_told_the_schedule_and_the_operators_correction():
     operator = HeadingHold(heading_gain=0.0, lane_gain=-0.1, limit=0.3)
     crooked = dataclasses.replace(operator, limit=0.0)
-    schedule = Ramp((1.0, 0.0, 0.0), acceleration=2.0, hold=0.1)
+    schedule = Ramp(1.0, acceleration=2.0, hold=0.1)
     run = run_one(no_action, schedule, STANDING, operator=crooked)
     expected = np.array([schedule.command(5e-3 * (k // 5)) for k in range(len(run))])
     np.testing.assert_allclose(run.command, expected, atol=1e-6)  # float32
@@ -220,11 +224,69 @@ def test_policy_is_told_the_schedule_and_the_operators_correction():
 def test_a_policy_is_told_no_more_than_its_controller_launches():
     """From a stand at 6 m/s2, towards 18 m/s: v = 18 (1 - exp(-t / 3 s)), though 30 m/s2 are asked for."""
     control = dataclasses.replace(STANDING.control, launching=6.0, launching_speed=18.0)
-    asked = Ramp((3.0, 0.0, 0.0), acceleration=30.0, hold=0.2)
+    asked = Ramp(3.0, acceleration=30.0, hold=0.2)
     run = run_one(no_action, asked, dataclasses.replace(STANDING, control=control))
     assert run.command[-1, 0] > 1.5
     np.testing.assert_allclose(run.command[:, 0], 18.0 * (1.0 - np.exp(-run.time / 3.0)), atol=0.035)  # ticks of 5 ms
     assert np.all(run.command[:, 0] <= 6.0 * (run.time + 0.005))
+
+
+def test_a_rollout_is_a_run_whose_ramp_rises_as_the_policys_controller_lets_it():
+    control = dataclasses.replace(STANDING.control, launching=6.0, launching_speed=18.0)
+    config = dataclasses.replace(STANDING, control=control)
+    run = rollout(no_action, Ramp(3.0, acceleration=30.0, hold=0.1), config=config)
+    asked = Ramp(3.0, acceleration=30.0, hold=0.1, launching=6.0, launching_speed=18.0)
+    assert run.steady_from == asked.steady_from > 0.5
+    np.testing.assert_array_equal(run.qpos, run_one(no_action, asked, config).qpos)
+    assert run.metrics == measure(run)
+    assert run.metrics is run.metrics  # it is measured once
+
+
+def test_noise_of_the_sensors_changes_what_the_policy_observes_and_nothing_else():
+    """Against the noise of training, drawn by hand: a policy whose action is its observation shows it in the target."""
+    config = dataclasses.replace(STANDING, control=ControlConfig(mode="absolute", action_scale=0.1))
+    standing = Ramp(0.0, hold=0.02)
+
+    def joints(observation):
+        return observation[..., 5:17]  # rad, from the stand
+
+    plain, noisy, again, other = (
+        run_one(joints, standing, config, noise_seed=seed, operator=HeadingHold()) for seed in (None, 3, 3, 4)
+    )
+    np.testing.assert_array_equal(noisy.qpos[0], plain.qpos[0])
+    np.testing.assert_array_equal(noisy.target, again.target)
+    assert np.max(np.abs(noisy.target - other.target)) > 1e-4
+    for k in range(4):
+        measured = sense(jnp.asarray(noisy.qpos[5 * k], jnp.float32), jnp.asarray(noisy.qvel[5 * k], jnp.float32))
+        seen = add_noise(measured, config.randomization, jax.random.fold_in(jax.random.PRNGKey(3), k))
+        expected = np.asarray(STAND_JOINTS) + 0.1 * (seen.joint_position - np.asarray(STAND_JOINTS))
+        np.testing.assert_allclose(noisy.target[5 * k], expected, atol=1e-6)  # float32
+    # The motors and the physics know nothing of it.
+    q, qd = noisy.joint_position, noisy.joint_velocity
+    torque = joint_torque(motors_of(config), 0.0 * q, q, qd, noisy.target, 0.0 * qd, 1e-3)
+    np.testing.assert_allclose(noisy.torque, torque, atol=1e-9)
+
+
+def test_a_robot_without_noise_runs_beside_one_with_noise():
+    requests = [RunRequest(Ramp(3.0, hold=0.1), noise_seed=seed) for seed in (None, 3)]
+    plain, noisy = simulate(kick, requests, STANDING)
+    alone = run_one(kick, Ramp(3.0, hold=0.1), STANDING)
+    np.testing.assert_allclose(plain.target[:100], alone.target[:100], atol=1e-6)  # compiled otherwise
+    assert np.max(np.abs(noisy.target[:100] - alone.target[:100])) > 0.1
+
+
+def test_a_shipped_policy_runs_in_three_lines():
+    run = rollout(load_policy("built"), Ramp(2.0, hold=0.5))
+    assert run.fell_at is None
+    assert 1.0 < run.metrics.best_speed < 2.5
+
+
+def test_a_policy_that_observes_something_else_is_refused_before_it_runs():
+    """The policy `built` observes its past, the default controller offers the present alone."""
+    policy = load_policy("built")
+    line = r"observes \('command@5', 3\) where this config gives nothing more; pass no config"
+    with pytest.raises(UserError, match=line):
+        rollout(policy, SCHEDULE, config=TROTTING)
 
 
 def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
@@ -239,12 +301,12 @@ def test_no_state_gone_bad_is_reset_behind_our_back(tmp_path, monkeypatch):
 # --- MJX against C MuJoCo ----------------------------------------------------------------------------------------
 
 
-SCHEDULE = Ramp((1.0, 0.0, 0.0), hold=0.2)
+SCHEDULE = Ramp(1.0, hold=0.2)
 
 
 @pytest.fixture(scope="module")
 def trot_in_both():
-    return tuple(rollout(no_action, SCHEDULE, TROTTING) for rollout in (run_one, run_in_mjx))
+    return tuple(run(no_action, SCHEDULE, TROTTING) for run in (run_one, run_in_mjx))
 
 
 def test_both_simulators_run_the_same_trot(trot_in_both):
@@ -265,8 +327,15 @@ def test_both_simulators_know_the_same_facts(trot_in_both):
     assert (c.backend, mjx.backend) == ("C MuJoCo", "MJX")
 
 
+def test_both_simulators_draw_the_same_noise():
+    runs = [run(kick, Ramp(3.0, hold=0.01), STANDING, noise_seed=5) for run in (run_one, run_in_mjx)]
+    np.testing.assert_allclose(runs[1].target[:5], runs[0].target[:5], atol=1e-4)
+    quiet = run_one(kick, Ramp(3.0, hold=0.01), STANDING)
+    assert np.max(np.abs(runs[1].target[:5] - quiet.target[:5])) > 0.1
+
+
 def test_mjx_refuses_what_it_does_not_run():
-    with pytest.raises(ValueError, match="MJX runs on level ground"):
+    with pytest.raises(UserError, match="MJX runs on level ground"):
         run_in_mjx(no_action, SCHEDULE, TROTTING, world=World(slope=0.1))
 
 
@@ -275,9 +344,9 @@ def test_mjx_keeps_to_the_envelope(trot_in_both):
 
 
 def test_a_run_ends_with_the_first_sample_beyond_the_finish(trot_in_both):
-    for rollout, whole in zip((run_one, run_in_mjx), trot_in_both, strict=True):
+    for run_in, whole in zip((run_one, run_in_mjx), trot_in_both, strict=True):
         half_way = 0.5 * float(whole.qpos[-1, 0])
-        run = rollout(no_action, SCHEDULE, TROTTING, finish=half_way)
+        run = run_in(no_action, SCHEDULE, TROTTING, finish=half_way)
         assert run.fell_at is None
         assert run.qpos[-2, 0] < half_way <= run.qpos[-1, 0]
         np.testing.assert_array_equal(run.foot_force, whole.foot_force[: len(run)])
@@ -298,7 +367,7 @@ def test_forces_of_legs_on_legs_are_not_the_grounds():
 def test_targets_act_late_in_both_simulators():
     """7 ms late: until then it stands, and each target acts from the seventh ms after it was issued."""
     late = HardwareSpec(losses=Losses(latency=0.007))
-    schedule = Ramp((0.5, 0.0, 0.0), acceleration=50.0, hold=0.03)
+    schedule = Ramp(0.5, acceleration=50.0, hold=0.03)
     judged, simulated = (run(kick, schedule, STANDING, hardware=late) for run in (run_one, run_in_mjx))
     prompt = run_one(kick, schedule, STANDING)
     np.testing.assert_allclose(simulated.target, judged.target, rtol=0, atol=1e-6)

@@ -11,7 +11,7 @@ from bp2_rl.simulation.schedule import Course, Leg, Ramp
 
 
 def test_ramp_reaches_its_target_at_the_acceleration_and_holds_it():
-    ramp = Ramp((6.0, 0.0, 0.0), acceleration=2.4, hold=20.0)
+    ramp = Ramp(6.0, acceleration=2.4, hold=20.0)
     assert ramp.steady_from == pytest.approx(2.5)
     assert ramp.duration == pytest.approx(22.5)
     np.testing.assert_allclose(ramp.command(0.0), 0.0)
@@ -31,7 +31,7 @@ def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
     control = ControlConfig(launching=6.0, launching_speed=18.0)
     tell, dt = jax.jit(lambda told, asked: eased(told, asked, control)), 0.005
     for acceleration in (2.4, 8.0):
-        asked = Ramp((15.5, 0.0, 0.0), acceleration, hold=1.0)
+        asked = Ramp(15.5, acceleration, hold=1.0)
         ramp, told = asked.under(control), np.zeros(3, np.float32)
         for k in range(1, round(ramp.duration / dt)):
             told = np.asarray(tell(told, np.float32(asked.command(k * dt))))
@@ -54,7 +54,7 @@ def test_a_ramp_under_a_controller_is_what_its_policy_is_told():
     ],
 )
 def test_a_ramp_arrives_when_the_slower_of_two_laws_does(acceleration, launching, launching_speed, arrives):
-    ramp = Ramp((15.5, 0.0, 0.0), acceleration, launching=launching, launching_speed=launching_speed)
+    ramp = Ramp(15.5, acceleration, launching=launching, launching_speed=launching_speed)
     assert ramp.steady_from == pytest.approx(arrives)
     before, after = (ramp.command(arrives + late)[0] for late in (-0.1, 0.1))
     assert before < 15.5 == after
@@ -62,13 +62,22 @@ def test_a_ramp_arrives_when_the_slower_of_two_laws_does(acceleration, launching
 
 def test_a_command_that_is_never_told_is_refused():
     with pytest.raises(UserError, match=r"18 m/s is never reached.*control\.launching_speed is 18"):
-        Ramp((18.0, 0.0, 0.0)).under(ControlConfig(launching=6.0, launching_speed=18.0))
+        Ramp(18.0).under(ControlConfig(launching=6.0, launching_speed=18.0))
+
+
+def test_a_number_is_a_forward_speed():
+    ramp = Ramp(6.0, acceleration=2.0, hold=1.0)
+    assert ramp.target == (6.0, 0.0, 0.0)
+    assert (ramp.steady_from, ramp.duration) == (3.0, 4.0)
+    np.testing.assert_array_equal(ramp.command(1.0), (2.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"target": (math.nan, 0.0, 0.0)},
+        {"to": (math.nan, 0.0, 0.0)},
+        {"to": (1.0, 0.0)},
+        {"to": math.nan},
         {"launching": 0.0},
         {"launching_speed": math.nan},
         {"acceleration": 0.0},
@@ -79,7 +88,7 @@ def test_a_command_that_is_never_told_is_refused():
 )
 def test_impossible_ramps_are_refused(wrong):
     with pytest.raises(UserError):
-        Ramp(**({"target": (1.0, 0.0, 0.0)} | wrong))
+        Ramp(**({"to": (1.0, 0.0, 0.0)} | wrong))
 
 
 def test_a_course_goes_straight_from_command_to_command():
@@ -93,7 +102,7 @@ def test_a_course_goes_straight_from_command_to_command():
 
 
 def test_a_course_of_one_leg_is_a_ramp():
-    ramp, course = Ramp((4.0, 0.0, 0.0), acceleration=2.0, hold=1.5), Course().to((4.0, 0.0, 0.0), 2.0).hold(1.5)
+    ramp, course = Ramp(4.0, acceleration=2.0, hold=1.5), Course().to((4.0, 0.0, 0.0), 2.0).hold(1.5)
     assert (ramp.duration, ramp.steady_from) == (course.duration, course.steady_from)
     for time in np.linspace(0.0, 3.5, 8):
         np.testing.assert_allclose(course.command(time), ramp.command(time), atol=1e-15)

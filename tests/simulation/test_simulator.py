@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plain_simulation import PlainRobot, plain_run
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.robot.model import MOTOR_QVEL
 from bp2_rl.robot.specs import BUILT, IDEAL, STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
@@ -16,7 +17,7 @@ from bp2_rl.simulation.simulator import Numerics, RobotSetup, Simulator
 from bp2_rl.simulation.world import Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
-RAMP = Ramp((1.5, 0.0, 0.0), acceleration=10.0, hold=0.1)
+RAMP = Ramp(1.5, acceleration=10.0, hold=0.1)
 SLIPPERY = dataclasses.replace(BUILT, friction=0.3)
 LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012))
 
@@ -32,7 +33,7 @@ def tire(simulator, robot, _):
 
 REQUESTS = (
     RunRequest(RAMP, BUILT, name="built"),
-    RunRequest(Ramp((2.0, 0.0, 0.0), acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
+    RunRequest(Ramp(2.0, acceleration=10.0, hold=0.2), IDEAL, name="ideal"),
     RunRequest(
         RAMP, SLIPPERY, HeadingHold(heading_gain=9.0, limit=2.0), gyro_bias=0.5, name="slippery, steered astray"
     ),
@@ -137,5 +138,5 @@ def test_more_than_fit_beside_each_other_run_in_turn():
 
 
 def test_a_function_alone_does_not_say_what_it_was_trained_in():
-    with pytest.raises(TypeError, match="needs the config"):
+    with pytest.raises(UserError, match=r"runs only with a config: pass config=EnvConfig"):
         simulate(answering, REQUESTS)

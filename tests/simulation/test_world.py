@@ -141,7 +141,7 @@ def late(latency):
 def test_targets_act_after_the_latency_to_the_ms(milliseconds):
     """The kinematic gait's targets do not depend on the robot: late ones are the same, so many ms later."""
     prompt, delayed = (
-        run_one(no_action, Ramp((1.0, 0.0, 0.0)), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02)
+        run_one(no_action, Ramp(1.0), TROTTING, hardware=late(1e-3 * ms), operator=NOBODY, finish=0.02)
         for ms in (0, milliseconds)
     )
     samples = min(len(prompt), len(delayed))

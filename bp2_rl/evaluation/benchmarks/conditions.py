@@ -10,22 +10,11 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec, robot_name
-from bp2_rl.settings.env import ControlConfig
-from bp2_rl.simulation.mjx import simulate_in_mjx
+from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
-from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
-from bp2_rl.simulation.trajectory import Trajectory
 
 UNNAMED = "card's own"  # robot
-
-
-def run_once(policy: Policy, request: RunRequest, setup: Setup) -> Trajectory:
-    """Run a policy once, in the simulator that was asked for."""
-    if setup.backend == "mjx":
-        return simulate_in_mjx(policy, policy.card.env, request)
-    [run] = simulate(policy, [request])
-    return run
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
@@ -34,7 +23,7 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
     A card without a result of this benchmark gives the one of its top speed, one without either the fastest command
     of the training.
     """
-    for result in ("commanded_speed", "top_speed"):
+    for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
@@ -69,6 +58,7 @@ def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> d
         "policy": describe(policy),
         "weights_sha256": policy.card.weights_sha256,
         "simulator": simulator,
+        "sensors": describe_sensors(policy.card.env.randomization, setup.noise_seed),
         "operator": describe_operator(setup.operator),
         "controller": describe_easing(policy.card.env.control),
     }
@@ -83,9 +73,10 @@ def describe(policy: Policy) -> str:
     )
 
 
-def describe_command(policy: Policy, setup: Setup, speed: float) -> str:
-    """Who runs at which command, for titles."""
-    return f"{policy.card.stage} policy, {robot_name(robot_of(policy, setup)) or UNNAMED} robot, {speed:g} m/s"
+def describe_subject(policy: Policy, setup: Setup) -> str:
+    """Return what runs, for titles: without the commanded speed, which a reader would take for the speed run."""
+    noisy = ", noisy sensors" if setup.sensor_noise else ""
+    return f"{policy.card.stage} policy, {robot_name(robot_of(policy, setup)) or UNNAMED} robot{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
@@ -118,6 +109,17 @@ def describe_rise(ramp: Ramp) -> str:
     """How fast the command rises, in a few words."""
     limit = _launching(ramp)
     return f"at {ramp.acceleration:g} m/s²{f', and at no more than {limit}' if limit else ''}"
+
+
+def describe_sensors(noise: RandomizationConfig, seed: int | None) -> str:
+    """The sensors' noise in one line."""
+    if seed is None:
+        return "without noise"
+    return (
+        f"with the noise of training, seed {seed}: joints {noise.joint_position_noise:g} rad and "
+        f"{noise.joint_velocity_noise:g} rad/s, upright {noise.orientation_noise:g}, gyro "
+        f"{noise.angular_velocity_noise:g} rad/s (standard deviations)"
+    )
 
 
 def describe_operator(operator: HeadingHold) -> str:
@@ -158,7 +160,7 @@ def describe_simulator(backend: str, hardware: HardwareSpec) -> str:
     held = describe_limits(hardware if backend == "mujoco" else IDEAL)
     return {
         "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 "
-        "Hz, no noise, full strength",
+        "Hz, full strength",
         "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
-        f"{held}; legs pass through each other; policy at 200 Hz, no noise",
+        f"{held}; legs pass through each other; policy at 200 Hz",
     }[backend]

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_limits,
     describe_ramp,
+    describe_subject,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -27,7 +27,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 TOLERANCE = 0.01  # of the mean speed held: what a change of the numerics may change
 
 VARIANTS = {
-    "1 ms, as judged": CONVERGED,
+    "1 ms, as usual": CONVERGED,
     "solver x 2": Numerics(iterations=200, line_search_iterations=100, tolerance=1e-12),
     "0.5 ms": Numerics(steps=2),
     "0.25 ms": Numerics(steps=4),
@@ -39,7 +39,7 @@ MEANINGS = {
     "0.25 ms": "four physics steps a millisecond",
     "0.25 ms, motors too": "four steps a ms, torques at each",
 }
-TILES = "Greatest change", "Mean speed", "Top speed"
+TILES = "Greatest change", "Mean speed", "Best speed"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +56,7 @@ class NumericsVariant:
 
 @dataclasses.dataclass(frozen=True)
 class ConvergenceMetrics:
-    """All runs, the one that is judged first."""
+    """All runs, the usual one first."""
 
     commanded_speed: float  # m/s
     greatest_change: float  # of the mean speed held, relative
@@ -71,11 +71,11 @@ def convergence(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     metrics = compare(runs)
     simulator = (
         f"C MuJoCo {mujoco.__version__}, float64; {describe_limits(robot)}, but for '0.25 ms, motors too'; policy at "
-        "200 Hz, no noise, full strength"
+        "200 Hz, full strength"
     )
     return Evaluation(
         benchmark="convergence",
-        subject=describe_command(policy, setup, ramp.target[0]),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=conditions(policy, describe_ramp(ramp), simulator, setup),
         verdict=verdict(metrics),
@@ -128,15 +128,15 @@ def convergence_rows(metrics: ConvergenceMetrics) -> tuple[Row, ...]:
     first, *others = metrics.variants
     return (
         Row("Greatest change", f"{metrics.greatest_change:.2%}", "of the mean speed held, relative"),
-        Row("Mean speed", f"{first.mean_speed:.3f} m/s", "while held, as judged: steps of 1 ms"),
-        Row("Top speed", show(first.best_speed, ".3f", "m/s"), "best 1-s mean, as judged"),
+        Row("Mean speed", f"{first.mean_speed:.3f} m/s", "while held, in steps of 1 ms"),
+        Row("Best speed", show(first.best_speed, ".3f", "m/s"), "best 1-s mean, in steps of 1 ms"),
         *(Row(f"Change, {v.name}", f"{v.mean_speed_change:+.3%}", MEANINGS[v.name]) for v in others),
     )
 
 
 def variant_table(metrics: ConvergenceMetrics) -> Table:
     """Every run."""
-    head = "Physics", "Mean speed [m/s]", "Change", "Best second [m/s]", "Change", "Fall"
+    head = "Physics", "Mean speed [m/s]", "Change", "Best speed [m/s]", "Change", "Fall"
     return Table(
         "Runs",
         head,
@@ -168,7 +168,7 @@ def convergence_results(metrics: ConvergenceMetrics) -> dict[str, object]:
 
 CAPTION = (
     "The same run under finer physics: speed over time (0.25-s means), and how much the mean speed held and the best "
-    "second differ from those of the run as judged. There a motor's torque lies inside the envelope at the speed at "
+    "second differ from those of the usual run. There a motor's torque lies inside the envelope at the speed at "
     "which it was computed, the start of each millisecond, and is held for the rest of it; in '0.25 ms, motors too' it "
     "is computed, and limited, at every physics step."
 )
@@ -205,10 +205,10 @@ def _draw_changes(axes: Axes, metrics: ConvergenceMetrics, colors: dict[str, str
         if variant.best_speed_change is not None:
             axes.plot(1e2 * variant.best_speed_change, place, "o", ms=8, mfc="none", mew=1.4, color=color)
     axes.plot([], [], "o", ms=8, color=QUIET, label="mean speed held")
-    axes.plot([], [], "o", ms=8, mfc="none", mew=1.4, color=QUIET, label="best second")
+    axes.plot([], [], "o", ms=8, mfc="none", mew=1.4, color=QUIET, label="best speed")
     axes.axvline(0.0, color=INK, linewidth=1.0)
     reach = 1.2 * max(0.1, *(1e2 * abs(c) for v in others for c in (v.mean_speed_change, v.best_speed_change or 0.0)))
-    axes.set(title="Difference from the run as judged", xlabel="Relative difference [%]", xlim=(-reach, reach))
+    axes.set(title="Difference from the usual run", xlabel="Relative difference [%]", xlim=(-reach, reach))
     axes.set(yticks=range(len(others)), yticklabels=[v.name for v in others], ylim=(len(others) - 0.5, -0.5))
     axes.tick_params(axis="y", length=0)
     legend_above(axes)

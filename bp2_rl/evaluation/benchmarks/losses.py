@@ -16,9 +16,9 @@ from bp2_rl.base.files import read_json
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, QUIET, WIDTH, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_ramp,
     describe_simulator,
+    describe_subject,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -91,7 +91,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair)
     return Evaluation(
         benchmark="losses",
-        subject=describe_command(policy, setup, ramp.target[0]),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", built), setup),
         verdict=verdict(metrics),
@@ -119,7 +119,7 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
     """
     if not differing(IDEAL, robot_of(policy, setup)):
         raise UserError("--benchmark losses: the robot of this policy's card has no losses to leave out")
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LOSSES_HOLD))
+    return ramp_to_topspeed(policy, setup, hold=LOSSES_HOLD)
 
 
 def greatest_speeds() -> dict[str, float]:

@@ -1,14 +1,14 @@
 """What may be chosen about a benchmark; read before JAX is imported, so that a mistake is answered at once."""
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
-Backend = Literal["mujoco", "mjx"]
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 
@@ -23,11 +23,17 @@ class Setup:
     hold: Annotated[float, Within(LEAST_HOLD, 600.0)] | None = None  # s
     robots: Annotated[int, Within(1, 2**20)] | None = None
     seed: Annotated[int, Within(0, LARGEST_SEED)] | None = None
+    sensor_noise: bool = False
     operator: HeadingHold = HEADING_HOLD
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         check_bounds(self, "--")
+
+    @property
+    def noise_seed(self) -> int | None:
+        """What the sensors' noise is drawn from; None: sensors without noise."""
+        return (self.seed or 0) if self.sensor_noise else None
 
     @property
     def chosen(self) -> tuple[str, ...]:

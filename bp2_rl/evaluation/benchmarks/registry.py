@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
-from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres, ramp_to_manoeuvres
+from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
@@ -32,15 +32,19 @@ class Benchmark(Generic[Flags]):
 
 BENCHMARKS = {
     "topspeed": Benchmark(
-        ramp_to_topspeed, topspeed, ("backend", "robot", "speed", "acceleration", "hold", "operator")
+        ramp_to_topspeed,
+        topspeed,
+        ("backend", "robot", "speed", "acceleration", "hold", "seed", "sensor_noise", "operator"),
     ),
-    "sprint": Benchmark(race, sprint, ("backend", "robot", "speed", "acceleration", "operator")),
+    "sprint": Benchmark(
+        race, sprint, ("backend", "robot", "speed", "acceleration", "seed", "sensor_noise", "operator")
+    ),
     "robustness": Benchmark(
         ramp_to_robustness,
         robustness,
         ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator"),
     ),
-    "manoeuvres": Benchmark(ramp_to_manoeuvres, manoeuvres, ("robot", "speed", "seed", "operator")),
+    "manoeuvres": Benchmark(ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
     "losses": Benchmark(ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),
@@ -60,5 +64,6 @@ def choose(name: str, setup: Setup, benchmarks: Mapping[str, Benchmark[Any]] = B
     known = benchmarks[name].flags
     for flag in setup.chosen:
         if flag not in known:
-            raise UserError(f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in known)}")
+            flag, *others = (word.replace("_", "-") for word in (flag, *known))
+            raise UserError(f"--{flag} is not of --benchmark {name}, which takes {', '.join(f'--{f}' for f in others)}")
     return {name: setup}

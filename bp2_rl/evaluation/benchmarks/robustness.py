@@ -1,4 +1,7 @@
-"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed."""
+"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed.
+
+`GOOD` says what counts. Legs pass through each other here, as in training; how deep is counted by itself.
+"""
 
 import dataclasses
 import math
@@ -12,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, conditions, describe_ramp, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, conditions, describe_ramp, describe_sensors, robot_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
@@ -29,6 +32,10 @@ NUM_ROBOTS = 200
 SPEED = specs.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
+GOOD = (
+    "no robot falls; legs in each other are no fall here, though training ends an episode where they are too deep: "
+    "such robots are counted as `Legs too deep`"
+)
 TILES = "Without a fall", "Mean speed", "Slowest 5 %", "Off the line", "Worst off the line"
 
 
@@ -68,6 +75,8 @@ class RobustnessMetrics:
     greatest_offset: float | None  # m
     fallen_at: tuple[float, ...]  # s, in order
     legs_touch: int  # robots with a leg in another or in the trunk at some control step
+    legs_too_deep: int  # those deeper than `allowed_overlap`, at which training ends an episode
+    allowed_overlap: float  # m
     leg_depth: float  # m, greatest
     robots: tuple[DrawnRobot, ...]
 
@@ -87,7 +96,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         operator=setup.operator,
         impl=_IMPLS[setup.backend],
     )
-    metrics = measure_fleet(run)
+    metrics = measure_fleet(run, policy.card.env.termination.max_overlap)
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
@@ -97,7 +106,9 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
             "robots": f"{robots}, seed {seed}",
+            "sensors": describe_sensors(drawn, seed),
             "drawn": describe_randomization(drawn, robot),
+            "good": GOOD,
         },
         verdict=verdict(metrics),
         good=metrics.upright == len(metrics.robots),
@@ -114,9 +125,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: the same for every policy, so that they can be compared."""
-    return ramp_to_topspeed(
-        policy, dataclasses.replace(setup, speed=setup.speed or SPEED, hold=setup.hold or ROBUSTNESS_HOLD)
-    )
+    return ramp_to_topspeed(policy, setup, speed=SPEED, hold=ROBUSTNESS_HOLD)
 
 
 _IMPLS: dict[str, Literal["kernel", "jax"]] = {"mujoco": "kernel", "mjx": "jax"}
@@ -147,7 +156,7 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
         f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
-        f"x {_range(drawn.losses)}; sensor noise of training; pushes of up to {drawn.push_velocity:g} m/s on each "
+        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:g} m/s on each "
         f"axis, every {drawn.push_interval:g} s in the mean"
     )
 
@@ -159,8 +168,13 @@ def _range(bounds: tuple[float, float]) -> str:
 # --- What is measured ----------------------------------------------------------------------------------------
 
 
-def measure_fleet(run: BatchRun) -> RobustnessMetrics:
-    """All figures of merit of a fleet."""
+def measure_fleet(run: BatchRun, allowed_overlap: float) -> RobustnessMetrics:
+    """Return all figures of merit of a fleet.
+
+    Args:
+        run: what the fleet did.
+        allowed_overlap: m, of legs in each other; training ends an episode at more.
+    """
     upright = np.isinf(run.fell_at)
     speeds = np.mean(run.speed[run.time > run.steady_from], axis=0)
     offsets = np.max(np.abs(run.offset), axis=0)
@@ -185,6 +199,8 @@ def measure_fleet(run: BatchRun) -> RobustnessMetrics:
         greatest_offset=float(np.max(offsets[upright])) if count else None,
         fallen_at=tuple(float(time) for time in np.sort(run.fell_at[~upright])),
         legs_touch=int(np.sum(run.leg_room <= 0.0)),
+        legs_too_deep=int(np.sum(run.leg_room < -allowed_overlap)),
+        allowed_overlap=allowed_overlap,
         leg_depth=max(-float(np.min(run.leg_room)), 0.0),
         robots=robots,
     )
@@ -228,6 +244,7 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
+        Row("Legs too deep", f"{m.legs_too_deep}", f"of these, by more than training's {1e3 * m.allowed_overlap:g} mm"),
     )
 
 
@@ -246,6 +263,7 @@ def fleet_results(metrics: RobustnessMetrics) -> dict[str, object]:
             "lane_offset": offset and offset.median,
             "greatest_lane_offset": m.greatest_offset,
             "legs_touch": m.legs_touch,
+            "legs_too_deep": m.legs_too_deep,
             "leg_depth": m.leg_depth,
         }
     )

@@ -1,11 +1,12 @@
 """What a report shows of a single run: rows, tables, pictures and the results for a card."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from bp2_rl.base.plotting import NARROW
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.simulation.figures import FIGURES
-from bp2_rl.simulation.metrics import Account, RunMetrics, mean_stride_frequency
+from bp2_rl.simulation.metrics import Account, RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
 
 ENERGY = {
@@ -26,9 +27,8 @@ ENERGY = {
 def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     m = metrics
-    frequency = mean_stride_frequency(m.legs)
     return (
-        Row("Top speed", show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
+        Row("Best speed", show(m.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
         Row("Best 5 s", show(m.held_speed, ".2f", "m/s"), "best 5-s mean of the hold"),
         Row("Commanded speed", show(m.commanded_speed, ".2f", "m/s"), "at the end"),
         Row(
@@ -42,15 +42,15 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Lateral drift", f"{m.lateral_drift:.2f} m", "greatest, from the first heading's line"),
         Row("Heading drift", f"{m.heading_drift:.2f} rad", "greatest, from the first heading"),
         *motor_rows(m),
-        Row("Peak foot force", f"{m.peak_force:.0f} N", "impacts included"),
-        Row("Peak spring travel", f"{1e3 * m.peak_compression:.0f} mm", "of the most compressed spring"),
+        Row("Peak foot force", f"{m.peak_foot_force:.0f} N", "impacts included"),
+        Row("Peak spring travel", f"{1e3 * m.peak_spring_travel:.0f} mm", "of the most compressed spring"),
         Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
         *leg_rows(m),
-        Row("Stride frequency", show(frequency, ".2f", "Hz"), "mean of legs, steady window"),
-        Row("Duty factor", f"{_duty_factor(m):.2f}", "mean of legs, steady window"),
-        Row("Off half a cycle", show(m.half_cycle, ".3f"), "cycles, left to right, centroids of force"),
+        Row("Stride frequency", show(m.stride_frequency, ".2f", "Hz"), "mean of legs, steady window"),
+        Row("Duty factor", f"{m.duty_factor:.2f}", "mean of legs, steady window"),
+        Row("Off half a cycle", show(m.off_half_cycle, ".3f"), "cycles, left to right, centroids of force"),
         Row("Left and right", show(m.uneven, ".1%"), "one side has more of the impulse"),
-        Row("Trunk height", f"{m.mean_height:.3f} m", "mean, steady window"),
+        Row("Trunk height", f"{m.trunk_height:.3f} m", "mean, steady window"),
         Row("Mechanical cost", show(m.mechanical_cost_of_transport, ".2f"), "positive motor work / (m g distance)"),
         Row(
             "Electrical cost",
@@ -131,8 +131,8 @@ def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
             leg.name,
             f"{leg.duty_factor:.2f}",
             show(leg.stride_frequency, ".2f"),
-            f"{leg.peak_force:.0f}",
-            f"{1e3 * leg.peak_compression:.0f}",
+            f"{leg.peak_foot_force:.0f}",
+            f"{1e3 * leg.peak_spring_travel:.0f}",
             f"{leg.on_stop:.1%}",
             f"{leg.stop_hits}",
         )
@@ -157,48 +157,21 @@ def run_pictures(run: Trajectory) -> tuple[Picture, ...]:
     return tuple(Picture(name, caption, draw(run), draw(run, NARROW)) for name, (draw, caption) in FIGURES.items())
 
 
-def run_results(metrics: RunMetrics) -> dict[str, Any]:
-    """What a policy's card says of the run."""
-    m = metrics
-    frequency = mean_stride_frequency(m.legs)
-    return rounded(
-        {
-            "commanded_speed": m.commanded_speed,
-            "top_speed": m.best_speed,
-            "held_speed": m.held_speed,
-            "mean_speed": m.mean_speed,
-            "slowest_held_speed": m.slowest_held_speed,
-            "hold_time": m.hold_time,
-            "fell_at": m.fell_at,
-            "tracking_error": m.tracking_error,
-            "lateral_drift": m.lateral_drift,
-            "heading_drift": m.heading_drift,
-            "trunk_height": m.mean_height,
-            "stride_frequency": frequency,
-            "duty_factor": _duty_factor(m),
-            "off_half_cycle": m.half_cycle,
-            "uneven": m.uneven,
-            "peak_torque": max(motor.peak_torque for motor in m.motors),
-            "peak_joint_speed": max(motor.peak_speed for motor in m.motors),
-            "peak_motor_power": max(motor.peak_power for motor in m.motors),
-            "on_envelope": m.on_envelope,
-            "outside_envelope": m.outside_envelope,
-            "peak_foot_force": m.peak_force,
-            "peak_spring_travel": m.peak_compression,
-            "on_stop": m.on_stop,
-            "stop_hits": m.stop_hits,
-            "leg_contact": m.leg_contact,
-            "leg_contact_time": m.leg_contact_time,
-            "leg_depth": m.leg_depth,
-            "leg_clearance": m.leg_clearance,
-            "trunk_clearance": m.trunk_clearance,
-            "mechanical_cost_of_transport": m.mechanical_cost_of_transport,
-            "electrical_cost_of_transport": m.electrical_cost_of_transport,
-            "electrical_power": m.electrical_power,
-            "froude_number": m.froude_number,
-            **(_account_results(m.account) if m.account else {}),
-        }
-    )
+RESULTS = (
+    "commanded_speed", "best_speed", "held_speed", "mean_speed", "slowest_held_speed", "hold_time", "fell_at",
+    "tracking_error", "lateral_drift", "heading_drift", "trunk_height", "stride_frequency", "duty_factor",
+    "off_half_cycle", "uneven", "peak_torque", "peak_joint_speed", "peak_motor_power", "on_envelope",
+    "outside_envelope", "peak_foot_force", "peak_spring_travel", "on_stop", "stop_hits", "leg_contact",
+    "leg_contact_time", "leg_depth", "leg_clearance", "trunk_clearance", "mechanical_cost_of_transport",
+    "electrical_cost_of_transport", "electrical_power", "froude_number",
+)  # fmt: skip
+"""What a policy's card says of a run: fields and properties of `RunMetrics`."""
+
+
+def run_results(metrics: RunMetrics, names: Sequence[str] = RESULTS) -> dict[str, Any]:
+    """Return the results for a policy's card, rounded."""
+    found = {name: getattr(metrics, name) for name in names}
+    return rounded(found | (_account_results(metrics.account) if metrics.account else {}))
 
 
 def _account_results(account: Account) -> dict[str, Any]:
@@ -217,8 +190,3 @@ def _account_results(account: Account) -> dict[str, Any]:
         "top_out_speed": g.top_out_speed,
         "beyond_joint_range": g.limit_share,
     }
-
-
-def _duty_factor(metrics: RunMetrics) -> float:
-    """Mean of the legs."""
-    return sum(leg.duty_factor for leg in metrics.legs) / len(metrics.legs)

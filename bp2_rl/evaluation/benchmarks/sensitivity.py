@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_ramp,
     describe_simulator,
+    describe_subject,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -34,7 +34,7 @@ AS_ASSUMED = "as assumed"
 SLOW = 1.2  # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
 HOLLOW: dict[str, Any] = FULL | {"mfc": "white", "mew": 1.4}
-TILES = "Without a fall", "Least top speed", "Greatest top speed", "Fastest 100 m", "Slowest 100 m"
+TILES = "Without a fall", "Lowest best speed", "Highest best speed", "Fastest 100 m", "Slowest 100 m"
 
 
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
@@ -83,7 +83,7 @@ class RobotMetrics:
     """One robot: held at its top speed, and raced."""
 
     name: str
-    top_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
+    best_speed: float | None  # m/s, best 1-s mean; None for a run shorter than 1 s
     mean_speed: float | None  # m/s, while held; None if it fell
     fell_at: float | None  # s, while ramping up to top speed or holding it
     stop_hits: int  # times that a spring came onto its stop meanwhile
@@ -105,7 +105,7 @@ class SensitivityMetrics:
 
     commanded_speed: float  # m/s
     upright: int  # robots that fell in neither run
-    top_speeds: tuple[float, float] | None  # m/s, least and greatest
+    best_speeds: tuple[float, float] | None  # m/s, least and greatest
     times_100m: tuple[float, float] | None  # s, least and greatest
     robots: tuple[RobotMetrics, ...]
 
@@ -122,7 +122,7 @@ def sensitivity(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     said = conditions(policy, describe_ramp(ramp), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="sensitivity",
-        subject=describe_command(policy, setup, ramp.target[0]),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said | {"sprint": describe_race(sprint), "robots": ROBOTS},
         verdict=verdict(metrics),
@@ -147,7 +147,7 @@ def measure_try(one: RunRequest, run: Trajectory) -> RunMetrics | SprintMetrics:
 def ramp_to_sensitivity(policy: Policy, setup: Setup) -> Ramp:
     """The schedule of the runs at top speed; that of the sprints is looked at, too, before any robot runs."""
     race(policy, setup)
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or SENSITIVITY_HOLD))
+    return ramp_to_topspeed(policy, setup, hold=SENSITIVITY_HOLD)
 
 
 # --- What is measured ----------------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMet
     """What is compared, of both runs of one robot."""
     return RobotMetrics(
         name=name,
-        top_speed=held.best_speed,
+        best_speed=held.best_speed,
         mean_speed=held.mean_speed if held.fell_at is None else None,
         fell_at=held.fell_at,
         stop_hits=held.stop_hits,
@@ -175,7 +175,7 @@ def compare(commanded_speed: float, robots: list[RobotMetrics]) -> SensitivityMe
     return SensitivityMetrics(
         commanded_speed=commanded_speed,
         upright=len(upright),
-        top_speeds=_range([robot.top_speed for robot in upright]),
+        best_speeds=_range([robot.best_speed for robot in upright]),
         times_100m=_range([robot.time_100m for robot in upright]),
         robots=tuple(robots),
     )
@@ -203,24 +203,24 @@ CAPTION = (
 def verdict(metrics: SensitivityMetrics) -> str:
     """The comparison in one sentence."""
     count = f"{metrics.upright} of {len(metrics.robots)} robots did not fall"
-    if metrics.top_speeds is None:
+    if metrics.best_speeds is None:
         return f"{count}."
-    (slow, fast), times = metrics.top_speeds, metrics.times_100m
+    (slow, fast), times = metrics.best_speeds, metrics.times_100m
     raced = f", {TRACK:g} m in {times[0]:.2f} to {times[1]:.2f} s" if times else ""
     return f"{count}: {slow:.2f} to {fast:.2f} m/s{raced}."
 
 
 def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
-    (slow, fast), (least, most) = metrics.top_speeds or (None, None), metrics.times_100m or (None, None)
+    (slow, fast), (least, most) = metrics.best_speeds or (None, None), metrics.times_100m or (None, None)
     return (
         Row("Without a fall", f"{metrics.upright} of {len(metrics.robots)}", "in both runs"),
-        Row("Least top speed", show(slow, ".2f", "m/s"), "best 1-s mean, of the upright"),
-        Row("Greatest top speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
+        Row("Lowest best speed", show(slow, ".2f", "m/s"), "best 1-s mean, of the upright"),
+        Row("Highest best speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
         Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint"),
-        *(Row(r.name[0].upper() + r.name[1:], show(r.top_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
+        *(Row(r.name[0].upper() + r.name[1:], show(r.best_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
     )
 
 
@@ -239,7 +239,7 @@ def _fall(fell_at: float | None, none: str = "none") -> str:
 def robot_table(metrics: SensitivityMetrics) -> Table:
     """Every robot."""
     head = (
-        *("Robot", "Best second [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "Legs touch [ms]", "Depth [mm]"),
+        *("Robot", "Best speed [m/s]", "Mean held [m/s]", "Fall", "Stop hits", "Legs touch [ms]", "Depth [mm]"),
         *("100 m [s]", "Fall", "Lane kept"),
     )
     return Table(
@@ -248,7 +248,7 @@ def robot_table(metrics: SensitivityMetrics) -> Table:
         [
             (
                 robot.name,
-                show(robot.top_speed, ".2f"),
+                show(robot.best_speed, ".2f"),
                 show(robot.mean_speed, ".2f"),
                 _fall(robot.fell_at),
                 f"{robot.stop_hits}",
@@ -270,10 +270,10 @@ def sensitivity_results(metrics: SensitivityMetrics) -> dict[str, object]:
             "commanded_speed": metrics.commanded_speed,
             "robots": len(metrics.robots),
             "upright": metrics.upright,
-            "top_speed_range": metrics.top_speeds,
+            "best_speed_range": metrics.best_speeds,
             "time_100m_range": metrics.times_100m,
             "lanes_kept": sum(robot.lane_kept for robot in metrics.robots),
-            "top_speeds": {r.name: None if r.fell_at is not None else r.top_speed for r in metrics.robots},
+            "best_speeds": {r.name: None if r.fell_at is not None else r.best_speed for r in metrics.robots},
             "times_100m": {r.name: r.time_100m for r in metrics.robots},
         }
     )
@@ -298,12 +298,12 @@ def _draw_speeds(axes: Axes, robots: tuple[RobotMetrics, ...]) -> None:
     for place, robot in enumerate(robots):
         if robot.fell_at is not None:
             _draw_cross(axes, place)
-        elif robot.top_speed is not None and robot.mean_speed is not None:
-            axes.plot(robot.top_speed, place, "o", **FULL)
+        elif robot.best_speed is not None and robot.mean_speed is not None:
+            axes.plot(robot.best_speed, place, "o", **FULL)
             axes.plot(robot.mean_speed, place, "o", **HOLLOW)
-    axes.plot([], [], "o", **FULL, label="best second")
+    axes.plot([], [], "o", **FULL, label="best speed")
     axes.plot([], [], "o", **HOLLOW, label="mean held")
-    _draw_line(axes, robots[0].top_speed)
+    _draw_line(axes, robots[0].best_speed)
     axes.set(title="Speed", xlabel="Speed [m/s]")
 
 

@@ -4,31 +4,15 @@ import dataclasses
 import math
 
 import numpy as np
-from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.plotting import (
-    FALL,
-    FRONT,
-    INK,
-    LEG_COLORS,
-    QUIET,
-    WIDTH,
-    legend_above,
-    mark_level,
-    moving_mean,
-    styled,
-)
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_rise,
     describe_simulator,
+    describe_subject,
     on_card,
     robot_of,
-    run_once,
     speed_to_command,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -41,20 +25,27 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     run_rows,
     run_tables,
 )
-from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
+from bp2_rl.evaluation.benchmarks.sprint_figure import CAPTION, sprint_figure
+from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.track import LANE_WIDTH, Lane, measure_lane, time_at, track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
-LAUNCH = 5.0  # m, as in the paper
-LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
+LAUNCH_DISTANCE = 5.0  # m, as in the paper
 TIME_LIMIT = 30.0  # s
-ACCELERATION = 3.0  # m/s2; most policies stall at 5
-TILES = "100 m", "Mean acceleration", "Best second", "Lane used", "Fall", "Peak motor power"
+GOOD = f"{TRACK:g} m in {TIME_LIMIT:g} s at most, with trunk and feet inside one lane"
+SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5
+TILES = "100 m", "Mean acceleration", "Best speed", "Lane used", "Fall", "Peak motor power"
+
+RUN_RESULTS = (
+    "commanded_speed", "best_speed", "fell_at", "peak_torque", "peak_motor_power", "on_envelope", "outside_envelope",
+    "peak_foot_force", "peak_spring_travel", "stop_hits", "leg_contact", "leg_contact_time", "leg_depth",
+    "leg_clearance", "trunk_clearance",
+)  # fmt: skip
+"""What a policy's card says of the race as of any other run."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +59,7 @@ class Split:
 
 @dataclasses.dataclass(frozen=True)
 class SprintLaunch:
-    """The first `LAUNCH` metres.
+    """The first `LAUNCH_DISTANCE` metres.
 
     The paper gives mean accelerations (BP2 2.38, a trained sprinter 4.8 m/s2) without a definition. Here it is the
     speed on reaching the mark, a mean over the `RIPPLE` seconds around it, over the time since the start.
@@ -78,16 +69,6 @@ class SprintLaunch:
     speed: float  # m/s, on reaching the mark
     mean_acceleration: float  # m/s2, speed / time
     equivalent_acceleration: float  # m/s2, 2 distance / time^2: the constant one that takes as long
-
-
-@dataclasses.dataclass(frozen=True)
-class Lane:
-    """How much of the track's width was used, from the line through the start along the first heading."""
-
-    trunk_offset: float  # m, greatest, of the trunk's centre
-    trunk_reach: float  # m, greatest, of the trunk's sides: 0.44 m wide, 0.80 m long, at its heading
-    foot_reach: float  # m, greatest, of the feet's outer edges
-    kept: bool  # all of it stayed within half a lane's width to either side
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,19 +85,21 @@ class SprintMetrics:
 
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
-    name, robot = describe_command(policy, setup, ramp.target[0]), robot_of(policy, setup)
-    run = run_once(policy, RunRequest(ramp, robot, setup.operator, finish=TRACK, name=name), setup)
+    name, robot = describe_subject(policy, setup), robot_of(policy, setup)
+    request = RunRequest(ramp, robot, setup.operator, finish=TRACK, noise_seed=setup.noise_seed, name=name)
+    [run] = simulate(policy, [request], backend=setup.backend)
+    said = conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",
         subject=name,
         backend=run.backend,
-        conditions=conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup),
+        conditions=said | {"good": GOOD},
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
         rows=sprint_rows(metrics),
         tiles=TILES,
-        pictures=(Picture("sprint", CAPTION, sprint_figure(run, metrics)), *run_pictures(run)),
+        pictures=(Picture("sprint", CAPTION, sprint_figure(run, metrics.time)), *run_pictures(run)),
         metrics=metrics,
         results=sprint_results(metrics),
         tables=(
@@ -133,9 +116,9 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     controller launches, if it does."""
     speed = setup.speed or speed_to_command(policy, "sprint")
     launching = policy.card.env.control.launching
-    usual = launching if math.isfinite(launching) else ACCELERATION
+    usual = launching if math.isfinite(launching) else SPRINT_ACCELERATION
     acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
-    ramp = Ramp((speed, 0.0, 0.0), acceleration=acceleration).under(policy.card.env.control)
+    ramp = Ramp(speed, acceleration=acceleration).under(policy.card.env.control)
     if ramp.steady_from >= TIME_LIMIT:
         raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
     return dataclasses.replace(ramp, hold=TIME_LIMIT - ramp.steady_from)
@@ -165,22 +148,6 @@ def measure_sprint(run: Trajectory, acceleration: float) -> SprintMetrics:
     )
 
 
-def track_position(run: Trajectory) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
-    """The trunk's centre along the line through its start along its first heading, and to the left of it, m."""
-    along, left = _on_track(run, run.qpos[:, None, :2])
-    return along[:, 0], left[:, 0]
-
-
-def time_at(run: Trajectory, distance: float) -> float | None:
-    """When the trunk's centre first was so far ahead, s, interpolated between samples; None if it never was."""
-    along = track_position(run)[0]
-    there = int(np.argmax(along >= distance))
-    if along[there] < distance:
-        return None
-    before = max(there - 1, 0)
-    return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
-
-
 def measure_splits(run: Trajectory) -> tuple[Split, ...]:
     """The 10-m splits, as far as the robot came."""
     splits, last = [], Split(0.0, 0.0, 0.0)
@@ -195,50 +162,12 @@ def measure_splits(run: Trajectory) -> tuple[Split, ...]:
 
 def measure_first_metres(run: Trajectory) -> SprintLaunch | None:
     """The first metres; None if the run ends less than half of `RIPPLE` after them."""
-    time = time_at(run, LAUNCH)
+    time = time_at(run, LAUNCH_DISTANCE)
     if time is None or time + RIPPLE / 2 > run.time[-1]:
         return None
     behind, ahead = np.interp((time - RIPPLE / 2, time + RIPPLE / 2), run.time, track_position(run)[0])
     speed = float(ahead - behind) / RIPPLE
-    return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH / time**2)
-
-
-def measure_lane(run: Trajectory) -> Lane:
-    """How far trunk and feet came from the line."""
-    trunk, feet = (float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run)))
-    offset = float(np.max(np.abs(track_position(run)[1])))
-    return Lane(offset, trunk, feet, kept=max(trunk, feet) <= LANE_WIDTH / 2)
-
-
-def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Where the trunk's rightmost and leftmost corners are, m to the left of the line."""
-    turned = run.heading - run.heading[0]
-    half = 0.5 * (specs.BODY_WIDTH * np.abs(np.cos(turned)) + specs.BODY_LENGTH * np.abs(np.sin(turned)))
-    return track_position(run)[1][:, None] + half[:, None] * np.array([-1.0, 1.0])
-
-
-def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
-    """Where the rightmost and leftmost edges of the feet's spheres are, m to the left of the line."""
-    left = _on_track(run, foot_centres(run)[:, :, :2])[1]
-    return np.stack([np.min(left, axis=1) - specs.FOOT_RADIUS, np.max(left, axis=1) + specs.FOOT_RADIUS], axis=-1)
-
-
-def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
-    """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
-    joints = run.joint_position.reshape(-1, 4, 3)
-    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, run.hardware)
-    w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
-    turn = 2.0 * np.cross(v, feet)
-    return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
-
-
-def _on_track(
-    run: Trajectory, points: Float[np.ndarray, "N n 2"]
-) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
-    """Points of the ground along the line through the start and to the left of it, m."""
-    x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
-    cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
-    return cos * x + sin * y, cos * y - sin * x
+    return SprintLaunch(time, speed, speed / time, 2.0 * LAUNCH_DISTANCE / time**2)
 
 
 # --- What is shown -------------------------------------------------------------------------------------------
@@ -268,7 +197,7 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("First 5 m", show(launch and launch.time, ".2f", "s"), f"at {show(launch and launch.speed, '.2f', 'm/s')}"),
         Row("Mean acceleration", show(mean, ".2f", "m/s\u00b2"), "speed at 5 m over time at 5 m"),
         Row("Equivalent", show(equivalent, ".2f", "m/s\u00b2"), "constant one of the same time, 2 d / t\u00b2"),
-        Row("Best second", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
+        Row("Best speed", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
         Row("Fall", show_fall(run.fell_at), f"in {run.duration:.1f} s"),
         Row("Trunk off the line", f"{lane.trunk_offset:.2f} m", "greatest, of its centre"),
         Row("Trunk's side", f"{lane.trunk_reach:.2f} m", "greatest distance from the line, 0.44 m wide"),
@@ -308,89 +237,4 @@ def sprint_results(metrics: SprintMetrics) -> dict[str, object]:
         "foot_reach": lane.foot_reach,
         "lane_kept": lane.kept,
     }
-    kept = (
-        "commanded_speed",
-        "top_speed",
-        "fell_at",
-        "peak_torque",
-        "peak_motor_power",
-        "on_envelope",
-        "outside_envelope",
-        "peak_foot_force",
-        "peak_spring_travel",
-        "stop_hits",
-        "leg_contact",
-        "leg_contact_time",
-        "leg_depth",
-        "leg_clearance",
-        "trunk_clearance",
-    )
-    run = run_results(metrics.run)
-    return rounded(race) | {name: run[name] for name in kept}
-
-
-CAPTION = (
-    "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's 10-m "
-    "splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over 100 m of "
-    "those whom the paper names."
-)
-POLICY = "this policy"
-
-
-@styled
-def sprint_figure(run: Trajectory, metrics: SprintMetrics) -> Figure:
-    """Speed over distance, the lane, and the time beside those of others."""
-    figure = Figure(figsize=(WIDTH, 7.2), layout="constrained")
-    speed, lane, times = figure.subplots(3, 1, height_ratios=(2.6, 1.1, 1.6))
-    lane.sharex(speed)
-    _draw_speed(speed, run)
-    _draw_lane(lane, run)
-    _draw_times(times, metrics.time)
-    return figure
-
-
-def _draw_speed(axes: Axes, run: Trajectory) -> None:
-    along, forward = track_position(run)[0], run.ground_velocity[:, 0]
-    axes.plot(along, forward, color=FRONT, alpha=0.25, linewidth=0.7)
-    axes.plot(along, moving_mean(forward, round(RIPPLE / run.dt)), color=FRONT, linewidth=2.0, label=POLICY)
-    middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
-    axes.plot(middles, means, "o", ms=5, color=LEG_COLORS["FL"], label="Bolt 2009, mean of each 10 m")
-    mark_level(axes, specs.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {specs.OUTDOOR_TOP_SPEED:g} m/s")
-    axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
-    axes.tick_params(axis="x", labelbottom=False)
-    legend_above(axes)
-    if run.fell_at is not None:
-        axes.plot(along[-1], forward[-1], "X", ms=9, color=FALL, clip_on=False)
-        end = along[-1], forward[-1]
-        axes.annotate("fell", end, (8, 4), color=FALL, textcoords="offset points", annotation_clip=False)
-
-
-def _draw_lane(axes: Axes, run: Trajectory) -> None:
-    along, left = track_position(run)
-    trunk, feet = trunk_edges(run), foot_edges(run)
-    axes.fill_between(along, *trunk.T, color=FRONT, alpha=0.3, linewidth=0, label="trunk")
-    for i, label in enumerate(("feet", None)):
-        axes.plot(along, feet[:, i], color=LEG_COLORS["FL"], linewidth=1.0, label=label)
-    axes.plot(along, left, color=INK, linewidth=1.0, label="trunk's centre")
-    half = LANE_WIDTH / 2
-    for side in (-half, half):
-        axes.axhline(side, color=INK, linewidth=1.6)
-    axes.set(title=f"Lane of {LANE_WIDTH:g} m", xlabel="Distance [m]", ylabel="To the left [m]")
-    axes.set(yticks=(-half, 0.0, half), ylim=(-1.4 * half, 1.4 * half))
-    legend_above(axes)
-
-
-def _draw_times(axes: Axes, time: float | None) -> None:
-    times = TIMES | ({POLICY: round(time, 2)} if time is not None else {})
-    ranked = sorted(times, key=lambda name: -times[name])
-    for place, name in enumerate(ranked):
-        ours = name == POLICY
-        color = FRONT if ours else QUIET
-        axes.plot((0.0, times[name]), (place, place), color=color, linewidth=2.4 if ours else 1.0)
-        axes.plot(times[name], place, "o", ms=6, color=color)
-        at, weight = (times[name], place), "bold" if ours else "normal"
-        axes.annotate(f"{times[name]:g}", at, (7, 0), textcoords="offset points", va="center", weight=weight)
-    axes.set(title="Time over 100 m", xlabel="Time [s]", yticks=range(len(ranked)), yticklabels=ranked)
-    axes.set(xlim=(0.0, 1.1 * max(times.values())), ylim=(-0.7, len(ranked) - 0.3))
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
+    return rounded(race) | run_results(metrics.run, RUN_RESULTS)

@@ -32,7 +32,7 @@ TIMES = {  # s over 100 m
     PAPER_BP2: specs.SPRINT_100M_TIME,
     UNTRAINED: UNTRAINED_TIME,
 }
-LAUNCHES = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: specs.LAUNCH_ACCELERATION}
+PUBLISHED_ACCELERATIONS = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: specs.LAUNCH_ACCELERATION}
 """Mean acceleration over the first 5 m, m/s2; the paper gives the figures of the people, too."""
 
 

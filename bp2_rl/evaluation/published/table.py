@@ -16,7 +16,7 @@ from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import BadFileError, read_bytes
 
-Row = TypeVar("Row")
+TableRow = TypeVar("TableRow")
 
 LARGEST = 1 << 20  # bytes of a table that is read
 YES, NO = "yes", "no"
@@ -28,7 +28,7 @@ class ColumnHeading(NamedTuple):
     text: str
 
 
-def read_table(path: Path, row: type[Row]) -> tuple[Row, ...]:
+def read_table(path: Path, row: type[TableRow]) -> tuple[TableRow, ...]:
     """The rows of a CSV file, one at least.
 
     Args:
@@ -88,7 +88,7 @@ def _columns(path: Path, head: Sequence[str], row: type[Any]) -> dict[_Field, in
     return {field: head.index(field.heading) for field in fields}
 
 
-def _row(place: str, cells: Sequence[str], width: int, columns: dict[_Field, int], row: type[Row]) -> Row:
+def _row(place: str, cells: Sequence[str], width: int, columns: dict[_Field, int], row: type[TableRow]) -> TableRow:
     if len(cells) != width:
         raise BadFileError(f"{place} has {len(cells)} cells, the line of headings {width}")
     values = {field.name: _value(place, field, cells[at].strip()) for field, at in columns.items()}

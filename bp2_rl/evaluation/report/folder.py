@@ -99,4 +99,4 @@ def card_results(evaluation: Evaluation) -> dict[str, Any]:
     return {name: said[name] for name in _CARD_CONDITIONS if name in said} | evaluation.results
 
 
-_CARD_CONDITIONS = ("robot", "schedule", "sprint", "simulator", "operator", "steering")
+_CARD_CONDITIONS = ("robot", "schedule", "sprint", "simulator", "sensors", "operator", "steering")

@@ -126,10 +126,16 @@ table {{ width: 100%; border-collapse: collapse; font-size: .92rem; font-variant
 th, td {{ padding: .38rem .75rem .38rem 0; border-bottom: 1px solid var(--line);
   text-align: left; vertical-align: top; }}
 th {{ font-weight: 600; }} thead th {{ color: var(--quiet); }}
-.n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }}
+.n {{ text-align: right; white-space: nowrap; padding-right: 1.5rem; }} thead .n {{ white-space: normal; }}
+thead th {{ vertical-align: bottom; }}
+.wide th:first-child, .wide td:first-child {{ position: sticky; left: 0; background: #fff; }}
 th:last-child, td:last-child {{ padding-right: 0; }}
 .conditions th {{ width: 8rem; font-weight: 600; }}
 .conditions td {{ overflow-wrap: anywhere; }}
+@media (max-width: 36rem) {{
+  body {{ padding: 1.5rem 1rem 3rem; }}
+  .wide table {{ font-size: .8rem; }} .wide th, .wide td {{ padding-right: .5rem; }}
+}}
 {style}
 </style>
 </head>

@@ -13,7 +13,7 @@ from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot.specs import LEGS
 from bp2_rl.settings.reference import CollocationConfig
-from bp2_rl.simulation.metrics import contacts, touchdowns
+from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
@@ -38,7 +38,7 @@ def run_speeds(
 ) -> list[Result]:
     """`measure` of the run at each command, m/s, that `ramp` is led to, in their order; it must be picklable."""
     robot = robot_of(policy, setup)
-    ramps = [dataclasses.replace(ramp, target=(speed, 0.0, 0.0)) for speed in commands]
+    ramps = [dataclasses.replace(ramp, to=speed) for speed in commands]
     requests = [RunRequest(each, robot, setup.operator) for each in ramps]
     return simulate_all(functools.partial(_measure, measure), policy, requests)
 

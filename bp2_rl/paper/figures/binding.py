@@ -24,8 +24,9 @@ from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, Shad
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, LEGS, ROBOTS
 from bp2_rl.simulation.account import replay
-from bp2_rl.simulation.metrics import contacts, steady_window
+from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import steady_window
 
 BENCHMARK = "topspeed"
 SPEED = "speed"

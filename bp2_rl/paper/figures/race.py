@@ -10,7 +10,7 @@ from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import TRACK, read_standards
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.race_numbers import (
-    LAUNCH,
+    LAUNCH_DISTANCE,
     Profile,
     RaceNumbers,
     Racer,
@@ -72,7 +72,7 @@ def start_table(numbers: RaceNumbers) -> Table:
         if start is None and racer.said_acceleration is not None:
             constant = numbers.paper.constant_times[racer.name]
             name = f"{racer.name}, were it constant"
-            speed = f"{2 * LAUNCH / constant:.2f}"
+            speed = f"{2 * LAUNCH_DISTANCE / constant:.2f}"
             lines.append((name, f"{racer.said_acceleration:g}", f"{constant:.2f}", speed, *("=",) * 4))
         elif start is not None:
             lines.append((racer.name, show(racer.said_acceleration, "g"), *_start_cells(start)))
@@ -103,10 +103,14 @@ def race_figure(numbers: RaceNumbers, profiles: Profiles, runs: Profiles) -> Fig
     fastest.set_title("B   Beside the fastest")
     trained.set_title("C   Beside a trained sprinter")
     untrained.set_title("D   Beside untrained adults")
-    starts.set(title=f"E   The first {LAUNCH:g} m; solid and dashed as in B", xlim=(0.0, LAUNCH), ylim=(0.0, 9.0))
+    starts.set(
+        title=f"E   The first {LAUNCH_DISTANCE:g} m; solid and dashed as in B",
+        xlim=(0.0, LAUNCH_DISTANCE),
+        ylim=(0.0, 9.0),
+    )
     for axes in (fastest, trained, untrained):
         axes.legend(loc="lower right", fontsize=8)
-    starts.legend(handles=starts.get_lines()[-len(sprints.LAUNCHES) :], loc="lower right", fontsize=8)
+    starts.legend(handles=starts.get_lines()[-len(sprints.PUBLISHED_ACCELERATIONS) :], loc="lower right", fontsize=8)
     _draw_times(panels["F"], numbers)
     return figure
 
@@ -138,9 +142,9 @@ def _draw_mean(axes: Axes, numbers: RaceNumbers, name: str) -> None:
 
 def _draw_said(axes: Axes, numbers: RaceNumbers) -> None:
     """The accelerations that the paper says, as if they were constant."""
-    distance = np.linspace(0.0, LAUNCH, 200)
-    for name, color in zip(sprints.LAUNCHES, (INK, QUIET, PAPER), strict=True):
-        acceleration = sprints.LAUNCHES[name]
+    distance = np.linspace(0.0, LAUNCH_DISTANCE, 200)
+    for name, color in zip(sprints.PUBLISHED_ACCELERATIONS, (INK, QUIET, PAPER), strict=True):
+        acceleration = sprints.PUBLISHED_ACCELERATIONS[name]
         label = f"{name}, constant {acceleration:g} m/s²: {numbers.paper.constant_times[name]:.2f} s"
         axes.plot(
             distance, np.sqrt(2.0 * acceleration * distance), color=color, linewidth=1.6, linestyle=DOTS, label=label

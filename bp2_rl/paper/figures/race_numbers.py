@@ -20,7 +20,7 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "sprint"
-LAUNCH = 5.0  # m, as in the paper
+LAUNCH_DISTANCE = 5.0  # m, as in the paper
 WINDOW = 0.5  # s, of the start's best mean acceleration
 HELD = 60.0  # m, from where on speed should be held
 STEP = 1e-3  # s, of profiles drawn from formulas
@@ -36,7 +36,7 @@ class Profile(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """The first `LAUNCH` metres: the paper's "mean acceleration" has no definition, these are four."""
+    """The first `LAUNCH_DISTANCE` metres: the paper's "mean acceleration" has no definition, these are four."""
 
     time: float  # s
     speed: float  # m/s, on reaching the mark
@@ -136,7 +136,7 @@ def judge(athlete: Athlete, profile: Profile | None) -> Racer:
         athlete.time if arrived else None,
         athlete.reaction,
         *(sprints.best_level(athlete.time, category) for category in ("male", "female")),
-        said_acceleration=sprints.LAUNCHES.get(athlete.name),
+        said_acceleration=sprints.PUBLISHED_ACCELERATIONS.get(athlete.name),
         distances=athlete.distances,
         splits=athlete.splits,
         means=tuple(map(float, means)),
@@ -170,16 +170,16 @@ def fit(athlete: Athlete) -> Profile:
 
 def measure_start(profile: Profile) -> Start | None:
     """The first metres; None if the profile ends before."""
-    if profile.distance[-1] < LAUNCH:
+    if profile.distance[-1] < LAUNCH_DISTANCE:
         return None
-    there = int(np.argmax(profile.distance >= LAUNCH))
+    there = int(np.argmax(profile.distance >= LAUNCH_DISTANCE))
     before = [there - 1, there]
-    time = float(np.interp(LAUNCH, profile.distance[before], profile.time[before]))
+    time = float(np.interp(LAUNCH_DISTANCE, profile.distance[before], profile.time[before]))
     speed = float(np.interp(time, profile.time, profile.speed))
     until = profile.time <= profile.time[-1] - WINDOW
     gain = np.interp(profile.time[until] + WINDOW, profile.time, profile.speed) - profile.speed[until]
     best = float(np.max(gain, initial=0.0)) / WINDOW
-    return Start(time, speed, speed / time, speed**2 / (2.0 * LAUNCH), 2.0 * LAUNCH / time**2, best)
+    return Start(time, speed, speed / time, speed**2 / (2.0 * LAUNCH_DISTANCE), 2.0 * LAUNCH_DISTANCE / time**2, best)
 
 
 # --- Simulated runs ------------------------------------------------------------------------------------------
@@ -236,7 +236,10 @@ def check_paper() -> PaperRace:
     profile, time_constant = paper_profile(), solve_time_constant()
     start = measure_start(profile)
     assert start is not None  # it goes on to 100 m
-    constant = {name: math.sqrt(2.0 * LAUNCH / acceleration) for name, acceleration in sprints.LAUNCHES.items()}
+    constant = {
+        name: math.sqrt(2.0 * LAUNCH_DISTANCE / acceleration)
+        for name, acceleration in sprints.PUBLISHED_ACCELERATIONS.items()
+    }
     return PaperRace(
         time_constant=time_constant,
         first_acceleration=speed / time_constant,

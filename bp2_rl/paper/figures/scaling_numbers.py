@@ -158,7 +158,7 @@ def find(robots: Sequence[ComparedRobot], name: str) -> ComparedRobot:
 def shipped() -> tuple[PublishedRobot, ...]:
     """The policy that ships, as its card has it: on the built robot, and of the model's mass; none without results."""
     card = load_policy(asset_path("policies/built")).card
-    speed = card.results.get(BENCHMARK, {}).get("top_speed")
+    speed = card.results.get(BENCHMARK, {}).get("best_speed")
     name = card.results.get(BENCHMARK, {}).get("robot", "").partition(":")[0]
     return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * specs.QUARTER_MASS, speed),)
 
@@ -173,7 +173,7 @@ def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
 
     robots = []
     for name, report, run in read_runs(folders, BENCHMARK):
-        speed = report.results.get(BENCHMARK, {}).get("top_speed")
+        speed = report.results.get(BENCHMARK, {}).get("best_speed")
         if not isinstance(speed, float):
             raise UserError(f"--runs: {name} ran no whole second")
         hardware = run.hardware

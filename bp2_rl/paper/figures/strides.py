@@ -15,7 +15,7 @@ from bp2_rl.paper.figures.settings import StridesSettings
 from bp2_rl.paper.figures.silhouette import draw, outlines
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.specs import LEGS
-from bp2_rl.simulation.metrics import contacts
+from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.trajectory import Trajectory
 
 BENCHMARK = "topspeed"

@@ -6,7 +6,7 @@ import pytest
 from bp2_rl.base.assets import asset_path
 from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.evaluation.benchmarks.sprint import ACCELERATION, race
+from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
@@ -32,7 +32,7 @@ def test_what_a_controller_does_to_commands_is_said(control, said):
 
 
 def test_a_schedule_says_what_its_controller_limits():
-    ramp = Ramp((9.0, 0.0, 0.0), 2.0, hold=3.0)
+    ramp = Ramp(9.0, 2.0, hold=3.0)
     assert describe_ramp(ramp) == "from a stand to 9 m/s at 2 m/s², then hold for 3 s"
     limited = ramp.under(ControlConfig(launching=6.0, launching_speed=18.0))
     assert "at 2 m/s², and at no more than 6 m/s² x (1 - v / 18 m/s), then hold" in describe_ramp(limited)
@@ -49,5 +49,5 @@ def test_a_race_is_run_as_fast_as_the_controller_launches_if_the_card_says_nothi
     assert race(blank, Setup(acceleration=3.0)).acceleration == 3.0
     free = dataclasses.replace(blank.card.env, control=ControlConfig())
     old = dataclasses.replace(blank, card=dataclasses.replace(blank.card, env=free))
-    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (ACCELERATION, math.inf)
+    assert (race(old, Setup()).acceleration, race(old, Setup()).launching) == (SPRINT_ACCELERATION, math.inf)
     assert ramp_to_topspeed(blank, Setup()).launching == control.launching

@@ -22,7 +22,7 @@ from bp2_rl.simulation.simulator import CONVERGED
 
 @pytest.fixture
 def runs(make_run):
-    """A run as judged at 5 m/s, and one of each other kind, faster by 0.1, 0.2 ... per cent."""
+    """A usual run at 5 m/s, and one of each other kind, faster by 0.1, 0.2 ... per cent."""
     return {name: make_run(speed=5.0 * (1.0 + 1e-3 * k), acceleration=10.0) for k, name in enumerate(VARIANTS)}
 
 

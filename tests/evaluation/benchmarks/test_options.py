@@ -12,10 +12,10 @@ from bp2_rl.simulation.schedule import Ramp
 @pytest.mark.parametrize(
     ("results", "speed"),
     [
-        ({"topspeed": {"commanded_speed": 9.0, "top_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
-        ({"topspeed": {"top_speed": 8.25}}, 8.25),
+        ({"topspeed": {"commanded_speed": 9.0, "best_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
+        ({"topspeed": {"best_speed": 8.25}}, 8.25),
         ({"sprint": {"commanded_speed": 8.0}}, 7.5),
-        ({"topspeed": {"commanded_speed": None, "top_speed": "fast"}}, 7.5),  # the fastest command of the training
+        ({"topspeed": {"commanded_speed": None, "best_speed": "fast"}}, 7.5),  # the fastest command of the training
         ({}, 7.5),
     ],
 )
@@ -32,7 +32,7 @@ def test_a_sprint_is_run_at_the_sprints_own_speed_or_else_the_top_speed(make_pol
 
 def test_conditions_say_how_to_do_it_again(make_policy):
     policy = make_policy()
-    said = conditions(policy, describe_ramp(Ramp((6.0, 0.0, 0.0), 2.4, 20.0)), "a simulator", Setup())
+    said = conditions(policy, describe_ramp(Ramp(6.0, 2.4, 20.0)), "a simulator", Setup())
     assert said["schedule"] == "from a stand to 6 m/s at 2.4 m/s², then hold for 20 s"
     assert "seed 3" in said["policy"]
     assert said["weights_sha256"] == policy.card.weights_sha256

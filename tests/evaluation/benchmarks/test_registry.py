@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.evaluation.benchmarks import conditions
+from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
@@ -16,19 +16,14 @@ from bp2_rl.simulation.operator import HeadingHold
 
 @pytest.fixture
 def asked(monkeypatch, make_run):
-    """What the simulators were asked for, instead of running them."""
+    """The simulator and the request of each run, which is not made."""
     calls = []
 
-    def simulate(policy, requests):
-        calls.append(("mujoco", policy.card.env, requests[0]))
+    def simulate(policy, requests, *, backend):
+        calls.append((backend, requests[0]))
         return [make_run(duration=3.0)]
 
-    def simulate_in_mjx(policy, config, request):
-        calls.append(("mjx", config, request))
-        return make_run(duration=3.0)
-
-    monkeypatch.setattr(conditions, "simulate", simulate)
-    monkeypatch.setattr(conditions, "simulate_in_mjx", simulate_in_mjx)
+    monkeypatch.setattr(module, "simulate", simulate)
     return calls
 
 
@@ -41,10 +36,15 @@ def test_a_benchmark_is_given_what_is_chosen_of_it(name):
     assert choose(name, chosen) == {name: chosen}
 
 
-@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3)), ("seed", Setup(seed=3))])
+@pytest.mark.parametrize(("flag", "wrong"), [("robots", Setup(robots=3))])
 def test_a_flag_that_a_benchmark_does_not_know_is_refused(flag, wrong):
     with pytest.raises(UserError, match=f"--{flag} is not of --benchmark topspeed, which takes .*--speed"):
         choose("topspeed", wrong)
+
+
+def test_a_refused_flag_is_written_as_it_is_typed():
+    with pytest.raises(UserError, match="--sensor-noise is not of --benchmark manoeuvres, which takes --robot"):
+        choose("manoeuvres", Setup(sensor_noise=True))
 
 
 def test_an_unknown_benchmark_is_refused_with_those_there_are():
@@ -55,7 +55,7 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
         backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
-        operator=HeadingHold(1.0),
+        sensor_noise=True, operator=HeadingHold(1.0),
     )  # fmt: skip
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)
@@ -74,18 +74,25 @@ def run(policy, setup):
 @pytest.mark.parametrize("backend", ["mujoco", "mjx"])
 def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
     operator = HeadingHold(heading_gain=1.0)
-    policy = make_policy()
-    evaluation = run(policy, Setup(backend=backend, speed=6.0, operator=operator))
-    ((name, config, request),) = asked
+    evaluation = run(make_policy(), Setup(backend=backend, speed=6.0, operator=operator))
+    ((name, request),) = asked
     schedule = request.schedule
     assert name == backend
-    assert config is policy.card.env
     assert request.operator is operator
     assert (schedule.target, schedule.acceleration, schedule.hold) == ((6.0, 0.0, 0.0), 2.4, 20.0)
     assert evaluation.benchmark == "topspeed"
     assert evaluation.metrics.best_speed == pytest.approx(5.0)
-    assert evaluation.results["top_speed"] == pytest.approx(5.0)
+    assert evaluation.results["best_speed"] == pytest.approx(5.0)
     assert "6 m/s" in evaluation.conditions["schedule"]
+
+
+def test_topspeed_says_how_noisy_its_sensors_are(make_policy, asked):
+    quiet, noisy = run(make_policy(), Setup(speed=6.0)), run(make_policy(), Setup(speed=6.0, seed=7, sensor_noise=True))
+    assert [request.noise_seed for _, request in asked] == [None, 7]
+    assert quiet.conditions["sensors"] == "without noise"
+    assert noisy.conditions["sensors"].startswith("with the noise of training, seed 7: joints 0.01 rad and 0.3 rad/s")
+    assert "noisy sensors" in noisy.subject
+    assert "noisy sensors" not in quiet.subject
 
 
 def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):

@@ -73,7 +73,7 @@ def test_wilson_interval_of_published_examples(successes, trials, interval):
 
 def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
     fleet = make_fleet([9.0, 9.5, 10.0, 3.0, 10.5, 11.0], [np.inf, np.inf, np.inf, 2.0, np.inf, np.inf])
-    m = measure_fleet(fleet)
+    m = measure_fleet(fleet, 0.005)
     assert (m.upright, m.share) == (5, pytest.approx(5 / 6))
     assert m.share_interval == wilson_interval(5, 6)
     assert m.mean_speed is not None
@@ -88,7 +88,7 @@ def test_speeds_and_offsets_are_those_of_the_robots_that_did_not_fall():
 
 
 def test_each_robot_is_told_with_what_was_drawn_for_it():
-    m = measure_fleet(make_fleet([9.0, 9.5, 10.0], [np.inf, 3.0, np.inf]))
+    m = measure_fleet(make_fleet([9.0, 9.5, 10.0], [np.inf, 3.0, np.inf]), 0.005)
     first, fallen, last = m.robots
     assert first.mean_speed == pytest.approx(9.0)
     assert (first.friction, first.latency, first.mass, first.strength) == (0.5, 0.0, 33.0, 0.9)
@@ -97,20 +97,22 @@ def test_each_robot_is_told_with_what_was_drawn_for_it():
 
 
 def test_a_fleet_of_which_none_stands_has_no_speed():
-    m = measure_fleet(make_fleet([9.0, 9.5], [0.5, 0.25]))
+    m = measure_fleet(make_fleet([9.0, 9.5], [0.5, 0.25]), 0.005)
     assert (m.upright, m.mean_speed, m.offset, m.greatest_offset) == (0, None, None, None)
     assert m.fallen_at == (0.25, 0.5)
     assert {row.label: row.value for row in fleet_rows(m)}["Mean speed"] == "-"
 
 
 def test_robots_whose_legs_touch_are_counted():
-    m = measure_fleet(make_fleet([9.0, 9.5, 9.2]))
-    assert (m.legs_touch, m.leg_depth) == (1, pytest.approx(0.002))
+    fleet = make_fleet([9.0, 9.5, 9.2])
+    m = measure_fleet(fleet, 0.005)
+    assert (m.legs_touch, m.leg_depth, m.legs_too_deep) == (1, pytest.approx(0.002), 0)
+    assert measure_fleet(fleet, 0.001).legs_too_deep == 1
 
 
 def test_metrics_survive_strict_json():
     for fell_at in (None, [0.5, np.inf], [0.5, 0.6]):
-        m = measure_fleet(make_fleet([9.0, 9.5], fell_at))
+        m = measure_fleet(make_fleet([9.0, 9.5], fell_at), 0.005)
         assert from_json(RobustnessMetrics, json.loads(json.dumps(to_json(m), allow_nan=False))) == m
 
 
@@ -159,7 +161,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
 @pytest.mark.parametrize("fell_at", [None, [np.inf, 2.0, np.inf], [0.5, 2.0, 0.6], [DT, DT, DT]])
 def test_figures_can_be_drawn_whoever_falls(fell_at):
     fleet = make_fleet([9.0, 9.5, 10.0], fell_at)
-    for figure in (robots_figure(measure_fleet(fleet)), fleet_figure(fleet)):
+    for figure in (robots_figure(measure_fleet(fleet, 0.005)), fleet_figure(fleet)):
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png")
         assert Image.open(buffer).width >= 1200

@@ -38,9 +38,9 @@ ROBOT = RobotMetrics(
     fell_in_sprint_at=None,
     lane_kept=True,
 )
-SLOW = dataclasses.replace(ROBOT, name="slow", top_speed=14.0, mean_speed=13.9, time_100m=20.0, lane_kept=False)
-FELL = dataclasses.replace(ROBOT, name="fell", top_speed=16.0, mean_speed=None, fell_at=8.0)
-FELL_RACING = dataclasses.replace(ROBOT, name="fell racing", top_speed=17.0, time_100m=None, fell_in_sprint_at=2.0)
+SLOW = dataclasses.replace(ROBOT, name="slow", best_speed=14.0, mean_speed=13.9, time_100m=20.0, lane_kept=False)
+FELL = dataclasses.replace(ROBOT, name="fell", best_speed=16.0, mean_speed=None, fell_at=8.0)
+FELL_RACING = dataclasses.replace(ROBOT, name="fell racing", best_speed=17.0, time_100m=None, fell_in_sprint_at=2.0)
 
 
 def test_each_other_robot_differs_in_one_property():
@@ -58,7 +58,7 @@ def test_each_other_robot_differs_in_one_property():
 
 def test_ranges_are_those_of_the_robots_that_fell_in_neither_run():
     m = compare(16.0, [ROBOT, SLOW, FELL, FELL_RACING])
-    assert (m.upright, m.top_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
+    assert (m.upright, m.best_speeds, m.times_100m) == (2, (14.0, 15.0), (9.5, 20.0))
     assert verdict(m) == "2 of 4 robots did not fall: 14.00 to 15.00 m/s, 100 m in 9.50 to 20.00 s."
     late = dataclasses.replace(ROBOT, time_100m=None)
     assert verdict(compare(16.0, [late])) == "1 of 1 robots did not fall: 15.00 to 15.00 m/s."
@@ -98,7 +98,7 @@ def test_every_robot_is_held_at_top_speed_and_raced_under_the_policys_own_contro
     assert evaluation.good
     assert evaluation.results["lanes_kept"] == len(robots)
     assert folder.card_results(evaluation)["sprint"].startswith("from a stand; the command rises at 3.5 m/s²")
-    assert evaluation.results["top_speeds"]["mass +10 %"] == pytest.approx(10.0)
+    assert evaluation.results["best_speeds"]["mass +10 %"] == pytest.approx(10.0)
     assert evaluation.results["times_100m"]["friction 0.6"] == pytest.approx(11.0)
     assert set(evaluation.tiles) <= {row.label for row in evaluation.rows}
     assert_fits(evaluation)

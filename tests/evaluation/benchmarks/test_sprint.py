@@ -13,22 +13,18 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
 from bp2_rl.evaluation.benchmarks.sprint import (
     SprintMetrics,
-    foot_centres,
-    foot_edges,
     measure_first_metres,
     measure_sprint,
     race,
     sprint,
-    sprint_figure,
-    time_at,
-    track_position,
-    trunk_edges,
     verdict,
 )
+from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS
 from bp2_rl.robot import specs
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.operator import HeadingHold
+from bp2_rl.simulation.track import foot_centres, foot_edges, time_at, track_position, trunk_edges
 
 
 @pytest.fixture
@@ -181,11 +177,11 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
 def test_a_sprint_ends_at_the_line(make_policy, make_race, monkeypatch, assert_fits):
     asked = []
 
-    def run_once(policy, request, setup):
-        asked.append(request)
-        return make_race()
+    def simulate(policy, requests, *, backend):
+        asked.extend(requests)
+        return [make_race()]
 
-    monkeypatch.setattr(module, "run_once", run_once)
+    monkeypatch.setattr(module, "simulate", simulate)
     policy, setup = make_policy(results={"topspeed": {"commanded_speed": 10.0}}), Setup(operator=HeadingHold(limit=0.1))
     evaluation = sprint(policy, race(policy, setup), setup)
     (request,) = asked
@@ -223,7 +219,7 @@ def test_flags_of_others_are_refused(flag, wrong):
 @pytest.mark.parametrize("fell_at", [None, 0.002])
 def test_the_figure_can_be_drawn_of_a_race_and_of_the_shortest_fall(make_race, fell_at):
     run = make_race() if fell_at is None else make_race(duration=fell_at, fell_at=fell_at)
-    figure = sprint_figure(run, measure_sprint(run, 5.0))
+    figure = sprint_figure(run, measure_sprint(run, 5.0).time)
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["Speed", "Lane of 1.22 m", "Time over 100 m"]
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")

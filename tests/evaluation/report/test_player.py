@@ -9,7 +9,7 @@ from browser import browsing, find_browser
 
 from bp2_rl.base.plotting import moving_mean
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
-from bp2_rl.evaluation.benchmarks.run_tables import run_pictures
+from bp2_rl.evaluation.benchmarks.run_tables import run_pictures, run_tables
 from bp2_rl.evaluation.report.page import page
 from bp2_rl.evaluation.report.player.content import LONGEST, describe
 from bp2_rl.robot.model import load_model
@@ -60,6 +60,7 @@ def tab(busy_run, tmp_path_factory):
         pytest.skip("needs a Chromium")
     pictures = run_pictures(busy_run)
     words = {"conditions": {}, "verdict": "It ran.", "good": True, "rows": (), "tiles": (), "results": {}}
+    words["tables"] = run_tables(busy_run.metrics)
     evaluation = Evaluation("topspeed", "a trot", "none", **words, metrics=None, pictures=pictures, trajectory=busy_run)
     place = tmp_path_factory.mktemp("report")
     (place / "index.html").write_text(page(evaluation, has_video=False))
@@ -75,6 +76,8 @@ def tab(busy_run, tmp_path_factory):
 def test_the_run_plays_without_a_network_and_without_a_complaint(tab, width):
     show(tab, width)
     assert tab.value("document.documentElement.scrollWidth") <= width  # nothing hangs out at the side
+    tables = tab.value("[...document.querySelectorAll('.wide:has(table)')].map(e => e.scrollWidth - e.clientWidth)")
+    assert tables == [0, 0, 0]  # measures, motors and legs are seen whole
     still = stage(tab)
     red, green, blue = (still[..., k].astype(int) for k in range(3))
     assert np.mean((red > 110) & (green < 90) & (blue < 80)) > 0.2  # the track

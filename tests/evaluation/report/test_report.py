@@ -34,7 +34,7 @@ def evaluation_of(run, benchmark="topspeed", **changes):
         "verdict": "It ran.",
         "good": True,
         "rows": run_rows(metrics),
-        "tiles": ("Top speed", "Fall"),
+        "tiles": ("Best speed", "Fall"),
         "pictures": run_pictures(run)[:1],
         "metrics": metrics,
         "results": run_results(metrics),
@@ -181,7 +181,7 @@ def test_table_fits_a_terminal_of_eighty_columns(busy_run, make_run, assert_fits
 def test_what_was_not_measured_is_null_in_the_file_and_a_dash_in_the_table(make_run):
     metrics = measure(make_run(duration=0.5, fell_at=0.5))
     assert to_json(metrics)["best_speed"] is None
-    assert {row.label: row.value for row in run_rows(metrics)}["Top speed"] == "-"
+    assert {row.label: row.value for row in run_rows(metrics)}["Best speed"] == "-"
     assert show(None, ".2f", "m/s") == "-"
     assert show(1.234, ".2f", "m/s") == "1.23 m/s"
 

@@ -28,7 +28,7 @@ def leave_report(make_run, tmp_path):
     def leave(speed=15.26, robot="ideal: no losses", benchmark="topspeed", name="report"):
         folder = tmp_path / name
         folder.mkdir()
-        report = Report(benchmark, {"robot": robot}, {benchmark: {"top_speed": speed}})
+        report = Report(benchmark, {"robot": robot}, {benchmark: {"best_speed": speed}})
         save_config(folder / "metrics.json", report)
         make_run(duration=0.1, mass=35.8).save(folder / TRAJECTORY)
         return folder

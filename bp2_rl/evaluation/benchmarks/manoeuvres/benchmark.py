@@ -7,14 +7,14 @@ import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
     CHATTER_WINDOW,
     STOPPED,
     ManoeuvreOutcome,
     Measured,
-    StandingRule,
+    StandingStill,
     Straight,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
@@ -29,16 +29,16 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
-from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.schedule import ACCELERATION, Ramp
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window
 from bp2_rl.simulation.world import EVEN, GRID
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
@@ -48,7 +48,7 @@ TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody ste
 class ManoeuvreMetrics:
     """All tries."""
 
-    level_speed: float  # m/s, best second at the top speed's command, on level ground
+    level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
     passed: int
     fell: int
     outcomes: tuple[ManoeuvreOutcome, ...]
@@ -64,11 +64,11 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     robot = robot_of(policy, setup)
     level = level_speed(policy, ramp, robot, setup.operator)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
-    metrics = summarise(level, simulate_all(judge, policy, asked))
+    metrics = summarise(level, simulate_all(outcome_of, policy, asked))
     said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
-        subject=describe_command(policy, setup, ramp.target[0]),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said | {"ground": GROUND, "rough ground's seed": f"{setup.seed or 0}", "measures": MEASURES},
         verdict=verdict(metrics),
@@ -82,32 +82,27 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     )
 
 
-def ramp_to_manoeuvres(policy: Policy, setup: Setup) -> Ramp:
-    """The launch to what counts as the top speed."""
-    return ramp_to_topspeed(policy, setup)
-
-
 # --- How they are run ----------------------------------------------------------------------------------------
 
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
-    """The best second over the track at the top speed's command, m/s; the command itself where it fell."""
+    """Return the best speed over the track at the top speed's command, m/s; the command itself where it fell."""
     [run] = simulate(policy, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)])
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 
 
-def judge(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
+def outcome_of(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
     """What became of it; a robot that falls fails."""
-    judged, fell = manoeuvre.judge(run), run.fell_at is not None
+    found, fell = manoeuvre.assess(run), run.fell_at is not None
     return ManoeuvreOutcome(
         group=manoeuvre.group,
         asked=manoeuvre.asked,
         rule=manoeuvre.rule,
-        did=FELL if fell else judged.said,
-        passed=judged.passed and not fell,
+        did=FELL if fell else found.said,
+        passed=found.passed and not fell,
         fell_at=run.fell_at,
-        measured=judged.measured,
+        measured=found.measured,
     )
 
 
@@ -115,9 +110,9 @@ def judge(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
 
 
 FELL = "fell"
-STOP, LAUNCH = f"Brake from {specs.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
+STOP_GROUP, LAUNCH_GROUP = f"Brake from {specs.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
 SCHEDULES = (
-    f"commands rise at {ACCELERATION:g} m/s² where nothing else is said; the top is the command of the card's "
+    f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the card's "
     f"top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at "
     f"{specs.OUTDOOR_TOP_SPEED:g} m/s; straightness, ground and latency: {TRACK:g} m at the top"
 )
@@ -157,8 +152,8 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     return (
         Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
-        Row("Hardest stop", hardest(groups[STOP]), f"from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
-        Row("Hardest launch", hardest(groups[LAUNCH]), "to the top, on friction 0.8"),
+        Row("Hardest stop", hardest(groups[STOP_GROUP]), f"from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
+        Row("Hardest launch", hardest(groups[LAUNCH_GROUP]), "to the top, on friction 0.8"),
         Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
         Row(
             "Nobody steering",
@@ -208,7 +203,7 @@ def _share(group: Sequence[ManoeuvreOutcome]) -> str:
 
 
 def _creep(metrics: ManoeuvreMetrics) -> float | None:
-    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, StandingRule)), None)
+    return next((o.measured.creep for o in metrics.outcomes if isinstance(o.measured, StandingStill)), None)
 
 
 def _astray(metrics: ManoeuvreMetrics) -> float | None:

@@ -1,4 +1,4 @@
-"""What a manoeuvre is judged by: what is measured of its run, and what a reader would expect of it."""
+"""The rules of the manoeuvres: what is measured of a run, and what passes."""
 
 import dataclasses
 import math
@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.plotting import moving_mean
-from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, track_position, trunk_edges
 from bp2_rl.robot import specs
-from bp2_rl.simulation.metrics import RIPPLE, best_window, mean_powers
+from bp2_rl.simulation.metrics import RIPPLE, mean_powers
 from bp2_rl.simulation.schedule import Command
+from bp2_rl.simulation.track import LANE_WIDTH, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window
 
 STOPPED = 0.3  # m/s: slower is at rest
 BRAKING_DISTANCE = 1.5  # times v^2 / 2a, at most
@@ -59,7 +60,7 @@ class Turning:
 
 
 @dataclasses.dataclass(frozen=True)
-class MovingRule:
+class SlowMotion:
     """Slowly, in any direction."""
 
     commanded_speed: float  # m/s
@@ -69,8 +70,8 @@ class MovingRule:
 
 
 @dataclasses.dataclass(frozen=True)
-class StandingRule:
-    """Return whether no motion is asked for."""
+class StandingStill:
+    """At rest, with no motion commanded."""
 
     creep: float  # m, greatest distance from the start
     chatter: float  # Nm, root mean square of what varies faster than in `CHATTER_WINDOW`, of all motors
@@ -96,17 +97,17 @@ class Pushed:
 class Running:
     """On bad ground, or with late motors."""
 
-    level: float  # m/s, best second of the same run on level ground
-    speed: float | None  # m/s, best second; None for a run shorter than that
+    level: float  # m/s, best 1-s mean of the same run on level ground
+    speed: float | None  # m/s, best 1-s mean; None for a run shorter than that
     distance: float  # m
 
 
-Measured = Braking | Launching | Turning | MovingRule | StandingRule | Straight | Pushed | Running
+Measured = Braking | Launching | Turning | SlowMotion | StandingStill | Straight | Pushed | Running
 M = TypeVar("M", bound=Measured)
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged(Generic[M]):
+class Assessment(Generic[M]):
     """What a rule says of a run, and the figures that the rule looked at."""
 
     passed: bool
@@ -127,10 +128,10 @@ class ManoeuvreOutcome:
     measured: Measured
 
 
-def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judged[Braking]:
-    """Judge whether the robot stops within `BRAKING_DISTANCE`; the command falls from `since` (s) on."""
+def assess_braking(run: Trajectory, *, since: float, deceleration: float) -> Assessment[Braking]:
+    """Return whether the robot stops within `BRAKING_DISTANCE`; the command falls from `since` (s) on."""
     if run.time[-1] < since:
-        return Judged(False, "not begun", Braking(deceleration, None, None, None, None))
+        return Assessment(False, "not begun", Braking(deceleration, None, None, None, None))
     start, ripple = round(since / run.dt), round(RIPPLE / run.dt)
     before = float(np.linalg.norm(np.mean(run.qvel[start - ripple : start, :2], axis=0)))
     speed = np.linalg.norm(_smooth(run, run.qvel[:, :2]), axis=-1)[start:]
@@ -139,80 +140,80 @@ def judge_braking(run: Trajectory, *, since: float, deceleration: float) -> Judg
     distance = float(np.linalg.norm(run.qpos[start + slow[0], :2] - run.qpos[start, :2])) if len(slow) else None
     measured = Braking(deceleration, before, float(np.min(speed)), distance, allowed)
     if distance is None:
-        return Judged(False, "no stop", measured)
+        return Assessment(False, "no stop", measured)
     if speed[-1] >= STOPPED:
-        return Judged(False, "moves again", measured)
-    return Judged(distance <= allowed, f"{distance:.0f} m", measured)
+        return Assessment(False, "moves again", measured)
+    return Assessment(distance <= allowed, f"{distance:.0f} m", measured)
 
 
-def judge_launch(run: Trajectory, *, speed: float, acceleration: float) -> Judged[Launching]:
-    """Judge whether the robot reaches `SPEED_SHARE` of the speed before the schedule ends."""
+def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Assessment[Launching]:
+    """Return whether the robot reaches `SPEED_SHARE` of the speed before the schedule ends."""
     forward = _smooth(run, run.ground_velocity[:, 0])
     fast = np.flatnonzero(forward >= SPEED_SHARE * speed)
     time, greatest = float(run.time[fast[0]]) if len(fast) else None, float(np.max(forward))
     said = f"{time:.1f} s" if time is not None else f"{greatest:.1f} m/s"
-    return Judged(time is not None, said, Launching(acceleration, run.hardware.friction, time, greatest))
+    return Assessment(time is not None, said, Launching(acceleration, run.hardware.friction, time, greatest))
 
 
-def judge_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Judged[Turning]:
-    """Judge whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed, from `since` (s)."""
+def assess_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Assessment[Turning]:
+    """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed, from `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
     share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
     kept = measured.speed is not None and measured.speed >= SPEED_SHARE * speed
-    return Judged(abs(share - 1.0) <= YAW_ERROR and kept, f"{share:.0%}", measured)
+    return Assessment(abs(share - 1.0) <= YAW_ERROR and kept, f"{share:.0%}", measured)
 
 
-def judge_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Judged[Turning]:
-    """Judge whether the robot turns as fast as it is told, and stays within `WANDER` of where it was."""
-    turn = judge_turn(run, yaw_rate=yaw_rate, since=since)
+def assess_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Assessment[Turning]:
+    """Return whether the robot turns as fast as it is told, and stays within `WANDER` of where it was."""
+    turn = assess_turn(run, yaw_rate=yaw_rate, since=since)
     wander = turn.measured.wander
-    return Judged(turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured)
+    return Assessment(turn.passed and wander <= WANDER, f"{turn.said}, {wander:.1f} m", turn.measured)
 
 
-def judge_motion(run: Trajectory, *, command: Command, since: float) -> Judged[MovingRule]:
-    """Judge whether the robot moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
+def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessment[SlowMotion]:
+    """Return whether the robot moves as fast as it is told, within `VELOCITY_ERROR`; measured `since` (s)."""
     told = math.hypot(*command[:2])
     if run.time[-1] < since + RIPPLE:
-        return Judged(False, "not begun", MovingRule(told, None, None, None))
+        return Assessment(False, "not begun", SlowMotion(told, None, None, None))
     steady = run.between(since, math.inf)
     speed = float(np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])) / told
     cost = mean_powers(steady)[1] / (run.mass * specs.GRAVITY * speed) if speed > 0.1 * told else None
-    measured = MovingRule(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
-    return Judged(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
+    measured = SlowMotion(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
+    return Assessment(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
 
 
-def judge_creep(run: Trajectory) -> Judged[StandingRule]:
-    """Judge whether the robot stays within `CREEP` of where it was."""
+def assess_creep(run: Trajectory) -> Assessment[StandingStill]:
+    """Return whether the robot stays within `CREEP` of where it was."""
     measured = _measure_stand(run)
-    return Judged(measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured)
+    return Assessment(measured.creep < CREEP, f"{100 * measured.creep:.1f} cm", measured)
 
 
-def judge_chatter(run: Trajectory) -> Judged[StandingRule]:
-    """Judge whether the motors are quiet: less than `CHATTER`."""
+def assess_chatter(run: Trajectory) -> Assessment[StandingStill]:
+    """Return whether the motors are quiet: less than `CHATTER`."""
     measured = _measure_stand(run)
-    return Judged(measured.chatter < CHATTER, f"{measured.chatter:.1f} Nm", measured)
+    return Assessment(measured.chatter < CHATTER, f"{measured.chatter:.1f} Nm", measured)
 
 
-def judge_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Judged[Straight]:
-    """Judge whether the robot arrives with no edge of its trunk farther than allowed (m) from the line."""
+def assess_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Assessment[Straight]:
+    """Return whether the robot arrives with no edge of its trunk farther than allowed (m) from the line."""
     distance, reach = float(track_position(run)[0][-1]), float(np.max(np.abs(trunk_edges(run))))
     arrived = distance >= length
     said = f"{reach:.2f} m" if arrived else f"{distance:.0f} m run"
-    return Judged(arrived and reach <= allowed, said, Straight(distance, reach, allowed))
+    return Assessment(arrived and reach <= allowed, said, Straight(distance, reach, allowed))
 
 
-def judge_push(run: Trajectory) -> Judged[Pushed]:
-    """Judge whether the robot stays upright."""
+def assess_push(run: Trajectory) -> Assessment[Pushed]:
+    """Return whether the robot stays upright."""
     offset = float(np.max(np.abs(track_position(run)[1])))
-    return Judged(True, f"{offset:.1f} m", Pushed(offset))
+    return Assessment(True, f"{offset:.1f} m", Pushed(offset))
 
 
-def judge_run(run: Trajectory, *, level: float) -> Judged[Running]:
-    """Judge whether the best second reaches `SPEED_SHARE` of that on level ground."""
+def assess_run(run: Trajectory, *, level: float) -> Assessment[Running]:
+    """Return whether the best speed reaches `SPEED_SHARE` of that on level ground."""
     best, distance = best_window(run, 1.0), float(track_position(run)[0][-1])
     if best is None:
-        return Judged(False, "-", Running(level, None, distance))
-    return Judged(best.speed >= SPEED_SHARE * level, f"{best.speed:.1f} m/s", Running(level, best.speed, distance))
+        return Assessment(False, "-", Running(level, None, distance))
+    return Assessment(best.speed >= SPEED_SHARE * level, f"{best.speed:.1f} m/s", Running(level, best.speed, distance))
 
 
 def _smooth(run: Trajectory, values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N ..."]:
@@ -229,9 +230,9 @@ def _measure_turn(run: Trajectory, commanded: float, since: float) -> Turning:
     return Turning(commanded, rate, speed, speed / abs(rate) if rate else None, wander)
 
 
-def _measure_stand(run: Trajectory) -> StandingRule:
+def _measure_stand(run: Trajectory) -> StandingStill:
     ripple = run.torque - moving_mean(run.torque, round(CHATTER_WINDOW / run.dt))
-    return StandingRule(_wander(run), float(np.sqrt(np.mean(ripple**2))))
+    return StandingStill(_wander(run), float(np.sqrt(np.mean(ripple**2))))
 
 
 def _wander(run: Trajectory) -> float:

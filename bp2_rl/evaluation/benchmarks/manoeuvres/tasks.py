@@ -1,4 +1,4 @@
-"""The manoeuvres: what the robot is told, on what ground, with what motors, and by which rule it is judged."""
+"""The manoeuvres: what the robot is told, on what ground, with what motors, and which rule it must keep."""
 
 import dataclasses
 import functools
@@ -7,20 +7,21 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Judged
-from bp2_rl.evaluation.benchmarks.sprint import LANE_WIDTH, TIME_LIMIT, TRACK
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
+from bp2_rl.evaluation.benchmarks.sprint import TIME_LIMIT, TRACK
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest
-from bp2_rl.simulation.schedule import ACCELERATION, Course, Ramp, Schedule
+from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp, Schedule
+from bp2_rl.simulation.track import LANE_WIDTH
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.world import Push, World
 
 STEADY = 1.5  # s, at a speed before anything else is asked
 AFTERWARDS = 2.0  # s, that a robot must stay up at the end
 BRAKING = 2.0, 4.0, 6.0, 8.0  # m/s2
-LAUNCHES = 2.0, 3.0, 4.0, 6.0, 8.0  # m/s2
+LAUNCH_ACCELERATIONS = 2.0, 3.0, 4.0, 6.0, 8.0  # m/s2
 FRICTIONS = 0.6, 0.8, 0.9
 TURN_SPEEDS = 3.0, 6.0, 10.0, 13.0  # m/s
 TURNS = 1.0, 2.0, 3.0, 4.0  # m/s2, speed x yaw rate
@@ -42,12 +43,12 @@ LATENCIES = 0.005, 0.010, 0.015  # s
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Manoeuvre(RunRequest):
-    """One try, and how it is judged."""
+    """One try, and the rule that it must keep."""
 
     group: str  # what is tried ...
     asked: str  # ... and how hard
     rule: str  # what passes, in words
-    judge: Callable[[Trajectory], Judged[Any]]  # applies the rule to the run
+    assess: Callable[[Trajectory], Assessment[Any]]  # applies the rule to the run
 
 
 def all_manoeuvres(
@@ -64,10 +65,15 @@ def all_manoeuvres(
     """
 
     def of(
-        group: str, asked: str, rule: str, judge: Callable[[Trajectory], Judged[Any]], schedule: Schedule, **other: Any
+        group: str,
+        asked: str,
+        rule: str,
+        assess: Callable[[Trajectory], Assessment[Any]],
+        schedule: Schedule,
+        **other: Any,
     ) -> Manoeuvre:
         run: dict[str, Any] = {"hardware": hardware, "operator": operator} | other
-        return Manoeuvre(schedule, group=group, asked=asked, rule=rule, judge=judge, **run)
+        return Manoeuvre(schedule, group=group, asked=asked, rule=rule, assess=assess, **run)
 
     speed = top.target[0]
     dash = dash_of(top)
@@ -95,7 +101,7 @@ def dash_of(top: Ramp) -> Ramp:
 
 def run_up(speed: float) -> Course:
     """From a stand to a speed, and steady there."""
-    return Course().to((speed, 0.0, 0.0), speed / ACCELERATION).hold(STEADY)
+    return Course().to((speed, 0.0, 0.0), speed / COMMAND_ACCELERATION).hold(STEADY)
 
 
 def _braking(of: Make, speed: float, group: str) -> Iterator[Manoeuvre]:
@@ -105,20 +111,20 @@ def _braking(of: Make, speed: float, group: str) -> Iterator[Manoeuvre]:
             group,
             f"{deceleration:g} m/s²",
             f"stops within {rules.BRAKING_DISTANCE:g} x v² / 2a",
-            functools.partial(rules.judge_braking, since=run.duration, deceleration=deceleration),
+            functools.partial(rules.assess_braking, since=run.duration, deceleration=deceleration),
             run.to((0.0, 0.0, 0.0), speed / deceleration).hold(AFTERWARDS),
         )
 
 
 def _launches(of: Make, speed: float, level: float, hardware: HardwareSpec) -> Iterator[Manoeuvre]:
     for friction in FRICTIONS:
-        for acceleration in LAUNCHES:
+        for acceleration in LAUNCH_ACCELERATIONS:
             yield of(
                 f"Launch, friction {friction:g}",
                 f"{acceleration:g} m/s²",
                 f"{rules.SPEED_SHARE:.0%} of top {AFTERWARDS:g} s after the command",
-                functools.partial(rules.judge_launch, speed=level, acceleration=acceleration),
-                Ramp((speed, 0.0, 0.0), acceleration, AFTERWARDS),
+                functools.partial(rules.assess_launch, speed=level, acceleration=acceleration),
+                Ramp(speed, acceleration, AFTERWARDS),
                 hardware=dataclasses.replace(hardware, friction=friction),
             )
 
@@ -132,7 +138,7 @@ def _turns(of: Make) -> Iterator[Manoeuvre]:
                 f"Turn at {speed:g} m/s",
                 f"{lateral:g} m/s²",
                 f"yaw rate within {rules.YAW_ERROR:.0%}, at {rules.SPEED_SHARE:.0%} of the speed",
-                functools.partial(rules.judge_turn, yaw_rate=yaw_rate, since=run.duration, speed=speed),
+                functools.partial(rules.assess_turn, yaw_rate=yaw_rate, since=run.duration, speed=speed),
                 run.hold(TURN_TIME),
             )
 
@@ -142,12 +148,12 @@ def _slow_motion(of: Make) -> Iterator[Manoeuvre]:
     ways += [("Sideways", "left", (0.0, SIDEWAYS, 0.0)), ("Sideways", "right", (0.0, -SIDEWAYS, 0.0))]
     ways += [("Backwards", f"{speed:g} m/s", (-speed, 0.0, 0.0)) for speed in BACKWARDS]
     for group, asked, command in ways:
-        rise = Course().to(command, math.hypot(*command) / ACCELERATION).hold(SLOW_SETTLING)
+        rise = Course().to(command, math.hypot(*command) / COMMAND_ACCELERATION).hold(SLOW_SETTLING)
         yield of(
             f"Sideways at {SIDEWAYS:g} m/s" if group == "Sideways" else group,
             asked,
             f"speed within {rules.VELOCITY_ERROR:.0%}",
-            functools.partial(rules.judge_motion, command=command, since=rise.duration),
+            functools.partial(rules.assess_motion, command=command, since=rise.duration),
             rise.hold(SLOW_TIME),
         )
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -158,7 +164,7 @@ def _slow_motion(of: Make) -> Iterator[Manoeuvre]:
                 "Turn on the spot",
                 f"{side} {rate:g} rad/s",
                 f"within {rules.YAW_ERROR:.0%} and {rules.WANDER:g} m",
-                functools.partial(rules.judge_spin, yaw_rate=sign * rate, since=rise.duration),
+                functools.partial(rules.assess_spin, yaw_rate=sign * rate, since=rise.duration),
                 rise.hold(SLOW_TIME),
             )
 
@@ -166,20 +172,20 @@ def _slow_motion(of: Make) -> Iterator[Manoeuvre]:
 def _standing(of: Make) -> Iterator[Manoeuvre]:
     group, still = f"Stand for {STAND:g} s", Course().hold(STAND)
     rule = f"creep < {100 * rules.CREEP:g} cm, chatter < {rules.CHATTER:g} Nm"
-    yield of(group, "creep", rule, rules.judge_creep, still)
-    yield of(group, "chatter", rule, rules.judge_chatter, still)
+    yield of(group, "creep", rule, rules.assess_creep, still)
+    yield of(group, "chatter", rule, rules.assess_chatter, still)
 
 
 def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Manoeuvre]:
     heading_only, nobody = (dataclasses.replace(operator, **{part: 0.0}) for part in ("lane_gain", "limit"))
-    steered = functools.partial(rules.judge_straightness, length=TRACK)
+    steered = functools.partial(rules.assess_straightness, length=TRACK)
     rule = f"trunk within {LANE_WIDTH / 2:g} m; nobody: {rules.ASTRAY:g} m"
     straight = functools.partial(of, f"Straight for {TRACK:g} m", rule=rule, schedule=dash, finish=TRACK)
-    yield straight("lane seen", judge=steered)
-    yield straight("heading", judge=steered, operator=heading_only)
+    yield straight("lane seen", assess=steered)
+    yield straight("heading", assess=steered, operator=heading_only)
     for bias in (sign * bias for bias in GYRO_BIASES for sign in (1.0, -1.0)):
-        yield straight(f"gyro {bias:+g}°/s", judge=steered, operator=heading_only, gyro_bias=math.radians(bias))
-    yield straight("nobody", judge=functools.partial(steered, allowed=rules.ASTRAY), operator=nobody)
+        yield straight(f"gyro {bias:+g}°/s", assess=steered, operator=heading_only, gyro_bias=math.radians(bias))
+    yield straight("nobody", assess=functools.partial(steered, allowed=rules.ASTRAY), operator=nobody)
 
 
 def _pushes(of: Make) -> Iterator[Manoeuvre]:
@@ -192,7 +198,7 @@ def _pushes(of: Make) -> Iterator[Manoeuvre]:
                 f"Push of {size:g} m/s",
                 arrow,
                 "no fall; shown: off the line",
-                rules.judge_push,
+                rules.assess_push,
                 run.hold(AFTER_PUSH),
                 world=World(pushes=(push,)),
             )
@@ -217,8 +223,8 @@ def _dash(of: Make, dash: Ramp, level: float) -> Make:
     """Over the track at the top speed."""
     return functools.partial(
         of,
-        rule=f"best second >= {rules.SPEED_SHARE:.0%} of that on level",
-        judge=functools.partial(rules.judge_run, level=level),
+        rule=f"best speed >= {rules.SPEED_SHARE:.0%} of that on level",
+        assess=functools.partial(rules.assess_run, level=level),
         schedule=dash,
         finish=TRACK,
     )

@@ -14,8 +14,9 @@ from jaxtyping import Float
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.model import SOLE_SITES, load_model
 from bp2_rl.robot.specs import CONTROL_STEP, LEGS, HardwareSpec
-from bp2_rl.simulation.metrics import RIPPLE, best_window
+from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.windows import best_window
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones

@@ -4,11 +4,9 @@ The paper prints no cost of transport. It says that all motors work within their
 springs relieve them; both are asked here.
 """
 
-import dataclasses
-
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -46,7 +44,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, tables.describe_runs(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="efficiency",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said,
         verdict=tables.verdict(metrics),
@@ -62,8 +60,7 @@ def efficiency(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 def ramp_to_efficiency(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed."""
-    hold = setup.hold or (QUICK_HOLD if setup.quick else HOLD)
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=hold))
+    return ramp_to_topspeed(policy, setup, hold=QUICK_HOLD if setup.quick else HOLD)
 
 
 def account(ramp: Ramp, run: Trajectory) -> EfficiencyAtSpeed:

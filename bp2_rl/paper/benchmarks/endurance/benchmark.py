@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -92,7 +92,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, tables.describe_course(ramp, commands), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="endurance",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said | {"motor heat": tables.describe_heat(metrics)},
         verdict=tables.verdict(metrics),
@@ -133,7 +133,7 @@ def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpe
 
 def ramp_to_endurance(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed; it is held for so long at most."""
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or LONGEST))
+    return ramp_to_topspeed(policy, setup, hold=LONGEST)
 
 
 def _network(heat: MotorHeat) -> Network:

@@ -112,7 +112,7 @@ class HeatingTry:
 
     def at(self, speed: float) -> "HeatingTry":
         """Return this try at another speed, m/s."""
-        return dataclasses.replace(self, rise=dataclasses.replace(self.rise, target=(speed, 0.0, 0.0)))
+        return dataclasses.replace(self, rise=dataclasses.replace(self.rise, to=speed))
 
     @property
     def ramp(self) -> Ramp:

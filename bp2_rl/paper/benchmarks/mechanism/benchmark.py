@@ -5,12 +5,10 @@ source: of the inertial torque at a hip that other coordinates' accelerations ma
 what comes from other legs through the trunk?
 """
 
-import dataclasses
-
 import numpy as np
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_command, describe_simulator, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
@@ -55,7 +53,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
         pictures.append(Picture("terms", figures.TERMS_CAPTION, figures.terms_figure(metrics, fastest)))
     return Evaluation(
         benchmark="mechanism",
-        subject=describe_command(policy, setup, top),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
         conditions=said,
         verdict=tables.verdict(metrics),
@@ -71,7 +69,7 @@ def mechanism(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
 
 def ramp_to_mechanism(policy: Policy, setup: DeepSetup) -> Ramp:
     """The schedule to the top speed."""
-    return ramp_to_topspeed(policy, dataclasses.replace(setup, hold=setup.hold or HOLD))
+    return ramp_to_topspeed(policy, setup, hold=HOLD)
 
 
 def decompose(ramp: Ramp, run: Trajectory) -> MechanismRun:

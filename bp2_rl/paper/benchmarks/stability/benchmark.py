@@ -10,9 +10,9 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motion_of
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
-    describe_command,
     describe_rise,
     describe_simulator,
+    describe_subject,
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture
@@ -55,7 +55,7 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
                 asked=speed,
                 speed=near,
                 ticks=ticks,
-                rise=dataclasses.replace(ramp, target=(near, 0.0, 0.0)),
+                rise=dataclasses.replace(ramp, to=near),
                 robot=robot,
                 operator=setup.operator,
                 seed=setup.seed or 0,
@@ -72,9 +72,9 @@ def stability(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
     said = conditions(policy, describe_strides(asked), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="stability",
-        subject=describe_command(policy, setup, asked[0].speed),
+        subject=describe_subject(policy, setup),
         backend="C MuJoCo",
-        conditions=said | {"noise": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
+        conditions=said | {"sensors": describe_noise(extent, setup.seed or 0), "definitions": DEFINITIONS},
         verdict=tables.verdict(metrics),
         good=all(tables.steady(speed) for speed in metrics.speeds),
         rows=tables.stability_rows(metrics),

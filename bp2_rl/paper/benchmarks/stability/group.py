@@ -72,6 +72,7 @@ class GroupRecording:
         return self.samples.of(robot).trajectory(
             RunRequest(Course(), name="group"),
             self.config,
+            "mujoco",
             length=length,
             fell=length < self.clock.shape[1],
             mass=self.mass,

@@ -10,7 +10,7 @@ from bp2_rl.paper.orbits.sections import LEAST_POINTS, Drift, centroid_drift, in
 from bp2_rl.paper.orbits.spectrum import Spectrum, spectrum
 from bp2_rl.paper.orbits.timing import LEAST_EVENTS, Jitter, jitter
 from bp2_rl.robot import specs
-from bp2_rl.simulation.metrics import TOUCH_FORCE, contacts, touchdowns
+from bp2_rl.simulation.gait import TOUCH_FORCE, contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 
 PHASE_ZERO, LANDING = "the clock's phase is 0", "RR touches down"

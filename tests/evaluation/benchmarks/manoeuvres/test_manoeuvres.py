@@ -16,25 +16,25 @@ from bp2_rl.evaluation.benchmarks.manoeuvres import benchmark as module
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
     ManoeuvreMetrics,
     hardest,
-    judge,
     level_speed,
     manoeuvres,
-    ramp_to_manoeuvres,
+    outcome_of,
     simulate_all,
     summarise,
     verdict,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
-from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Braking, Judged, ManoeuvreOutcome, Pushed
+from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment, Braking, ManoeuvreOutcome, Pushed
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import all_manoeuvres
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import choose
+from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.evaluation.report import folder
 from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp
 
-TOP, LEVEL_SPEED = Ramp((15.0, 0.0, 0.0)), 14.0
+TOP, LEVEL_SPEED = Ramp(15.0), 14.0
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_every_manoeuvre_is_asked_once(asked):
 def test_a_brake_falls_from_the_speed_at_the_deceleration(asked):
     for name, speed in (("Brake from 10.74 m/s", 10.74), ("Brake from the top", 15.0)):
         for brake, deceleration in zip(group(asked, name), (2.0, 4.0, 6.0, 8.0), strict=True):
-            since = brake.judge.keywords["since"]
+            since = brake.assess.keywords["since"]
             assert brake.schedule.command(since)[0] == pytest.approx(speed)
             assert brake.schedule.command(since + 1.0)[0] == pytest.approx(speed - deceleration)
             assert brake.schedule.steady_from == pytest.approx(since + speed / deceleration)
@@ -75,7 +75,7 @@ def test_a_turn_is_asked_by_its_lateral_acceleration(asked):
         turns = group(asked, f"Turn at {speed} m/s")
         last = [turn.schedule.command(turn.schedule.duration) for turn in turns]
         np.testing.assert_allclose([speed * command[2] for command in last], (1.0, 2.0, 3.0, 4.0))
-        assert all(turn.schedule.steady_from + 1.0 == pytest.approx(turn.judge.keywords["since"]) for turn in turns)
+        assert all(turn.schedule.steady_from + 1.0 == pytest.approx(turn.assess.keywords["since"]) for turn in turns)
 
 
 def test_pushes_come_from_eight_directions_at_speed(asked):
@@ -89,7 +89,7 @@ def test_pushes_come_from_eight_directions_at_speed(asked):
 def test_what_is_reached_on_level_ground_is_what_others_are_compared_with(asked, make_policy, make_run, monkeypatch):
     launches, runs = group(asked, "Launch, friction 0.8"), group(asked, "Slope")
     assert all(launch.schedule.target[0] == 15.0 for launch in (*launches, *runs))
-    assert {m.judge.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
+    assert {m.assess.keywords[name] for m, name in ((launches[0], "speed"), (runs[0], "level"))} == {14.0}
     for fell_at, speed in ((None, 9.0), (7.5, 15.0)):
         run = make_run(speed=9.0, acceleration=5.0, fell_at=fell_at)
         monkeypatch.setattr(module, "simulate", lambda *_, run=run: iter([run]))
@@ -121,9 +121,9 @@ def test_robot_ground_and_operator_change_where_it_is_said_and_nowhere_else():
 
 
 def test_a_robot_that_falls_fails_whatever_else_it_did(asked, make_run):
-    manoeuvre = dataclasses.replace(asked[0], judge=lambda run: Judged(True, "well", Pushed(0.0)))
+    manoeuvre = dataclasses.replace(asked[0], assess=lambda run: Assessment(True, "well", Pushed(0.0)))
     for fell_at, passed, did in ((None, True, "well"), (3.5, False, "fell")):
-        came = judge(manoeuvre, make_run(fell_at=fell_at))
+        came = outcome_of(manoeuvre, make_run(fell_at=fell_at))
         assert (came.passed, came.did, came.fell_at) == (passed, did, fell_at)
 
 
@@ -138,7 +138,7 @@ def test_workers_give_the_outcomes_in_order(make_policy):
     policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
     still = [m for m in all_manoeuvres(TOP, LEVEL_SPEED, IDEAL, HEADING_HOLD, 0) if m.group.startswith("Stand")]
     short = [dataclasses.replace(m, schedule=Course().hold(0.1)) for m in still]
-    done = simulate_all(judge, policy, short)
+    done = simulate_all(outcome_of, policy, short)
     assert [(o.group, o.asked, o.passed, o.fell_at) for o in done] == [(m.group, m.asked, True, None) for m in short]
     unlike = [dataclasses.replace(short[0], schedule=Course().hold(0.01 * n), asked=f"{n}") for n in (3, 5, 2, 4)]
     assert simulate_all(told_and_lasted, policy, unlike) == [("3", 30), ("5", 50), ("2", 20), ("4", 40)]
@@ -153,7 +153,7 @@ def test_the_whole_benchmark_from_runs_that_are_known(make_policy, make_run, mon
     monkeypatch.setattr(module, "simulate_all", lambda measure, _, asked: [measure(one, fast) for one in asked])
     monkeypatch.setattr(module, "simulate", lambda *_: iter([fast]))
     policy, setup = make_policy(), Setup(speed=10.0, seed=5)
-    evaluation = manoeuvres(policy, ramp_to_manoeuvres(policy, setup), setup)
+    evaluation = manoeuvres(policy, ramp_to_topspeed(policy, setup), setup)
     assert not evaluation.good
     assert evaluation.results["of"] == 95
     assert evaluation.results["passes"]["Latency"] == "3 of 3"

@@ -1,0 +1,76 @@
+"""Where a run went along the straight line through its start, and how much of a lane it used."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.robot import specs
+from bp2_rl.robot.kinematics import foot_position
+from bp2_rl.simulation.trajectory import Trajectory
+
+LANE_WIDTH = 1.22  # m, of a running track (World Athletics, Technical Rule 14.4)
+
+
+@dataclasses.dataclass(frozen=True)
+class Lane:
+    """How much of the track's width was used, from the line through the start along the first heading."""
+
+    trunk_offset: float  # m, greatest, of the trunk's centre
+    trunk_reach: float  # m, greatest, of the trunk's sides: 0.44 m wide, 0.80 m long, at its heading
+    foot_reach: float  # m, greatest, of the feet's outer edges
+    kept: bool  # all of it stayed within half a lane's width to either side
+
+
+def track_position(run: Trajectory) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """The trunk's centre along the line through its start along its first heading, and to the left of it, m."""
+    along, left = _on_track(run, run.qpos[:, None, :2])
+    return along[:, 0], left[:, 0]
+
+
+def time_at(run: Trajectory, distance: float) -> float | None:
+    """When the trunk's centre first was so far ahead, s, interpolated between samples; None if it never was."""
+    along = track_position(run)[0]
+    there = int(np.argmax(along >= distance))
+    if along[there] < distance:
+        return None
+    before = max(there - 1, 0)
+    return float(np.interp(distance, along[[before, there]], run.time[[before, there]]))
+
+
+def measure_lane(run: Trajectory) -> Lane:
+    """How far trunk and feet came from the line."""
+    trunk, feet = (float(np.max(np.abs(edges))) for edges in (trunk_edges(run), foot_edges(run)))
+    offset = float(np.max(np.abs(track_position(run)[1])))
+    return Lane(offset, trunk, feet, kept=max(trunk, feet) <= LANE_WIDTH / 2)
+
+
+def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+    """Where the trunk's rightmost and leftmost corners are, m to the left of the line."""
+    turned = run.heading - run.heading[0]
+    half = 0.5 * (specs.BODY_WIDTH * np.abs(np.cos(turned)) + specs.BODY_LENGTH * np.abs(np.sin(turned)))
+    return track_position(run)[1][:, None] + half[:, None] * np.array([-1.0, 1.0])
+
+
+def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
+    """Where the rightmost and leftmost edges of the feet's spheres are, m to the left of the line."""
+    left = _on_track(run, foot_centres(run)[:, :, :2])[1]
+    return np.stack([np.min(left, axis=1) - specs.FOOT_RADIUS, np.max(left, axis=1) + specs.FOOT_RADIUS], axis=-1)
+
+
+def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
+    """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
+    joints = run.joint_position.reshape(-1, 4, 3)
+    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, run.hardware)
+    w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
+    turn = 2.0 * np.cross(v, feet)
+    return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)
+
+
+def _on_track(
+    run: Trajectory, points: Float[np.ndarray, "N n 2"]
+) -> tuple[Float[np.ndarray, "N n"], Float[np.ndarray, "N n"]]:
+    """Points of the ground along the line through the start and to the left of it, m."""
+    x, y = np.moveaxis(points - run.qpos[0, :2], -1, 0)
+    cos, sin = np.cos(run.heading[0]), np.sin(run.heading[0])
+    return cos * x + sin * y, cos * y - sin * x
