@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 import tyro
 
 from bp2_rl.base.errors import RunStopped, UserError
+from bp2_rl.cli import usage
 
 Config = TypeVar("Config")
 
-HELP = ("-h", "--help")
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -129,7 +129,7 @@ def failures_into(folder: Path) -> Generator[None]:
 def parse(
     config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None, *, part: bool = False
 ) -> Config:
-    """The config that the command line describes; `--help` prints and exits with status 0.
+    """Return the config that the command line describes; `--help` prints and exits with status 0.
 
     Args:
         config: a dataclass; its docstring and its fields' are the help.
@@ -141,18 +141,19 @@ def parse(
     Raises:
         UserError: one line that names the flag at fault.
     """
+    words = list(sys.argv[1:] if argv is None else argv)
+    if usage.is_asked(words) and not part:
+        print(usage.describe(config, prog, default, everything=usage.HELP_ALL in words))
+        raise SystemExit(OK)
     complaint = io.StringIO()
+    # To tyro, None is a default like any other.
+    chosen: dict[str, Any] = {"prog": prog, "add_help": False} | ({} if default is None else {"default": default})
     try:
         with contextlib.redirect_stderr(complaint):
-            # To tyro, None is a default like any other.
-            chosen: dict[str, Any] = {} if default is None else {"default": default}
             if part:
-                argv = [word for word in (sys.argv[1:] if argv is None else argv) if word not in HELP]
-                return tyro.cli(config, args=argv, prog=prog, return_unknown_args=True, **chosen)[0]
-            return tyro.cli(config, args=argv, prog=prog, **chosen)
-    except SystemExit as end:
-        if end.code in (0, None):
-            raise
+                return tyro.cli(config, args=words, return_unknown_args=True, **chosen)[0]
+            return tyro.cli(config, args=words, **chosen)
+    except SystemExit:
         line = f"{_in_one_line(complaint.getvalue())} (see {prog} --help)"
         raise (UserError if re.search(r"Error parsing (?!--)", complaint.getvalue()) else FlagError)(line) from None
 

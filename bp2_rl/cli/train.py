@@ -6,7 +6,7 @@ import dataclasses
 import datetime
 import os
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
@@ -17,7 +17,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, processors
-from bp2_rl.cli import app
+from bp2_rl.cli import app, usage
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
@@ -35,6 +35,13 @@ from bp2_rl.settings.training import (
 )
 
 Config = TypeVar("Config")
+EVERYDAY = {
+    "what is trained": ("stage", "preset", "weights", "robot", "reference"),
+    "runs": ("out", "from", "resume", "replay"),
+    "how long": ("run.steps", "until", "run.seed", "run.films"),
+    "by what": ("impl", "ppo.num-envs", "deterministic", "track", "cluster.coordinator"),
+}
+"""Flags that --help shows, by its headings; --help-all shows all."""
 DEVICES = "xla_force_host_platform_device_count"
 RUNS = Path("runs")
 
@@ -44,37 +51,35 @@ class ProcessOptions:
     """How the process runs, whatever it trains; also with --resume and --replay."""
 
     deterministic: bool = False
-    """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
+    """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
     track: Tracker | None = None
-    """send the metrics to this tracker, too; a resumed run goes on with the one that it has"""
+    """send the metrics to this tracker, too"""
     cluster: ClusterConfig = ClusterConfig()
 
 
 @dataclasses.dataclass(frozen=True)
 class TrainArguments:
-    """Train BP2 to run. The presets set everything below; every setting can be changed by its flag."""
+    """Train BP2 to run. A preset chooses the settings; flags change them."""
 
     stage: Stage = "imitation"
-    """imitation: from random weights; relaxed: continues from an imitation run"""
+    """imitation: from random weights; relaxed: on from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees an accelerator, else cpu; smoke: the shortest real training"""
+    """auto: gpu where JAX sees one, else cpu; smoke: the shortest real training"""
     weights: Weights | None = None
-    """paper: the rewards of Table S4; ours: tracking widened with speed and worth more, what 10 m/s needs; by default
-    ours, with the preset smoke paper"""
+    """rewards of Table S4, the default of smoke; or ours, in which tracking is worth more"""
     robot: RobotName | None = None
-    """built: with losses, a bus and solid legs; ideal: without; by default that of --from, else built"""
+    """built: with losses and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
-    """the run's folder; default runs/STAGE-DATE-TIME"""
+    """the run's folder [runs/STAGE-DATE-TIME]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """a run whose networks to start from, and whose settings where they are not its preset's; for --stage relaxed
-    default the newest finished imitation run"""
+    """take networks, and settings other than its preset's, from this run; for relaxed by default the newest finished
+    imitation run"""
     resume: Path | None = None
-    """go on with this stopped run exactly where it stands, with its own settings"""
+    """go on with this stopped run where it stands"""
     replay: Path | None = None
-    """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
+    """repeat the train step that was not finite in this run, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: kernel is BP2's own and the fastest everywhere, jax is stock MJX, warp is for NVIDIA and not exactly
-    repeatable"""
+    """physics: BP2's own kernel, the fastest; stock MJX; or NVIDIA's Warp, not repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -95,10 +100,30 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_early(argv: list[str]) -> None:
+    show_help(argv, "train.py", train_arguments, EVERYDAY)
     arguments = refuse_early(argv, "train.py", TrainArguments, train_arguments)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.launch.track, arguments.resume)
+
+
+def show_help(
+    argv: list[str],
+    prog: str,
+    with_defaults: Callable[[TrainConfig], Any],
+    everyday: Mapping[str, Sequence[str]] | None = None,
+) -> None:
+    """Print the help, and exit, where it is asked for: with the defaults of the preset named, else of `cpu`.
+
+    The preset that a command takes by itself is known once JAX is imported, for which no help waits.
+    """
+    if usage.is_asked(argv):
+        named = read_named(argv)
+        preset = named.preset or "cpu"
+        default = with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
+        note = f"Defaults are in brackets, here those of the preset {preset}."
+        print(usage.describe(type(default), prog, default, everyday, note, everything=usage.HELP_ALL in argv))
+        raise SystemExit(app.OK)
 
 
 def refuse_early(
@@ -118,7 +143,7 @@ def refuse_early(
         arguments: the dataclass of its flags.
         with_defaults: those of a preset as their defaults.
     """
-    if set(app.HELP) & set(argv) or any(word.startswith("--cluster.coordinator") for word in argv):
+    if any(word.startswith("--cluster.coordinator") for word in argv):
         return None
     named, mistakes = read_named(argv), []
     for preset in (named.preset,) if named.preset else get_args(Preset):
@@ -143,8 +168,7 @@ def _train(argv: list[str]) -> None:
     launch = app.parse(ProcessOptions, argv, "train.py", part=True)
     use_processors(read_named(argv))
     prepare_jax(deterministic=launch.deterministic)
-    if not set(app.HELP) & set(argv):
-        cluster.join(launch.cluster)
+    cluster.join(launch.cluster)
     with cluster.together():
         arguments = _parse(argv)
         tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
@@ -225,7 +249,7 @@ def read_named(argv: list[str]) -> NamedDefaults:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay", "--impl"):
         first.add_argument(flag, nargs="?")
-    words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
+    words = vars(first.parse_known_args([word for word in argv if word not in usage.HELP])[0])
     run = words["replay"] if words["resume"] is None else words["resume"]
     return NamedDefaults(
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
@@ -268,7 +292,7 @@ def _parse(argv: list[str]) -> TrainArguments:
     named = read_named(argv)
     preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
     parent = named.parent
-    if not (set(app.HELP) & set(argv) or named.goes_on is not None):
+    if named.goes_on is None:
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:

@@ -149,7 +149,7 @@ TRUNK_PITCH_INERTIA = 4.0 * (
 
 @dataclasses.dataclass(frozen=True)
 class Losses:
-    """What a machine loses between its battery and the road, and how late its motors are; by default nothing.
+    """What a machine loses between its battery and the road, and how late its motors are.
 
     The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
     """
@@ -170,7 +170,7 @@ class Losses:
 
 @dataclasses.dataclass(frozen=True)
 class HardwareSpec:
-    """The parameters of BP2's body that a designer may change; the defaults are the ideal BP2.
+    """The parameters of BP2's body that a designer may change.
 
     The motor itself stays: a gear ratio g gives g/8.5 times the joint torque at 8.5/g times the speed. The bounds are
     those of what can be computed, not of what can be built.

@@ -109,7 +109,7 @@ class RunConfig:
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
 
     films: bool = False
-    """film the launch of each policy that is judged; the run's films.html shows them with the speeds as they come"""
+    """film each judged policy's launch, into films.html in the run's folder"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""

@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.cli import app
-from bp2_rl.cli.train import defaults_here, read_named, refuse_early, use_processors
+from bp2_rl.cli.train import defaults_here, read_named, refuse_early, show_help, use_processors
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
@@ -79,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(argv: list[str]) -> None:
+    show_help(argv, "bp2 bench", _with)
     refuse_early(argv, "bp2 bench", BenchArguments, _with)
     use_processors(read_named(argv))
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
