@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,7 @@ from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
@@ -48,11 +47,6 @@ class StudyArguments:
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         check_bounds(self, "--")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _study(app.parse(StudyArguments, argv, "bp2 study")))
 
 
 def _study(arguments: StudyArguments) -> None:
@@ -97,3 +91,6 @@ def _study(arguments: StudyArguments) -> None:
     if missing:
         names = ", ".join(training.name for training in missing)
         raise RunStopped(f"not trained: {names}; call again to go on", status=1)
+
+
+main = Command("bp2 study", StudyArguments, _study)

@@ -3,7 +3,6 @@
 import dataclasses
 import importlib.util
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,7 @@ import tyro
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.train import TrainArguments, refuse_early, train_arguments
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
@@ -53,11 +52,6 @@ class TuneArguments:
         check_bounds(self, "--")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _tune(app.parse(TuneArguments, argv, "bp2 tune")))
-
-
 def _tune(arguments: TuneArguments) -> None:
     require_name(arguments.out)
     space = tuple(parse_dimension(text) for text in arguments.search)
@@ -90,3 +84,6 @@ def _tune(arguments: TuneArguments) -> None:
 
 def _speed(speed: float | None) -> str:
     return "-" if speed is None else f"{speed:.2f}"
+
+
+main = Command("bp2 tune", TuneArguments, _tune)
