@@ -96,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
-    return cluster.leave(app.run(lambda: _train(words)))
+    return cluster.leave(app.run(lambda: _train(words), patient=False))
 
 
 def _refuse_early(argv: list[str]) -> None:
@@ -160,7 +160,7 @@ def refuse_early(
 def _train(argv: list[str]) -> None:
     import numpy as np
 
-    from bp2_rl.cli.runtime import prepare_jax
+    from bp2_rl.cli.runtime import find_backend, prepare_jax
     from bp2_rl.learning import cluster, run
 
     end_with_caller()
@@ -169,6 +169,7 @@ def _train(argv: list[str]) -> None:
     use_processors(read_named(argv))
     prepare_jax(deterministic=launch.deterministic)
     cluster.join(launch.cluster)
+    find_backend()  # where there is none, every further word to the others would fail
     with cluster.together():
         arguments = _parse(argv)
         tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
@@ -190,6 +191,8 @@ def _train(argv: list[str]) -> None:
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
+    if arguments.preset == "gpu" and find_backend() == "cpu":
+        say("JAX sees no accelerator: on a processor such a training takes days, and --preset cpu takes ten minutes")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out), _judge(config) as judge:
@@ -324,9 +327,9 @@ def defaults_here(
     stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
 ) -> tuple[Preset, TrainConfig]:
     """Return the named preset, or else the one for this machine, and its settings."""
-    import jax
+    from bp2_rl.cli.runtime import find_backend
 
-    on_cpu = jax.default_backend() == "cpu"
+    on_cpu = find_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     return preset, make_config(stage, preset, weights, robot or "built")
 

@@ -78,9 +78,7 @@ def describe(
 
 def _parser(config: type[Any], prog: str, default: Any) -> Any:
     """Return an ArgumentParser of tyro's own copy of argparse."""
-    get_parser = pkgutil.resolve_name(
-        "tyro.extras:get_parser"
-    )  # deprecated, but nothing else in public tells the flags
+    get_parser = pkgutil.resolve_name("tyro.extras:get_parser")  # no public function that is not deprecated
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         return get_parser(config, prog=prog, add_help=False, **({} if default is None else {"default": default}))
