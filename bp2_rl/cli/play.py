@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.files import require_name
 from bp2_rl.cli.dispatch import Command
@@ -22,7 +22,7 @@ WEB = ("viser", "trimesh")  # packages that a page needs
 
 
 @dataclasses.dataclass(frozen=True)
-class PlayConfig:
+class PlayConfig(Bounded, path="--"):
     """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
 
     In a window where there is a display, else in a browser. Ctrl-C ends it.
@@ -43,10 +43,6 @@ class PlayConfig:
     """m/s that are commanded at first."""
     seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float("inf")
     """Ends by itself after so long."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
-        check_bounds(self, "--")
 
 
 def play(config: PlayConfig) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
 from bp2_rl.cli.train import defaults_here, read_named, refuse_early, show_help, use_processors
 from bp2_rl.robot.specs import RobotName
@@ -22,7 +22,7 @@ STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd"
 
 
 @dataclasses.dataclass(frozen=True)
-class BenchArguments:
+class BenchArguments(Bounded, path="--"):
     """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
 
     The presets set the sizes, as for train.py.
@@ -57,10 +57,6 @@ class BenchArguments:
     """the report's folder; default reports/bench-DATE-TIME"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
 
     @property
     def main_robots(self) -> int:
