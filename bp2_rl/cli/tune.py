@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli.dispatch import Command
@@ -22,7 +22,7 @@ SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "
 
 
 @dataclasses.dataclass(frozen=True)
-class TuneArguments:
+class TuneArguments(Bounded, path="--"):
     """Search for settings of the imitation stage with which a policy runs faster, judged in C MuJoCo.
 
     Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
@@ -46,10 +46,6 @@ class TuneArguments:
     judges: Annotated[int, Within(1, 1024)] = max(1, (os.cpu_count() or 2) // 2)
     """processes that judge policies while others train"""
     jobs: JobsConfig = JobsConfig()
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
 
 
 def _tune(arguments: TuneArguments) -> None:
@@ -79,6 +75,9 @@ def _tune(arguments: TuneArguments) -> None:
     print(table)
     if ranked[0].top_speed is None:
         raise RunStopped(f"no trial was trained to its end: see {arguments.out}/trial-*.txt", status=1)
+    if ranked[0].top_speed == 0.0:
+        raise RunStopped("all policies fell in every launch, so no trial is better than another: let --steps be more, "
+                         "or take a larger --preset", status=1)  # fmt: skip
     print(f"python train.py --preset {arguments.preset} {' '.join(ranked[0].flags)}")
 
 
