@@ -139,9 +139,10 @@ def test_no_message_installs_from_an_index_what_is_not_on_one():
 @pytest.mark.parametrize(("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM"), (signal.SIGINT, "interrupted")])
 def test_a_signal_ends_a_command_that_computes_for_minutes_outside_python(number, line):
     program = """
-import hashlib, sys
+import hashlib, signal, sys
 from bp2_rl.cli import app
 app.GRACE = 0.5
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored, in the background
 
 def command():
     print("began", flush=True)
@@ -156,5 +157,8 @@ sys.exit(app.run(command))
     assert process.stdout.readline() == "began\n"
     time.sleep(0.2)  # until it is in there
     process.send_signal(number)
-    _, said = process.communicate(timeout=30)
+    try:
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert (process.returncode, said) == (128 + number, f"{line}\n")
