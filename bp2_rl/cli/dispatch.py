@@ -5,7 +5,7 @@ import importlib
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import usage
@@ -38,11 +38,8 @@ class Command:
         return app.run(lambda: self.run(parse(self.arguments, argv, self.prog)))
 
 
-class Entry(NamedTuple):
-    """A command in the list of a group."""
-
-    what: str  # it does
-    main: Main
+Entry = tuple[str, Main]
+"""A command in the list of a group: what it does, and itself."""
 
 
 def entries(commands: Mapping[str, Command]) -> dict[str, Entry]:
@@ -52,7 +49,7 @@ def entries(commands: Mapping[str, Command]) -> dict[str, Entry]:
         sentence = " ".join(re.split(r"\.\s|\.$", (command.arguments.__doc__ or "").strip())[0].split())
         return sentence[:1].lower() + sentence[1:]
 
-    return {name: Entry(what(command), command) for name, command in commands.items()}
+    return {name: (what(command), command) for name, command in commands.items()}
 
 
 def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
@@ -67,7 +64,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
                 return 2
             return module.main(argv)
 
-        return Entry(what, main)
+        return what, main
 
     return {name: entry(name, what) for name, what in commands.items()}
 
@@ -88,4 +85,4 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
     if name not in commands:
         print(f"error: no command {name!a}; {prog} has: {', '.join(commands)}", file=sys.stderr)
         return 2
-    return commands[name].main(rest)
+    return commands[name][1](rest)

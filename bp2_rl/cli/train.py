@@ -89,7 +89,7 @@ class TrainArguments:
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    status = app.run(lambda: _refuse_early(words))
+    status = app.run(lambda: _answer_early(words))
     if status != app.OK:
         return status
 
@@ -99,57 +99,50 @@ def main(argv: Sequence[str] | None = None) -> int:
     return cluster.leave(app.run(lambda: _train(words), patient=False))
 
 
-def _refuse_early(argv: list[str]) -> None:
-    show_help(argv, "train.py", train_arguments, EVERYDAY)
-    arguments = refuse_early(argv, "train.py", TrainArguments, train_arguments)
+def _answer_early(argv: list[str]) -> None:
+    arguments = answer_early(argv, "train.py", train_arguments, EVERYDAY)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.launch.track, arguments.resume)
 
 
-def show_help(
+def answer_early(
     argv: list[str],
     prog: str,
-    with_defaults: Callable[[TrainConfig], Any],
+    with_defaults: Callable[[TrainConfig], Config],
     everyday: Mapping[str, Sequence[str]] | None = None,
-) -> None:
-    """Print the help, and exit, where it is asked for: with the defaults of the preset named, else of `cpu`.
-
-    The preset that a command takes by itself is known once JAX is imported, for which no help waits.
-    """
-    if usage.is_asked(argv):
-        named = read_named(argv)
-        preset = named.preset or "cpu"
-        default = with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
-        note = f"Defaults are in brackets, here those of the preset {preset}."
-        print(usage.describe(type(default), prog, default, everyday, note, everything=usage.HELP_ALL in argv))
-        raise SystemExit(app.OK)
-
-
-def refuse_early(
-    argv: list[str], prog: str, arguments: type[Config], with_defaults: Callable[[TrainConfig], Config]
 ) -> Config | None:
-    """Answer a mistake before JAX is imported, which takes seconds.
+    """Print the help, and exit, or refuse a mistake before JAX is imported, which takes seconds.
 
-    What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So only
-    what is wrong with every preset is refused here, and with a parent only what is no flag or of another type. In a
-    cluster nothing is: there the others must hear of a mistake, too.
+    What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So help
+    shows the defaults of the preset named, else of `cpu`. Only what is wrong with every preset is refused, and with a
+    parent only what is no flag or of another type. In a cluster nothing is: there the others must hear of it, too.
 
-    Gives the arguments, where they can be told already; their defaults may yet be others.
+    Return the arguments, where they can be told already; their defaults may yet be others.
 
     Args:
         argv: the command line.
         prog: the command as the user types it.
-        arguments: the dataclass of its flags.
-        with_defaults: those of a preset as their defaults.
+        with_defaults: the arguments with a preset's settings as their defaults.
+        everyday: what the help shows, as of `usage.describe`.
     """
+    named, mistakes = read_named(argv), []
+
+    def defaults(preset: Preset) -> Config:
+        return with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
+
+    if usage.is_asked(argv):
+        preset = named.preset or "cpu"
+        note = f"Defaults are in brackets, here those of the preset {preset}."
+        default = defaults(preset)
+        print(usage.describe(type(default), prog, default, everyday, note, everything=usage.HELP_ALL in argv))
+        raise SystemExit(app.OK)
     if any(word.startswith("--cluster.coordinator") for word in argv):
         return None
-    named, mistakes = read_named(argv), []
     for preset in (named.preset,) if named.preset else get_args(Preset):
         try:
-            defaults = with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
-            return app.parse(arguments, argv, prog, default=defaults)
+            default = defaults(preset)
+            return app.parse(type(default), argv, prog, default=default)
         except UserError as mistake:
             mistakes.append(mistake)
     if isinstance(mistakes[0], app.FlagError) or (named.parent is None and named.stage == "imitation"):

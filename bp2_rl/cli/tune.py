@@ -12,7 +12,7 @@ from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli.dispatch import Command
-from bp2_rl.cli.train import TrainArguments, refuse_early, train_arguments
+from bp2_rl.cli.train import answer_early, train_arguments
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps, make_config
@@ -56,7 +56,7 @@ def _tune(arguments: TuneArguments) -> None:
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
-            refuse_early(words, "bp2 tune --search", TrainArguments, train_arguments)
+            answer_early(words, "bp2 tune --search", train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()
@@ -69,7 +69,8 @@ def _tune(arguments: TuneArguments) -> None:
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
     resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
     ranked = run(search, arguments.out, arguments.trials, resources)
-    lines = [f"| {one.number} | {_speed(one.top_speed)} | {' '.join(one.flags)} |" for one in ranked]
+    speeds = ["-" if one.top_speed is None else f"{one.top_speed:.2f}" for one in ranked]
+    lines = [f"| {one.number} | {speed} | {' '.join(one.flags)} |" for one, speed in zip(ranked, speeds, strict=True)]
     table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
     write_text(arguments.out / "table.md", table)
     print(table)
@@ -79,10 +80,6 @@ def _tune(arguments: TuneArguments) -> None:
         raise RunStopped("all policies fell in every launch, so no trial is better than another: let --steps be more, "
                          "or take a larger --preset", status=1)  # fmt: skip
     print(f"python train.py --preset {arguments.preset} {' '.join(ranked[0].flags)}")
-
-
-def _speed(speed: float | None) -> str:
-    return "-" if speed is None else f"{speed:.2f}"
 
 
 main = Command("bp2 tune", TuneArguments, _tune)

@@ -96,7 +96,7 @@ def careful(env: EnvConfig) -> EnvConfig:
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """How long, from which seed, and what is kept."""
+    """The length of a run, its seed, and what is kept."""
 
     steps: Steps = 100_000_000  # control steps, all robots together
     seed: Annotated[int, Within(0, LARGEST_SEED)] = 0

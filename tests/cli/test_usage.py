@@ -92,4 +92,4 @@ def test_help_answers_before_any_mistake_on_the_line(capsys):
 
 def test_a_command_line_without_help_is_parsed():
     with pytest.raises(UserError, match=r"see train\.py --help"):
-        train.refuse_early(["--nope"], "train.py", train.TrainArguments, train.train_arguments)
+        train.answer_early(["--nope"], "train.py", train.train_arguments)

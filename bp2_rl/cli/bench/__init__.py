@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
-from bp2_rl.cli.train import defaults_here, read_named, refuse_early, show_help, use_processors
+from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
@@ -75,8 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(argv: list[str]) -> None:
-    show_help(argv, "bp2 bench", _with)
-    refuse_early(argv, "bp2 bench", BenchArguments, _with)
+    answer_early(argv, "bp2 bench", _with)
     use_processors(read_named(argv))
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.cli.bench.measuring import bench

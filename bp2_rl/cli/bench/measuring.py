@@ -105,7 +105,9 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
     else:
         most = arguments.max_robots or 8 * base
         devices = arguments.devices or tuple(2**k for k in range(there.bit_length()))
-        sizes = [(n, 1) for n in arguments.robots or _doublings(max(arguments.ppo.num_minibatches, base // 16), most)]
+        fewest = max(arguments.ppo.num_minibatches, base // 16)
+        doublings = tuple(fewest * 2**k for k in range((most // fewest).bit_length()))
+        sizes = [(n, 1) for n in arguments.robots or doublings]
         sizes += [size for d in devices for size in ((base, d), (base * d, d))]
     yield from dict.fromkeys(sizes)
 
@@ -170,7 +172,9 @@ def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startu
                 command, env={**os.environ, "BP2_CACHE": cache}, capture_output=True, text=True, check=False
             )
             if ended.returncode:
-                raise UserError(f"--startup: the {name} start failed: {_last_line(ended.stderr)}")
+                raise UserError(
+                    f"--startup: the {name} start failed: {' '.join(ended.stderr.strip().splitlines()[-1:])}"
+                )
             moments = json.loads(ended.stdout.splitlines()[-1])
             starts.append(from_json(Startup, {key: moment - began for key, moment in moments.items()}))
             _tell(console, f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began")
@@ -193,16 +197,6 @@ def first_step() -> None:
 
 
 # --- Details -------------------------------------------------------------------------------------------------
-
-
-def _last_line(text: str) -> str:
-    return text.strip().rpartition("\n")[2]
-
-
-def _doublings(fewest: int, most: int) -> Iterator[int]:
-    while fewest <= most:
-        yield fewest
-        fewest *= 2
 
 
 def _open(folder: Path, report: Bench) -> None:

@@ -82,11 +82,11 @@ def show(drawn: "Drawn") -> None:
 def _entry(name: str, figure: FigureEntry) -> Entry:
     arguments = with_folder(figure.settings, OUT / name)
     command = Command(f"bp2 paper figures {name}", arguments, partial(_figure, name))
-    return Entry(f"{figure.what} ({figure.panel})", command)
+    return f"{figure.what} ({figure.panel})", command
 
 
 COMMANDS = {name: _entry(name, figure) for name, figure in FIGURES.items()} | {
-    FLAG: Entry("every panel that can be made, and a page that says of each item of the paper what is ours", make_all)
+    FLAG: ("every panel that can be made, and a page that says of each item of the paper what is ours", make_all)
 }
 
 
