@@ -43,9 +43,6 @@ from bp2_rl.tools.throughput.report import (
     scaling_figure,
 )
 
-BenchSize = tuple[int, int]
-"""(robots, devices)."""
-
 FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
 """The program whose start `--startup` times."""
 
@@ -94,8 +91,8 @@ def describe(arguments: BenchArguments) -> Bench:
     )
 
 
-def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
-    """What to measure, without repetition; raises UserError where there are fewer devices than asked for."""
+def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
+    """Yield (robots, devices), each once; raise UserError where there are fewer devices than asked for."""
     there = jax.device_count()
     if max(arguments.devices, default=1) > there:
         raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
@@ -112,7 +109,7 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
     yield from dict.fromkeys(sizes)
 
 
-def measure_all(arguments: BenchArguments, sizes: Sequence[BenchSize], console: Console) -> Iterator[Case]:
+def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
     default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
     parts = arguments.parts or (("training",) if arguments.scaling else default)
@@ -127,7 +124,7 @@ def measure_all(arguments: BenchArguments, sizes: Sequence[BenchSize], console: 
         yield case
 
 
-def _measure(arguments: BenchArguments, size: BenchSize, parts: Sequence[PartName], console: Console) -> Case:
+def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[PartName], console: Console) -> Case:
     robots, devices = size
     case = measure_case(
         lambda robots: make_env(arguments, robots),
