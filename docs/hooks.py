@@ -59,7 +59,7 @@ def _commands() -> str:
 
 def _sections(heading: str, package: str, words: list[str]) -> list[str]:
     """The help of a command whose module lies in this package, and of all commands below it, a section each."""
-    sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help"])]
+    sections = [f"{heading} bp2 {' '.join(words)}\n", _block([*words, "--help-all"])]
     below = "bp2_rl.paper.cli" if words == ["paper"] else f"{package}.{words[-1]}"
     if hasattr(importlib.import_module(package), "__path__") and importlib.util.find_spec(below) is not None:
         for part in getattr(importlib.import_module(below), "COMMANDS", ()):

@@ -4,15 +4,15 @@
     friction: Annotated[float, Within(0.01, 10.0)] = 0.9
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
 
-`check_bounds` goes through a dataclass and the ones in it. A number must be finite unless its bounds say otherwise, and
-an integer must fit 64 bits; in a tuple every entry must be within, and a `Range` must ascend; None stands for a choice
-that is left open.
+`check_bounds` goes through a dataclass and the ones in it; a dataclass that is `Bounded` does so when it is made. A
+number must be finite unless its bounds say otherwise, and an integer must fit 64 bits; in a tuple every entry must be
+within, and a `Range` must ascend; None stands for a choice that is left open.
 """
 
 import dataclasses
 import math
 import typing
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 from bp2_rl.base.errors import UserError
 
@@ -96,6 +96,25 @@ def check_bounds(config: Any, path: str = "") -> None:
                 raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
         if _is_range(annotation) and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
+
+
+class Bounded:
+    """A dataclass that refuses numbers out of bounds when it is made; one with more to refuse has its `__post_init__`.
+
+    Args:
+        path: as of `check_bounds`.
+    """
+
+    _path: ClassVar[str] = ""
+
+    def __init_subclass__(cls, path: str | None = None) -> None:
+        """Keep what a subclass's fields are preceded by; a subclass of that inherits it."""
+        if path is not None:
+            cls._path = path
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of bounds."""
+        check_bounds(self, self._path)
 
 
 def _bounds(annotation: Any) -> Within:

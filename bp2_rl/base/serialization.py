@@ -1,7 +1,7 @@
 """Configs are frozen dataclasses; this is how they become JSON and how JSON becomes them again, strictly.
 
-What may stand in a config: float, int, bool, str, None, `pathlib.Path`, tuples, Literals, nested dataclasses,
-Optionals and unions of those, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the
+What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, Literals, nested dataclasses, any of those
+or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the
 dataclass is refused with the path of the key at fault, never patched up.
 """
 
@@ -25,8 +25,6 @@ Config = TypeVar("Config")
 
 # JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
 _NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-# Names the dataclass where a union leaves a choice between several.
-_TAG = "type"
 
 
 class ConfigError(UserError):
@@ -176,10 +174,8 @@ def package_versions() -> dict[str, str]:
 def _encode(annotation: Any, value: Any, path: str) -> Any:
     """The JSON value of `value`, which is declared as `annotation` at `path`."""
     annotation = _bare(annotation)
-    if _is_union(annotation):
-        member = _member_of_value(annotation, value, path)
-        encoded = _encode(member, value, path)
-        return {_TAG: member.__name__, **encoded} if len(_dataclass_members(annotation, path)) > 1 else encoded
+    if (inner := _of_optional(annotation, path)) is not None:
+        return None if value is None else _encode(inner, value, path)
     if dataclasses.is_dataclass(annotation):
         _require(type(value) is annotation, annotation, value, path)
         hints = _hints(annotation)
@@ -208,8 +204,8 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
 def _decode(annotation: Any, data: Any, path: str) -> Any:
     """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
     annotation = _bare(annotation)
-    if _is_union(annotation):
-        return _decode_union(annotation, data, path)
+    if (inner := _of_optional(annotation, path)) is not None:
+        return None if data is None else _decode(inner, data, path)
     if dataclasses.is_dataclass(annotation):
         return _decode_dataclass(annotation, data, path)
     if annotation is float:
@@ -251,34 +247,12 @@ def _decode_dataclass(cls: Any, data: Any, path: str) -> Any:
         raise ConfigError(f"{path}: {error}" if path else str(error)) from error
 
 
-def _decode_union(union: Any, data: Any, path: str) -> Any:
-    choices = {member.__name__: member for member in _dataclass_members(union, path)}
-    if len(choices) > 1 and isinstance(data, dict):
-        tag = data.get(_TAG)
-        if not isinstance(tag, str) or tag not in choices:
-            raise ConfigError(f"{_join(path, _TAG)}: expected one of {', '.join(choices)}, got {tag!r}")
-        return _decode(choices[tag], {key: value for key, value in data.items() if key != _TAG}, path)
-    members = _members(union)
-    structured = [m for m in members if dataclasses.is_dataclass(m) or get_origin(m) in (tuple, dict)]
-    if len(structured) == 1 and isinstance(data, dict | list):
-        return _decode(structured[0], data, path)  # the only one it can be: let it say what is wrong inside
-    for member in members:
-        try:
-            return _decode(member, data, path)
-        except ConfigError:
-            continue
-    raise _mismatch(union, data, path)
-
-
 # --- What both ways share -------------------------------------------------------------------------------------
 def _plain(annotation: Any, value: Any, path: str) -> Any:
     """Values that are the same in Python and in JSON."""
     if get_origin(annotation) is Literal:
         _require(any(value == choice and type(value) is type(choice) for choice in get_args(annotation)),
                  annotation, value, path)  # fmt: skip
-        return value
-    if annotation is None or annotation is type(None):
-        _require(value is None, annotation, value, path)
         return value
     if annotation is Any:
         try:
@@ -292,22 +266,14 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
     raise TypeError(f"{path}: a config cannot hold fields of type {annotation}")
 
 
-def _member_of_value(union: Any, value: Any, path: str) -> Any:
-    """The member of a union that `value` is an instance of."""
-    if dataclasses.is_dataclass(value) and type(value) in _members(union):
-        return type(value)
-    for member in _members(union):
-        try:
-            _encode(member, value, path)
-        except ConfigError:
-            continue
-        return member
-    raise _mismatch(union, value, path)
-
-
-def _members(union: Any) -> list[Any]:
-    """The members of a union, float last: in `float | int`, 1 stays an integer."""
-    return sorted((_bare(member) for member in get_args(union)), key=lambda member: member is float)
+def _of_optional(annotation: Any, path: str) -> Any:
+    """Return X of an `X | None`; None of what is no union."""
+    if get_origin(annotation) not in (Union, types.UnionType):
+        return None
+    members = [member for member in get_args(annotation) if member is not type(None)]
+    if len(members) != 1:
+        raise TypeError(f"{path}: a config cannot hold fields of type {annotation}; of unions, only X | None")
+    return members[0]
 
 
 def _items(annotation: Any, values: Any, path: str) -> list[tuple[Any, Any, str]]:
@@ -325,17 +291,6 @@ def _bare(annotation: Any) -> Any:
     while get_origin(annotation) is typing.Annotated:
         annotation = get_args(annotation)[0]
     return annotation
-
-
-def _is_union(annotation: Any) -> bool:
-    return get_origin(annotation) in (Union, types.UnionType)
-
-
-def _dataclass_members(union: Any, path: str) -> list[Any]:
-    classes = [member for member in _members(union) if dataclasses.is_dataclass(member)]
-    if len(classes) > 1 and any(_TAG in (f.name for f in dataclasses.fields(c)) for c in classes):
-        raise TypeError(f"{path}: a dataclass in a union of several cannot have a field named {_TAG!r}")
-    return classes
 
 
 def _hints(cls: Any) -> dict[str, Any]:
@@ -356,12 +311,8 @@ def _mismatch(annotation: Any, value: Any, path: str) -> ConfigError:
 def _name(annotation: Any) -> str:
     """The type in a reader's words."""
     annotation = _bare(annotation)
-    if _is_union(annotation):
-        return " or ".join(_name(member) for member in get_args(annotation))
     if get_origin(annotation) is Literal:
         return " or ".join(repr(choice) for choice in get_args(annotation))
-    if annotation is None or annotation is type(None):
-        return "null"
     plain = {float: "a number", int: "an integer", bool: "true or false", str: "a string", Path: "a path"}
     if annotation in plain:
         return plain[annotation]

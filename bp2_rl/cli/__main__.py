@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 
 import bp2_rl
-from bp2_rl.cli.dispatch import dispatch
+from bp2_rl.cli.dispatch import choose, modules
 
 COMMANDS = {
     "train": "train a policy, stage by stage",
@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments[:1] == ["--version"]:
         print(f"bp2_rl {bp2_rl.__version__}")
         return 0
-    return dispatch("bp2", "bp2_rl.cli", COMMANDS, arguments)
+    return choose("bp2", modules("bp2_rl.cli", COMMANDS), arguments)
 
 
 if __name__ == "__main__":

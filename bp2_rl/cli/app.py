@@ -17,17 +17,28 @@ from typing import Any, TypeVar
 import tyro
 
 from bp2_rl.base.errors import RunStopped, UserError
+from bp2_rl.base.signals import listening
+from bp2_rl.cli import usage
 
 Config = TypeVar("Config")
 
-HELP = ("-h", "--help")
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+GRACE = 3.0  # s
+STOPPED = "stopped by SIGTERM"
 
 
-def run(command: Callable[[], None]) -> int:
-    """Run a command and turn how it ends into an exit status; no traceback reaches the terminal."""
+def run(command: Callable[[], None], *, patient: bool = True) -> int:
+    """Run a command and turn how it ends into an exit status; no traceback reaches the terminal.
+
+    SIGTERM ends a command tidily, as Ctrl-C does. Where either finds the main thread in compiled code, XLA's compiler
+    for one, the process ends after `GRACE` seconds: whole files are written or none, and child processes end with it.
+
+    Args:
+        command: what to do.
+        patient: let a command that has heard the signal take its time to tidy up; else it has `GRACE` seconds.
+    """
     try:
-        with _terminable(), _without_reader():
+        with _terminable(patient), _without_reader():
             command()
     except UserError as error:
         print(f"error: {_one_line(str(error))}", file=sys.stderr)
@@ -46,20 +57,34 @@ def run(command: Callable[[], None]) -> int:
 
 
 @contextlib.contextmanager
-def _terminable() -> Generator[None]:
-    """Let SIGTERM end a command tidily, as Ctrl-C does; a training replaces the handler."""
+def _terminable(patient: bool) -> Generator[None]:
+    """See `run`; a training that has something to save replaces the handlers."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    answered = threading.Event()
 
     def stop(number: int, _: object) -> None:
-        raise RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
+        if patient:
+            answered.set()
+        raise KeyboardInterrupt if number == signal.SIGINT else RunStopped(STOPPED, 128 + number)
 
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    if ours:
-        signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        if ours:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    def insist(number: signal.Signals) -> None:
+        if number in (signal.SIGINT, signal.SIGTERM) and not answered.wait(GRACE):
+            print(STOPPED if number == signal.SIGTERM else "interrupted", file=sys.stderr, flush=True)
+            os._exit(128 + number)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with listening(insist):
+        for number, handler in before.items():
+            if handler in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, stop)
+        try:
+            yield
+        finally:
+            answered.set()
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -129,7 +154,7 @@ def failures_into(folder: Path) -> Generator[None]:
 def parse(
     config: type[Config], argv: Sequence[str] | None, prog: str, default: Config | None = None, *, part: bool = False
 ) -> Config:
-    """The config that the command line describes; `--help` prints and exits with status 0.
+    """Return the config that the command line describes; `--help` prints and exits with status 0.
 
     Args:
         config: a dataclass; its docstring and its fields' are the help.
@@ -141,18 +166,19 @@ def parse(
     Raises:
         UserError: one line that names the flag at fault.
     """
+    words = list(sys.argv[1:] if argv is None else argv)
+    if usage.is_asked(words) and not part:
+        print(usage.describe(config, prog, default, everything=usage.HELP_ALL in words))
+        raise SystemExit(OK)
     complaint = io.StringIO()
+    # To tyro, None is a default like any other.
+    chosen: dict[str, Any] = {"prog": prog, "add_help": False} | ({} if default is None else {"default": default})
     try:
         with contextlib.redirect_stderr(complaint):
-            # To tyro, None is a default like any other.
-            chosen: dict[str, Any] = {} if default is None else {"default": default}
             if part:
-                argv = [word for word in (sys.argv[1:] if argv is None else argv) if word not in HELP]
-                return tyro.cli(config, args=argv, prog=prog, return_unknown_args=True, **chosen)[0]
-            return tyro.cli(config, args=argv, prog=prog, **chosen)
-    except SystemExit as end:
-        if end.code in (0, None):
-            raise
+                return tyro.cli(config, args=words, return_unknown_args=True, **chosen)[0]
+            return tyro.cli(config, args=words, **chosen)
+    except SystemExit:
         line = f"{_in_one_line(complaint.getvalue())} (see {prog} --help)"
         raise (UserError if re.search(r"Error parsing (?!--)", complaint.getvalue()) else FlagError)(line) from None
 

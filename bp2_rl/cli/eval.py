@@ -14,7 +14,6 @@ from typing import Annotated, Literal
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
@@ -45,8 +44,6 @@ class EvalConfig:
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
     """A policy folder or a training run's folder."""
-    policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """The same, as a flag."""
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
@@ -96,13 +93,13 @@ def evaluate(
         again: the command that repeats this evaluation, for the reports.
     """
     setup = setup_type(**{field.name: getattr(config, field.name) for field in dataclasses.fields(setup_type)})
-    path = choose_policy(config)
+    path = config.run or asset_path(DEFAULT_POLICY)
     for name in filter(None, (path, config.out)):
         require_name(name)
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
-    from bp2_rl.cli.runtime import prepare_jax  # isort: skip
+    from bp2_rl.cli.runtime import find_backend, prepare_jax  # isort: skip
 
     from rich.console import Console
 
@@ -115,6 +112,7 @@ def evaluate(
     if config.backend == "mujoco":
         compute_here()  # and leave the accelerator to a training that may be running
     prepare_jax()
+    find_backend()
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)
     policy = load_policy(path, layout_of=layout_of)
@@ -144,10 +142,3 @@ def evaluate(
     if config.benchmark == ALL:
         terminal.print_overview(evaluations, console)
     console.print(f"report: {out / page.PAGE}", soft_wrap=True, markup=False)
-
-
-def choose_policy(config: EvalConfig) -> Path:
-    """The policy asked for, or the one that ships."""
-    if config.run is not None and config.policy is not None:
-        raise UserError(f"two policies given: {config.run} and --policy {config.policy}; name one")
-    return config.run or config.policy or asset_path(DEFAULT_POLICY)

@@ -5,17 +5,16 @@ import dataclasses
 import importlib.util
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.files import require_name
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.robot.specs import RobotName, robot_name
 
@@ -23,7 +22,7 @@ WEB = ("viser", "trimesh")  # packages that a page needs
 
 
 @dataclasses.dataclass(frozen=True)
-class PlayConfig:
+class PlayConfig(Bounded, path="--"):
     """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
 
     In a window where there is a display, else in a browser. Ctrl-C ends it.
@@ -44,15 +43,6 @@ class PlayConfig:
     """m/s that are commanded at first."""
     seconds: Annotated[float, Within(0.0, 1e9, open_below=True, infinite=True)] = float("inf")
     """Ends by itself after so long."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
-        check_bounds(self, "--")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: play(app.parse(PlayConfig, argv, "bp2 play")))
 
 
 def play(config: PlayConfig) -> None:
@@ -110,3 +100,6 @@ def has_display() -> bool:
     if sys.platform == "darwin":
         return False
     return sys.platform == "win32" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+main = Command("bp2 play", PlayConfig, play)

@@ -13,9 +13,25 @@ import jax
 # one, in a process of their own.
 _gl_library = os.environ.pop("MUJOCO_GL", None)
 import bp2_rl.robot.mjx  # noqa: E402, F401
+from bp2_rl.base.errors import UserError  # noqa: E402
 
 if _gl_library is not None:
     os.environ["MUJOCO_GL"] = _gl_library
+
+
+def find_backend() -> str:
+    """Return the kind of device on which JAX computes: `cpu`, or an accelerator's.
+
+    Raises:
+        UserError: the environment asks for a kind that is not there.
+    """
+    try:
+        return jax.default_backend()
+    except (AssertionError, RuntimeError) as error:
+        raise UserError(
+            f"JAX finds no device of JAX_PLATFORMS={jax.config.values['jax_platforms']}: leave JAX_PLATFORMS away, or, "
+            'for NVIDIA, see that nvidia-smi works and pip install -c constraints.txt -e ".[gpu]"'
+        ) from error
 
 
 def prepare_jax(*, deterministic: bool = False) -> None:

@@ -2,17 +2,16 @@
 
 import dataclasses
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
@@ -22,7 +21,7 @@ VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, var
 
 
 @dataclasses.dataclass(frozen=True)
-class StudyArguments:
+class StudyArguments(Bounded, path="--"):
     """Train variants of the recipe with several seeds, judge every saved policy in C MuJoCo, and compare.
 
     One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
@@ -44,15 +43,6 @@ class StudyArguments:
     jobs: JobsConfig = JobsConfig()
     train: bool = True
     """--no-train: only summarise what is there"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _study(app.parse(StudyArguments, argv, "bp2 study")))
 
 
 def _study(arguments: StudyArguments) -> None:
@@ -91,9 +81,14 @@ def _study(arguments: StudyArguments) -> None:
         save_figure(learning_curves(arguments.out, plan.variants, plan.seeds), arguments.out / "learning_curves.png")
         save_figure(top_speeds(outcomes), arguments.out / "top_speeds.png")
         print(table(outcomes))
+        if fallen := [one.variant for one in outcomes if not any(one.top_speeds)]:
+            print(f"all last policies of {', '.join(fallen)} fell in every launch: 0.00 is no speed, and no comparison")
         print(f"figures: {arguments.out / 'top_speeds.png'}, {arguments.out / 'learning_curves.png'}")
     elif not arguments.train:
         raise UserError(f"{arguments.out} holds no judged run of {', '.join(plan.variants)}")
     if missing:
         names = ", ".join(training.name for training in missing)
         raise RunStopped(f"not trained: {names}; call again to go on", status=1)
+
+
+main = Command("bp2 study", StudyArguments, _study)

@@ -6,7 +6,7 @@ import dataclasses
 import datetime
 import os
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
@@ -16,7 +16,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import NPROC_IS_OURS, end_with_caller, processors
-from bp2_rl.cli import app
+from bp2_rl.cli import app, usage
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
@@ -27,6 +27,13 @@ from bp2_rl.settings.tracking import Tracker, choose_tracker
 from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, load_run_config
 
 Config = TypeVar("Config")
+EVERYDAY = {
+    "what is trained": ("stage", "preset", "weights", "robot", "reference"),
+    "runs": ("out", "from", "resume", "replay"),
+    "how long": ("run.steps", "until", "run.seed", "run.films"),
+    "by what": ("impl", "ppo.num-envs", "deterministic", "track", "cluster.coordinator"),
+}
+"""Flags that --help shows, by its headings; --help-all shows all."""
 DEVICES = "xla_force_host_platform_device_count"
 RUNS = Path("runs")
 
@@ -36,38 +43,35 @@ class ProcessOptions:
     """How the process runs, whatever it trains; also with --resume and --replay."""
 
     deterministic: bool = False
-    """on GPUs, too, the same run gives the same bits; somewhat slower, and not with --impl warp"""
+    """a GPU, too, repeats the same bits; slower, and not with --impl warp"""
     track: Tracker | None = None
-    """send the metrics to this tracker, too; a resumed run goes on with the one that it has"""
+    """send the metrics to this tracker, too"""
     cluster: ClusterConfig = ClusterConfig()
 
 
 @dataclasses.dataclass(frozen=True)
 class TrainArguments:
-    """Train BP2 to run. The presets set everything below; every setting can be changed by its flag."""
+    """Train BP2 to run. A preset chooses the settings; flags change them."""
 
     stage: Stage = "imitation"
-    """imitation: from random weights; relaxed: continues from an imitation run"""
+    """imitation: from random weights; relaxed: on from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees an accelerator, else cpu; first: a first
-    training that learns to trot in minutes; smoke: the shortest one, for tests"""
+    """auto: gpu where JAX sees one, else cpu; first: learn to trot, in minutes; smoke: for tests"""
     weights: Weights | None = None
-    """paper: the rewards of Table S4, the default of the preset smoke; ours, the default of cpu and gpu: tracking worth
-    more (1.25 in cpu, 2 in gpu) and rewarded at larger errors the faster the command, which 10 m/s needs"""
+    """rewards of Table S4, the default of smoke; or ours, in which tracking is worth more"""
     robot: RobotName | None = None
-    """built: with losses, a bus and solid legs; ideal: without; by default that of --from, else built"""
+    """built: with losses and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
-    """the run's folder; default runs/STAGE-DATE-TIME"""
+    """the run's folder [runs/STAGE-DATE-TIME]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """a run whose networks to start from, and whose settings where they are not its preset's; for --stage relaxed
-    default the newest finished imitation run"""
+    """take networks, and settings other than its preset's, from this run; for relaxed by default the newest finished
+    imitation run"""
     resume: Path | None = None
-    """go on with this stopped run exactly where it stands, with its own settings"""
+    """go on with this stopped run where it stands"""
     replay: Path | None = None
-    """repeat the train step at which this run stopped as not finite, and say what was not finite first"""
+    """repeat the train step that was not finite in this run, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: kernel is BP2's own and the fastest everywhere, jax is stock MJX, warp is for NVIDIA and not exactly
-    repeatable"""
+    """physics: BP2's own kernel, the fastest; stock MJX; or NVIDIA's Warp, not repeatable"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -77,47 +81,60 @@ class TrainArguments:
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    status = app.run(lambda: _refuse_early(words))
+    status = app.run(lambda: _answer_early(words))
     if status != app.OK:
         return status
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
-    return cluster.leave(app.run(lambda: _train(words)))
+    return cluster.leave(app.run(lambda: _train(words), patient=False))
 
 
-def _refuse_early(argv: list[str]) -> None:
-    arguments = refuse_early(argv, "train.py", TrainArguments, train_arguments)
+def _answer_early(argv: list[str]) -> None:
+    arguments = answer_early(argv, "train.py", train_arguments, EVERYDAY)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.launch.track, arguments.resume)
 
 
-def refuse_early(
-    argv: list[str], prog: str, arguments: type[Config], with_defaults: Callable[[TrainConfig], Config]
+def answer_early(
+    argv: list[str],
+    prog: str,
+    with_defaults: Callable[[TrainConfig], Config],
+    everyday: Mapping[str, Sequence[str]] | None = None,
 ) -> Config | None:
-    """Answer a mistake before JAX is imported, which takes seconds.
+    """Print the help, and exit, or refuse a mistake before JAX is imported, which takes seconds.
 
-    What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So only
-    what is wrong with every preset is refused here, and with a parent only what is no flag or of another type. In a
-    cluster nothing is: there the others must hear of a mistake, too.
+    What a flag may be can hang on the machine's preset and on the parent's settings, which are not known yet. So help
+    shows the defaults of the preset named, else of `cpu`. Only what is wrong with every preset is refused, and with a
+    parent only what is no flag or of another type. In a cluster nothing is: there the others must hear of it, too.
 
-    Gives the arguments, where they can be told already; their defaults may yet be others.
+    Return the arguments, where they can be told already; their defaults may yet be others.
 
     Args:
         argv: the command line.
         prog: the command as the user types it.
-        arguments: the dataclass of its flags.
-        with_defaults: those of a preset as their defaults.
+        with_defaults: the arguments with a preset's settings as their defaults.
+        everyday: what the help shows, as of `usage.describe`.
     """
-    if set(app.HELP) & set(argv) or any(word.startswith("--cluster.coordinator") for word in argv):
-        return None
     named, mistakes = read_named(argv), []
+
+    def defaults(preset: Preset) -> Config:
+        return with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
+
+    if usage.is_asked(argv):
+        preset = named.preset or "cpu"
+        note = f"Defaults are in brackets, here those of the preset {preset}."
+        default = defaults(preset)
+        print(usage.describe(type(default), prog, default, everyday, note, everything=usage.HELP_ALL in argv))
+        raise SystemExit(app.OK)
+    if any(word.startswith("--cluster.coordinator") for word in argv):
+        return None
     for preset in (named.preset,) if named.preset else get_args(Preset):
         try:
-            defaults = with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
-            return app.parse(arguments, argv, prog, default=defaults)
+            default = defaults(preset)
+            return app.parse(type(default), argv, prog, default=default)
         except UserError as mistake:
             mistakes.append(mistake)
     if isinstance(mistakes[0], app.FlagError) or (named.parent is None and named.stage == "imitation"):
@@ -128,7 +145,7 @@ def refuse_early(
 def _train(argv: list[str]) -> None:
     import numpy as np
 
-    from bp2_rl.cli.runtime import prepare_jax
+    from bp2_rl.cli.runtime import find_backend, prepare_jax
     from bp2_rl.learning import cluster, run
 
     end_with_caller()
@@ -136,8 +153,8 @@ def _train(argv: list[str]) -> None:
     launch = app.parse(ProcessOptions, argv, "train.py", part=True)
     use_processors(read_named(argv))
     prepare_jax(deterministic=launch.deterministic)
-    if not set(app.HELP) & set(argv):
-        cluster.join(launch.cluster)
+    cluster.join(launch.cluster)
+    find_backend()  # where there is none, every further word to the others would fail
     with cluster.together():
         arguments = _parse(argv)
         tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
@@ -159,6 +176,8 @@ def _train(argv: list[str]) -> None:
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
+    if arguments.preset == "gpu" and find_backend() == "cpu":
+        say("JAX sees no accelerator: on a processor such a training takes days, and --preset cpu takes ten minutes")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out), _judge(config) as judge:
@@ -218,7 +237,7 @@ def read_named(argv: list[str]) -> NamedDefaults:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     for flag in ("--stage", "--preset", "--weights", "--robot", "--from", "--resume", "--replay", "--impl"):
         first.add_argument(flag, nargs="?")
-    words = vars(first.parse_known_args([word for word in argv if word not in app.HELP])[0])
+    words = vars(first.parse_known_args([word for word in argv if word not in usage.HELP])[0])
     run = words["replay"] if words["resume"] is None else words["resume"]
     return NamedDefaults(
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
@@ -261,7 +280,7 @@ def _parse(argv: list[str]) -> TrainArguments:
     named = read_named(argv)
     preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
     parent = named.parent
-    if not (set(app.HELP) & set(argv) or named.goes_on is not None):
+    if named.goes_on is None:
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:
@@ -293,9 +312,9 @@ def defaults_here(
     stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
 ) -> tuple[Preset, TrainConfig]:
     """Return the named preset, or else the one for this machine, and its settings."""
-    import jax
+    from bp2_rl.cli.runtime import find_backend
 
-    on_cpu = jax.default_backend() == "cpu"
+    on_cpu = find_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
     return preset, make_config(stage, preset, weights, robot or "built")
 

@@ -3,17 +3,16 @@
 import dataclasses
 import importlib.util
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
-from bp2_rl.cli import app
-from bp2_rl.cli.train import TrainArguments, refuse_early, train_arguments
+from bp2_rl.cli.dispatch import Command
+from bp2_rl.cli.train import answer_early, train_arguments
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import make_config
@@ -24,7 +23,7 @@ SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "
 
 
 @dataclasses.dataclass(frozen=True)
-class TuneArguments:
+class TuneArguments(Bounded, path="--"):
     """Search for settings of the imitation stage with which a policy runs faster, judged in C MuJoCo.
 
     Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
@@ -49,15 +48,6 @@ class TuneArguments:
     """processes that judge policies while others train"""
     jobs: JobsConfig = JobsConfig()
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: _tune(app.parse(TuneArguments, argv, "bp2 tune")))
-
 
 def _tune(arguments: TuneArguments) -> None:
     require_name(arguments.out)
@@ -67,7 +57,7 @@ def _tune(arguments: TuneArguments) -> None:
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
-            refuse_early(words, "bp2 tune --search", TrainArguments, train_arguments)
+            answer_early(words, "bp2 tune --search", train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()
@@ -80,14 +70,17 @@ def _tune(arguments: TuneArguments) -> None:
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
     resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
     ranked = run(search, arguments.out, arguments.trials, resources)
-    lines = [f"| {one.number} | {_speed(one.top_speed)} | {' '.join(one.flags)} |" for one in ranked]
+    speeds = ["-" if one.top_speed is None else f"{one.top_speed:.2f}" for one in ranked]
+    lines = [f"| {one.number} | {speed} | {' '.join(one.flags)} |" for one, speed in zip(ranked, speeds, strict=True)]
     table = "\n".join(["| trial | top speed [m/s] | flags |", "| ---: | ---: | --- |", *lines, ""])
     write_text(arguments.out / "table.md", table)
     print(table)
     if ranked[0].top_speed is None:
         raise RunStopped(f"no trial was trained to its end: see {arguments.out}/trial-*.txt", status=1)
+    if ranked[0].top_speed == 0.0:
+        raise RunStopped("all policies fell in every launch, so no trial is better than another: let --steps be more, "
+                         "or take a larger --preset", status=1)  # fmt: skip
     print(f"python train.py --preset {arguments.preset} {' '.join(ranked[0].flags)}")
 
 
-def _speed(speed: float | None) -> str:
-    return "-" if speed is None else f"{speed:.2f}"
+main = Command("bp2 tune", TuneArguments, _tune)

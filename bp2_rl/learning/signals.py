@@ -3,10 +3,10 @@
 import contextlib
 import os
 import signal
-import socket
 import threading
 from collections.abc import Callable
 
+from bp2_rl.base.signals import listening
 from bp2_rl.learning import cluster
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -31,24 +31,17 @@ class StopSignals:
     def __enter__(self) -> "StopSignals":
         """Take over the handlers."""
         if self._in_main_thread:
-            self._reader, self._writer = socket.socketpair()
-            self._writer.setblocking(False)
-            self._listener = threading.Thread(target=self._listen, name="signals", daemon=True)
-            self._listener.start()
+            self._listening = listening(self._hear)
+            self._listening.__enter__()
             self._handlers = {number: signal.signal(number, lambda *_: None) for number in STOPPING}
-            # Python's handlers run between two lines of Python; the number is written here at once.
-            self._wakeup = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Give back the handlers."""
         if self._in_main_thread:
-            signal.set_wakeup_fd(self._wakeup)
             for number, handler in self._handlers.items():
                 signal.signal(number, handler)
-            self._writer.close()
-            self._listener.join()
-            self._reader.close()
+            self._listening.__exit__(None, None, None)
 
     def received(self) -> signal.Signals | None:
         """Return the signal that this or another process of the cluster has caught; all must call at the same step."""
@@ -57,15 +50,11 @@ class StopSignals:
             self.caught = signal.Signals(number)
         return self.caught if number else None
 
-    def _listen(self) -> None:
-        while byte := self._reader.recv(1):
-            if byte[0] not in STOPPING:
-                continue
-            number = signal.Signals(byte[0])
-            if self.caught is None:
-                self.caught = number
-                with contextlib.suppress(OSError):  # the thread must outlive a full disk
-                    self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
-            elif number is signal.SIGINT:
-                self._leave()
-                os._exit(128 + number)
+    def _hear(self, number: signal.Signals) -> None:
+        if self.caught is None and number in STOPPING:
+            self.caught = number
+            with contextlib.suppress(OSError):  # a full disk must not deafen us
+                self._say(f"{number.name}: stopping after this train step; Ctrl-C now quits at once")
+        elif number is signal.SIGINT:
+            self._leave()
+            os._exit(128 + number)

@@ -7,10 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from tensorboardX.event_file_writer import EventsWriter
-from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
-from tensorboardX.summary import scalar
-
 from bp2_rl.base.files import BadFileError, flush, parse_json, write_bytes
 
 METRICS = "metrics.jsonl"
@@ -71,6 +67,12 @@ class EventsFile:
     """
 
     def __init__(self, run_dir: Path, start_step: int):
+        # Imported where it is used: on some machines that takes seconds.
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+        from tensorboardX.summary import scalar
+
+        self._event, self._scalar = Event, scalar
         self._writer = EventsWriter(str(run_dir / "events"), f".{start_step}")
         if start_step:
             self._writer.write_event(Event(step=start_step + 1, file_version="brain.Event:2"))
@@ -78,8 +80,8 @@ class EventsFile:
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
-        for summary in [scalar(name, value) for name, value in metrics.items() if math.isfinite(value)]:
-            self._writer.write_event(Event(step=step, wall_time=wall_time, summary=summary))
+        for summary in [self._scalar(name, value) for name, value in metrics.items() if math.isfinite(value)]:
+            self._writer.write_event(self._event(step=step, wall_time=wall_time, summary=summary))
         self._writer.flush()
 
     def close(self) -> None:

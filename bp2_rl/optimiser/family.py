@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base import serialization as config
-from bp2_rl.base.bounds import Range, Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Form, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
@@ -70,7 +70,7 @@ class Limits(Form):
 
 
 @dataclasses.dataclass(frozen=True)
-class SlowEnd:
+class SlowEnd(Bounded, path="slow."):
     """The form of slow trots: its limits go along straight lines between two speeds. Faster ones have none.
 
     All ASSUMED: at the upper speed nearly what the motion there has anyway; at the lower one and below, a trot that a
@@ -101,10 +101,6 @@ class SlowEnd:
         torque_rate=6e3,
     )
     proximity: Annotated[float, Within(0.0, 1e6)] = 1.0  # as the family's, of trots that have to change
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self, "slow.")
 
     def limit(self, problem: Problem) -> Problem:
         """The problem within the limits of its speed."""

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, HardwareSpec
@@ -107,7 +107,7 @@ STRIDES: dict[Gait, Stride] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class CostWeights:
+class CostWeights(Bounded, path="weights."):
     """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
@@ -116,13 +116,9 @@ class CostWeights:
     force: Annotated[float, Within(1.0, 1e6)] = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
     smoothness_time: Annotated[float, Within(0.0, 1.0)] = specs.CONTROL_STEP  # s
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self, "weights.")
-
 
 @dataclasses.dataclass(frozen=True)
-class Form:
+class Form(Bounded, path="form."):
     """Limits on the form of a stride beyond those of physics; the defaults limit nothing."""
 
     least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
@@ -133,10 +129,6 @@ class Form:
     """m/s, of a sole before touchdown, downwards as well as along"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self, "form.")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -179,7 +179,7 @@ class EnvConfig:
     """All settings of BP2Env."""
 
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
-    """the motion that residual actions, imitation rewards and episode starts are about; none: standing still"""
+    """the motion that actions, rewards and starts are about; none: standing"""
     hardware: HardwareSpec = HardwareSpec()
     gait: KinematicConfig = KinematicConfig()
     library: CollocationConfig = CollocationConfig()

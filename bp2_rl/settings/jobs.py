@@ -4,12 +4,12 @@ import dataclasses
 import importlib.util
 from typing import Annotated, Literal
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import not_installed
 
 
 @dataclasses.dataclass(frozen=True)
-class JobsConfig:
+class JobsConfig(Bounded, path="--jobs."):
     """Where the trainings run. By default here, one on each GPU at a time."""
 
     executor: Literal["here", "slurm", "local"] = "here"
@@ -26,10 +26,6 @@ class JobsConfig:
     """Slurm's"""
     account: str | None = None
     """Slurm's"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--jobs.")
 
     def require(self) -> None:
         """Raise `UserError` where submitit is needed and not there."""

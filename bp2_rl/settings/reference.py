@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.bounds import Share, Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
 from bp2_rl.robot import kinematics, specs
@@ -45,16 +45,12 @@ class KinematicConfig:
 
 
 @dataclasses.dataclass(frozen=True)
-class CollocationConfig:
+class CollocationConfig(Bounded, path="library."):
     """Which motion library is played, and how it grows out of standing."""
 
     path: str = LIBRARIES[0]  # of the library, or the name of one that ships: bp2_trot, bp2_trot_slow
     stepping_speed: Annotated[float, Within(0.001, 100.0)] = 0.4
     """m/s, below which steps shrink, to nothing when standing"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field; the library is read at first use."""
-        check_bounds(self, "library.")
 
     @property
     def file(self) -> Path:

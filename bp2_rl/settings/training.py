@@ -26,7 +26,7 @@ LARGEST_SEED = 2**32 - 1
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """How long, from which seed, and what is kept."""
+    """The length of a run, its seed, and what is kept."""
 
     steps: Steps = 100_000_000  # control steps, all robots together
     seed: Annotated[int, Within(0, LARGEST_SEED)] = 0
@@ -39,7 +39,7 @@ class RunConfig:
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
 
     films: bool = False
-    """film the launch of each policy that is judged; the run's films.html shows them with the speeds as they come"""
+    """film each judged policy's launch, into films.html in the run's folder"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""

@@ -4,11 +4,11 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.arrays import ArrayT, Number
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 
 
 @dataclasses.dataclass(frozen=True)
-class HeadingHold:
+class HeadingHold(Bounded, path="--operator."):
     """Keeps a robot on the line through its start.
 
     yaw-rate command = -heading_gain x yaw - lane_gain x y, clipped; y is the distance to the left of the line. Added
@@ -21,10 +21,6 @@ class HeadingHold:
     """yaw rate for each metre beside the line, 1/(m s); heading_gain^2 / (4 v) is critical damping at a speed v"""
     limit: Annotated[float, Within(0.0, 1000.0)] = 0.5
     """largest yaw rate commanded, rad/s; 0: nobody steers"""
-
-    def __post_init__(self) -> None:
-        """Refuse what no operator can do."""
-        check_bounds(self, "--operator.")
 
     def steer(self, command: ArrayT, y: Number, yaw: Number) -> ArrayT:
         """The command ("... 3") with the operator's yaw rate at a place and heading ("..."); numpy and jax alike."""

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.bounds import Positive, check_bounds
+from bp2_rl.base.bounds import Bounded, Positive, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.settings.env import ControlConfig, Limit
 
@@ -116,15 +116,11 @@ class Ramp:
 
 
 @dataclasses.dataclass(frozen=True)
-class Leg:
+class Leg(Bounded, path="leg."):
     """A part of a course: to a command, in a straight line from the one before."""
 
     command: Command
     seconds: Positive
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        check_bounds(self, "leg.")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import yaw_of
 
@@ -19,20 +19,16 @@ EVEN = 1.0  # m, around the start: there it is even
 
 
 @dataclasses.dataclass(frozen=True)
-class Push:
+class Push(Bounded, path="push."):
     """A jump of the whole robot's velocity, in the frame of its heading."""
 
     time: Annotated[float, Within(0.0, 600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
     left: Annotated[float, Within(-10.0, 10.0)]  # m/s
 
-    def __post_init__(self) -> None:
-        """Refuse what no robot is pushed by."""
-        check_bounds(self, "push.")
-
 
 @dataclasses.dataclass(frozen=True)
-class World:
+class World(Bounded, path="world."):
     """Ground and disturbances; the default is a level, even floor where nothing happens.
 
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and speeds are those over the slope,
@@ -44,10 +40,6 @@ class World:
     roughness: Annotated[float, Within(0.0, 0.2)] = 0.0  # m, from the lowest point to the highest
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of the rough ground
     pushes: tuple[Push, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run on."""
-        check_bounds(self, "world.")
 
     def scene(self) -> Callable[[mujoco.MjSpec], None] | None:
         """What is changed of the scene before it is compiled, if anything is."""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bp2_rl.base.bounds import Count, Positive, Range, Share, Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Count, Positive, Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
 
 
@@ -94,3 +94,23 @@ def test_any_number_outside_is_refused(bounds, data):
         outside |= st.floats(min_value=bounds.most, exclude_min=not bounds.open_above)
     with pytest.raises(UserError, match=r"^number must be .*, got \S+$"):
         check_bounds(one_number(bounds, data.draw(outside)))
+
+
+def test_a_bounded_dataclass_refuses_when_it_is_made_and_names_its_path_to_those_below_it():
+    @dataclasses.dataclass(frozen=True)
+    class Flags(Bounded, path="--"):
+        big_step: Positive = 1.0
+
+    @dataclasses.dataclass(frozen=True)
+    class More(Flags):
+        count: Count = 1
+
+    @dataclasses.dataclass(frozen=True)
+    class Plain(Bounded):
+        count: Count = 1
+
+    assert More(2.0, 3) == More(big_step=2.0, count=3)
+    with pytest.raises(UserError, match=r"^--big-step must be positive, got 0$"):
+        More(big_step=0.0)
+    with pytest.raises(UserError, match=r"^count must be at least 1, got 0$"):
+        Plain(0)

@@ -32,17 +32,6 @@ from bp2_rl.settings.training import TrainConfig
 
 
 @dataclasses.dataclass(frozen=True)
-class Walk:
-    stride: float = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Hop:
-    height: float
-    legs: tuple[str, ...] = ("FR", "FL")
-
-
-@dataclasses.dataclass(frozen=True)
 class Inner:
     rate: float = 3e-4
     sizes: tuple[int, ...] = (512, 256)
@@ -61,9 +50,8 @@ class Outer:
     limit: float = math.inf
     inner: Inner = Inner()
     spare: Inner | None = None
-    gait: Walk | Hop = Walk()
     span: Annotated[tuple[float, float], "for the parser"] = (0.0, 1.0)
-    number: int | float = 1
+    number: Annotated[float, "for the parser"] | None = None
     folder: Path | None = None
     results: dict[str, Any] = dataclasses.field(default_factory=dict)
     layout: tuple[tuple[str, int], ...] = (("up", 3),)
@@ -85,9 +73,8 @@ outers = st.builds(
     limit=finite,
     inner=inners,
     spare=st.none() | inners,
-    gait=st.builds(Walk, finite) | st.builds(Hop, finite, st.lists(st.text()).map(tuple)),
     span=st.tuples(finite, finite),
-    number=st.integers() | finite,
+    number=st.none() | finite,
     folder=st.none() | st.just(Path("runs/a")),
     results=st.dictionaries(st.text(), st.integers() | st.text() | st.lists(st.booleans())),
     layout=st.lists(st.tuples(st.text(), st.integers())).map(tuple),
@@ -145,11 +132,9 @@ def test_an_integer_is_a_fine_float():
         ({"steps": 1, "inner": {"mode": "wild"}}, "inner.mode: expected 'adaptive' or 'fixed', got 'wild'"),
         ({"steps": 1, "inner": {"rate": -1}}, "inner: rate must be positive"),
         ({"steps": 1, "spare": {"rate": "x"}}, "spare.rate: expected a number"),
-        ({"steps": 1, "spare": 1}, "spare: expected an object (Inner) or null, got 1"),
+        ({"steps": 1, "spare": 1}, "spare: expected an object (Inner), got 1"),
+        ({"steps": 1, "number": "x"}, "number: expected a number, got 'x'"),
         ({"steps": 1, "span": [1]}, "span: expected 2 entries, got 1"),
-        ({"steps": 1, "gait": {"stride": 1}}, "gait.type: expected one of Walk, Hop, got None"),
-        ({"steps": 1, "gait": {"type": "Hop"}}, "gait.height: missing"),
-        ({"steps": 1, "gait": {"type": "Walk", "height": 1}}, "gait.height: unknown key"),
         ({"steps": 1, "layout": [["up", "3"]]}, "layout[0][1]: expected an integer"),
         ({"steps": 1, "sizes": [1, None]}, "sizes[1]: expected an integer"),
         ({"steps": 1, "results": [1]}, "results: expected an object, got [1]"),
@@ -173,14 +158,19 @@ def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
     class Strange:
         thing: complex = 1j
 
+    @dataclasses.dataclass(frozen=True)
+    class Either:
+        thing: int | str = 1
+
     with pytest.raises(TypeError, match="thing: a config cannot hold"):
         to_json(Strange())
+    with pytest.raises(TypeError, match=r"thing: a config cannot hold .* of unions, only X"):
+        to_json(Either())
 
 
 def test_equal_configs_have_equal_hashes_and_others_do_not():
     assert config_hash(Inner(rate=1)) == config_hash(Inner(rate=1.0))
     assert config_hash(Inner(rate=1.0)) != config_hash(Inner(rate=1.0 + 1e-15))
-    assert config_hash(Outer(1, gait=Walk(0.5))) != config_hash(Outer(1, gait=Hop(0.5)))
 
 
 def test_the_hash_is_the_same_in_another_process():

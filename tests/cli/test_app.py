@@ -1,8 +1,10 @@
 """How commands end: the exit status, and the one line on standard error."""
 
 import dataclasses
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Literal
 
@@ -71,6 +73,7 @@ def test_a_users_mistake_leaves_no_log(tmp_path):
 def test_work_goes_on_when_nobody_reads_its_output_any_more(tmp_path):
     program = f"""
 import sys
+import time
 from pathlib import Path
 from bp2_rl.cli import app
 
@@ -130,3 +133,32 @@ def test_no_message_installs_from_an_index_what_is_not_on_one():
     sources = {path: path.read_text() for path in Path(bp2_rl.__file__).parent.rglob("*.py")}
     assert len(sources) > 50
     assert not [path for path, text in sources.items() if "bp2_rl[" in text]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+@pytest.mark.parametrize(("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM"), (signal.SIGINT, "interrupted")])
+def test_a_signal_ends_a_command_that_computes_for_minutes_outside_python(number, line):
+    program = """
+import hashlib, signal, sys
+from bp2_rl.cli import app
+app.GRACE = 0.5
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored, in the background
+
+def command():
+    print("began", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)  # a quarter of an hour in C, in which Python runs no handler
+
+sys.exit(app.run(command))
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "began\n"
+    time.sleep(0.2)  # until it is in there
+    process.send_signal(number)
+    try:
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, said) == (128 + number, f"{line}\n")

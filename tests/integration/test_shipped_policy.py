@@ -18,7 +18,7 @@ FASTEST = "policies/fastest"
 
 either = pytest.mark.parametrize(
     ("shipped", "words"),
-    [(command.DEFAULT_POLICY, ()), (FASTEST, ("--policy", str(asset_path(FASTEST)), "--robot", "ideal"))],
+    [(command.DEFAULT_POLICY, ()), (FASTEST, (str(asset_path(FASTEST)), "--robot", "ideal"))],
     ids=["without arguments", "the fastest"],
 )
 

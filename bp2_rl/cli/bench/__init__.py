@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
-from bp2_rl.cli.train import defaults_here, read_named, refuse_early, use_processors
+from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
@@ -22,7 +22,7 @@ STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd"
 
 
 @dataclasses.dataclass(frozen=True)
-class BenchArguments:
+class BenchArguments(Bounded, path="--"):
     """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
 
     The presets set the sizes, as for train.py.
@@ -58,10 +58,6 @@ class BenchArguments:
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
-
     @property
     def main_robots(self) -> int:
         """The number of robots of what is measured once only."""
@@ -79,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _bench(argv: list[str]) -> None:
-    refuse_early(argv, "bp2 bench", BenchArguments, _with)
+    answer_early(argv, "bp2 bench", _with)
     use_processors(read_named(argv))
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.cli.bench.measuring import bench

@@ -43,9 +43,6 @@ from bp2_rl.tools.throughput.report import (
     scaling_figure,
 )
 
-BenchSize = tuple[int, int]
-"""(robots, devices)."""
-
 FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
 """The program whose start `--startup` times."""
 
@@ -94,8 +91,8 @@ def describe(arguments: BenchArguments) -> Bench:
     )
 
 
-def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
-    """What to measure, without repetition; raises UserError where there are fewer devices than asked for."""
+def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
+    """Yield (robots, devices), each once; raise UserError where there are fewer devices than asked for."""
     there = jax.device_count()
     if max(arguments.devices, default=1) > there:
         raise UserError(f"--devices {max(arguments.devices)}: JAX sees {there}")
@@ -105,12 +102,14 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[BenchSize]:
     else:
         most = arguments.max_robots or 8 * base
         devices = arguments.devices or tuple(2**k for k in range(there.bit_length()))
-        sizes = [(n, 1) for n in arguments.robots or _doublings(max(arguments.ppo.num_minibatches, base // 16), most)]
+        fewest = max(arguments.ppo.num_minibatches, base // 16)
+        doublings = tuple(fewest * 2**k for k in range((most // fewest).bit_length()))
+        sizes = [(n, 1) for n in arguments.robots or doublings]
         sizes += [size for d in devices for size in ((base, d), (base * d, d))]
     yield from dict.fromkeys(sizes)
 
 
-def measure_all(arguments: BenchArguments, sizes: Sequence[BenchSize], console: Console) -> Iterator[Case]:
+def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
     default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
     parts = arguments.parts or (("training",) if arguments.scaling else default)
@@ -125,7 +124,7 @@ def measure_all(arguments: BenchArguments, sizes: Sequence[BenchSize], console: 
         yield case
 
 
-def _measure(arguments: BenchArguments, size: BenchSize, parts: Sequence[PartName], console: Console) -> Case:
+def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[PartName], console: Console) -> Case:
     robots, devices = size
     case = measure_case(
         lambda robots: make_env(arguments, robots),
@@ -170,7 +169,9 @@ def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startu
                 command, env={**os.environ, "BP2_CACHE": cache}, capture_output=True, text=True, check=False
             )
             if ended.returncode:
-                raise UserError(f"--startup: the {name} start failed: {_last_line(ended.stderr)}")
+                raise UserError(
+                    f"--startup: the {name} start failed: {' '.join(ended.stderr.strip().splitlines()[-1:])}"
+                )
             moments = json.loads(ended.stdout.splitlines()[-1])
             starts.append(from_json(Startup, {key: moment - began for key, moment in moments.items()}))
             _tell(console, f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began")
@@ -193,16 +194,6 @@ def first_step() -> None:
 
 
 # --- Details -------------------------------------------------------------------------------------------------
-
-
-def _last_line(text: str) -> str:
-    return text.strip().rpartition("\n")[2]
-
-
-def _doublings(fewest: int, most: int) -> Iterator[int]:
-    while fewest <= most:
-        yield fewest
-        fewest *= 2
 
 
 def _open(folder: Path, report: Bench) -> None:

@@ -13,20 +13,13 @@ import tyro
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder
-from bp2_rl.cli import app
-from bp2_rl.cli.dispatch import choose
+from bp2_rl.cli.dispatch import Command, choose, entries
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
 from bp2_rl.cli.trajopt.solutions import load_solutions, save_family
 from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
 from bp2_rl.optimiser.problem import Problem, Starts
 from bp2_rl.optimiser.solution import save_solution, speed_name
-
-COMMANDS = {
-    "solve": "find the best trajectory at one speed, verify it, and keep it with its picture",
-    "verify": "judge solutions by a model that shares no code with the one they were found with",
-    "library": "build the library of reference motions",
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,21 +70,6 @@ class LibraryArguments:
         check_bounds(self)
         if self.to.suffix != ".npz":
             raise UserError(f"--to {self.to}: a library is an .npz file")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command that `argv` (the process's arguments by default) names; its exit status."""
-    return choose("bp2 trajopt", COMMANDS, argv, lambda name, words: app.run(lambda: _run(name, words)))
-
-
-def _run(name: str, words: Sequence[str]) -> None:
-    program = f"bp2 trajopt {name}"
-    if name == "solve":
-        _solve(parse_on_robot(SolveArguments, words, program))
-    elif name == "verify":
-        _verify(app.parse(VerifyArguments, words, program))
-    else:
-        _build(app.parse(LibraryArguments, words, program))
 
 
 def _solve(arguments: SolveArguments) -> None:
@@ -150,3 +128,15 @@ def _build(arguments: LibraryArguments) -> None:
     output.judge(family, strict=True)
     save_family(arguments.to, family, arguments.family)
     print(f"library: {arguments.to}")
+
+
+COMMANDS = {
+    "solve": Command("bp2 trajopt solve", SolveArguments, _solve, parse_on_robot),
+    "verify": Command("bp2 trajopt verify", VerifyArguments, _verify),
+    "library": Command("bp2 trajopt library", LibraryArguments, _build),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
+    return choose("bp2 trajopt", entries(COMMANDS), argv)

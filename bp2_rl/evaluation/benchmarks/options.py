@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Annotated
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
 from bp2_rl.simulation.backend import Backend
@@ -13,7 +13,7 @@ LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
 
 
 @dataclasses.dataclass(frozen=True)
-class Setup:
+class Setup(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     backend: Backend = "mujoco"
@@ -25,10 +25,6 @@ class Setup:
     seed: Annotated[int, Within(0, LARGEST_SEED)] | None = None
     sensor_noise: bool = False
     operator: HeadingHold = HEADING_HOLD
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        check_bounds(self, "--")
 
     @property
     def noise_seed(self) -> int | None:

@@ -5,7 +5,7 @@ A command imports SciPy, CasADi, MuJoCo and Matplotlib only when its flags are r
 
 from collections.abc import Sequence
 
-from bp2_rl.cli.dispatch import dispatch
+from bp2_rl.cli.dispatch import choose, modules
 
 COMMANDS = {
     "figures": "draw the paper's figures of robots and athletes, and the index of all its items",
@@ -17,4 +17,4 @@ COMMANDS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that `argv` (the process's arguments by default) names; return its exit status."""
-    return dispatch("bp2 paper", "bp2_rl.paper.cli", COMMANDS, argv)
+    return choose("bp2 paper", modules("bp2_rl.paper.cli", COMMANDS), argv)

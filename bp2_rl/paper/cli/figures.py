@@ -3,6 +3,7 @@
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,8 @@ from rich.text import Text
 
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import load_config, save_config, to_json
-from bp2_rl.cli import app
-from bp2_rl.cli.dispatch import choose
-from bp2_rl.paper.cli.index import FLAG, run_all
+from bp2_rl.cli.dispatch import Command, Entry, choose
+from bp2_rl.paper.cli.index import FLAG, make_all
 from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw
 
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 OUT = Path("reports/figures")
 COLUMNS = 130  # of a table
-COMMANDS = {name: (told.__doc__ or "").splitlines()[0] for name, told in FIGURES.items()} | {
-    FLAG: "every panel that can be made, and a page that says of each item of the paper what is ours"
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,21 +34,8 @@ class FigureReport:
     results: dict[str, Any]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """The figure that `argv` (the process's arguments by default) names; the exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    if FLAG in words:
-        return run_all(words)
-    return choose("bp2 paper figures", COMMANDS, words, _run)
-
-
-def _run(name: str, argv: Sequence[str]) -> int:
-    return app.run(lambda: _figure(name, argv))
-
-
-def _figure(name: str, argv: Sequence[str]) -> None:
+def _figure(name: str, arguments: Any) -> None:
     """Draw a figure as the command line says, print its tables, and leave its report."""
-    arguments = app.parse(with_folder(FIGURES[name], OUT / name), argv, f"bp2 paper figures {name}")
     require_name(arguments.out)
     drawn = draw(name, arguments.settings)  # what it is told is read first: a mistake leaves no folder
     open_folder(arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure)
@@ -91,3 +75,19 @@ def show(drawn: "Drawn") -> None:
         verdict = ": ".join(filter(None, (said.verdict, said.because)))
         table.add_row(*map(Text, (said.paper, said.ours, verdict)))
     print_table(table, COLUMNS)
+
+
+def _entry(name: str, settings: type[Any]) -> Entry:
+    command = Command(f"bp2 paper figures {name}", with_folder(settings, OUT / name), partial(_figure, name))
+    return (settings.__doc__ or "").splitlines()[0], command
+
+
+COMMANDS = {name: _entry(name, settings) for name, settings in FIGURES.items()} | {
+    FLAG: ("every panel that can be made, and a page that says of each item of the paper what is ours", make_all)
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the figure that `argv` (the process's arguments by default) names; return its exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    return choose("bp2 paper figures", COMMANDS, sorted(words, key=lambda word: word != FLAG))  # wherever --all stands

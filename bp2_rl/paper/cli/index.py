@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import read_bytes, read_json, require_name, write_text
 from bp2_rl.base.folders import find_folder, new_folder, open_report
 from bp2_rl.base.serialization import load_config, save_config
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
 from bp2_rl.paper.index.item import IndexRow, fill, read_items
 from bp2_rl.paper.index.sources import KEY, SOURCES, Choice, Key, Source, arguments, key_of
@@ -63,15 +62,6 @@ class IndexReport:
 
 class FailedError(Exception):
     """A command ended otherwise than well; the message is its last line."""
-
-
-def run_all(argv: Sequence[str]) -> int:
-    """The command; returns its exit status."""
-    return app.run(
-        lambda: _make_all(
-            app.parse(IndexArguments, [word for word in argv if word != FLAG], f"bp2 paper figures {FLAG}")
-        )
-    )
 
 
 def _make_all(chosen: IndexArguments) -> None:
@@ -191,3 +181,6 @@ def policy_name(chosen: IndexArguments) -> str:
 
 def _numbers(row: IndexRow) -> dict[str, Any]:
     return {part.at: part.value for part in (*row.ours, *row.because) if not isinstance(part, str)}
+
+
+make_all = Command(f"bp2 paper figures {FLAG}", IndexArguments, _make_all)

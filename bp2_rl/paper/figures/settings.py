@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.specs import RobotName
 
@@ -43,15 +43,11 @@ class RobotSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class RewardsSettings:
+class RewardsSettings(Bounded, path="--"):
     """Draw how the weights of imitation and of tracking go with the commanded speed (paper, Table S4)."""
 
     speed: Annotated[float, Within(0.1, 100.0)] = 15.5
     """the greatest command, m/s"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +75,7 @@ class LearningSettings:
 
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiabilitySettings:
+class IdentifiabilitySettings(Bounded, path="--"):
     """Draw which of the numbers that had to be assumed the paper's own numbers pin down, and which nothing does.
 
     Takes some minutes: trajectories are optimised again with each assumption a little larger and smaller.
@@ -91,10 +87,6 @@ class IdentifiabilitySettings:
     """of each segment of the trajectories"""
     speed: Annotated[float, Within(2.0, 14.0)] = 10.0
     """m/s, of the trajectory that the paper's Fig. 4 is compared with"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self, "--")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from rich.table import Table
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.optimiser.family import RESERVED, FamilyConfig
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
@@ -42,17 +42,13 @@ COLUMNS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class ObjectiveSettings:
+class ObjectiveSettings(Bounded):
     """Speeds and weights of forces that are compared."""
 
     speeds: tuple[Speed, ...] = (10.0, 8.0)  # m/s
     body_weights: tuple[Annotated[float, Within(0.1, 100.0)], ...] = (1.0, 2.0, 3.0)  # F bar
     starts: Starts = 2  # of each; the cheapest counts
     intervals: Intervals = 16  # of each segment, of what is compared
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self)
 
 
 @dataclasses.dataclass(frozen=True)

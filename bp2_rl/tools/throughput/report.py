@@ -15,7 +15,6 @@ from bp2_rl.settings.training import TrainConfig
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 
 NUMBERS, PICTURE = "bench.json", "scaling.png"
-NOT_MEASURED = "-"
 DRAWN: tuple[PartName, ...] = ("physics", "environment", "acting", "training")
 
 
@@ -88,7 +87,7 @@ def _cells(m: PartTiming) -> Iterable[str]:
         f"{m.spread / 2:.1%}",
         f"{m.trace_seconds:.1f}",
         f"{m.compile_seconds:.1f}{'*' if m.from_cache else ''}",
-        NOT_MEASURED if m.program_bytes is None else f"{count(m.program_bytes)}B",
+        "-" if m.program_bytes is None else f"{count(m.program_bytes)}B",
     )
 
 

@@ -206,6 +206,15 @@ def test_two_studies_do_not_work_on_one_folder(trained):
     assert run(folder)[0] == []
 
 
+def test_variants_that_all_fall_are_not_compared(trained, monkeypatch, capsys):
+    folder, *_ = trained
+    measured = measuring._measure
+    monkeypatch.setattr(measuring, "_measure", lambda *a: dataclasses.replace(measured(*a), top_speed=0.0, falls=3))
+    flags = ["--variants", "ours", "paper", "--seeds", "0", "--preset", "smoke", "--out", str(folder)]
+    assert command.main(flags) == 0
+    assert "all last policies of ours, paper fell in every launch" in capsys.readouterr().out
+
+
 def test_the_command_leaves_a_table_and_figures(trained, capsys):
     folder, *_ = trained
     flags = ["--variants", "ours", "paper", "--seeds", "0", "1", "--preset", "smoke", "--out", str(folder)]

@@ -104,6 +104,26 @@ def test_the_command_ranks_and_says_how_to_train_with_the_best(search, tmp_path,
     assert printed.splitlines()[-1] == f"python train.py --preset smoke {' '.join(best.flags)}"
 
 
+def test_nothing_is_recommended_among_policies_that_all_fall(search, tmp_path, monkeypatch, capsys):
+    fallen = PolicyMeasurement(1, "", None, 0.0, 3, 0.0, None)
+    monkeypatch.setattr(tuning, "measure_policies", lambda run_dir: [fallen])
+    flags = [
+        "--search",
+        "env.reward.tracking=0:4",
+        "--preset",
+        "smoke",
+        "--out",
+        str(tmp_path / "tune"),
+        "--trials",
+        "2",
+    ]
+    assert command.main([*flags, "--out", str(tmp_path / "tune")]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith("all policies fell in every launch")
+    assert "| 0.00 |" in printed.out
+    assert "python train.py" not in printed.out
+
+
 def test_values_are_words_that_train_py_reads():
     tracking, epochs, activation = SPACE
     rate = parse_dimension("--ppo.learning-rate=1e-5:1e-2:log")

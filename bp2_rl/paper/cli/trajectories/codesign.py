@@ -3,24 +3,20 @@
 import dataclasses
 from typing import Annotated
 
-from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.bounds import Bounded
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 
 
 @dataclasses.dataclass(frozen=True)
-class CodesignArguments:
+class CodesignArguments(Bounded):
     """Find gear ratio, leg length and spring stiffness along with the trajectory, and scan each."""
 
     settings: Annotated[CodesignSettings, Flat] = CodesignSettings()
     workers: Workers = 2
     """processes"""
     out: Folder = OUT / "codesign"
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
 
 
 def run_codesign(arguments: CodesignArguments) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder
 from bp2_rl.base.serialization import save_config
@@ -19,7 +19,7 @@ NUMBERS = "coupling.json"  # what is left in the folder, beside the figures
 
 
 @dataclasses.dataclass(frozen=True)
-class FiguresArguments:
+class FiguresArguments(Bounded):
     """Draw the paper's figures of a family of trajectories: force decomposition, one stride, the family over speed; and
     where its coupled inertial torques come from."""
 
@@ -28,10 +28,6 @@ class FiguresArguments:
     speed: Speed = 10.0
     """of the stride that is drawn, m/s"""
     out: Folder = OUT / "figures"
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
 
 
 def draw_figures(arguments: FiguresArguments) -> None:

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Annotated
 
-from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
@@ -13,7 +13,7 @@ SPEEDS = "speeds.json"  # what is left in the folder
 
 
 @dataclasses.dataclass(frozen=True)
-class LimitsArguments:
+class LimitsArguments(Bounded):
     """Find the greatest speed that has a trajectory at all, for BP2 and with one thing about it changed at a time."""
 
     problem: Annotated[Problem, Flat] = Problem(speed=13.2, intervals=8)
@@ -25,10 +25,6 @@ class LimitsArguments:
     """processes"""
     out: Folder = OUT / "limits"
     """folder of the file of speeds"""
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
 
 
 def find_limits(arguments: LimitsArguments) -> None:

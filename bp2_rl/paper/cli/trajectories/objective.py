@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Annotated
 
-from bp2_rl.base.bounds import check_bounds
+from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
@@ -14,7 +14,7 @@ NUMBERS = "objective.json"  # what is left in the folder, beside the solutions
 
 
 @dataclasses.dataclass(frozen=True)
-class ObjectiveArguments:
+class ObjectiveArguments(Bounded):
     """Compare the cheapest trajectories of BP2, of BP2 with the library's reserve and of co-design under one, two and
     three body weights of F bar, what forces are divided by in the cost."""
 
@@ -22,10 +22,6 @@ class ObjectiveArguments:
     workers: Workers = 2
     """processes"""
     out: Folder = OUT / "objective"
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        check_bounds(self)
 
 
 def compare_objective_weights(arguments: ObjectiveArguments) -> None:

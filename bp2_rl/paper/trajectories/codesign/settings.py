@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Literal, get_args
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import CostWeights, Intervals, Problem, Starts
 from bp2_rl.robot import specs
@@ -52,7 +52,7 @@ class DesignBounds:
 
 
 @dataclasses.dataclass(frozen=True)
-class CodesignSettings:
+class CodesignSettings(Bounded):
     """What is optimised, within which bounds, and how hard it is looked for.
 
     Cost and dynamics alone do not decide the design: a leg weighs nothing more for being longer, long legs move their
@@ -78,7 +78,3 @@ class CodesignSettings:
     starts_elsewhere: Annotated[int, Within(0, 1000)] = 1  # of every other setting, besides the optimum itself
     grid: Annotated[int, Within(3, 1000)] = 7  # values in a scan
     confirm: tuple[Intervals, ...] = (16, 24, 32, 48)  # on which the optimum is solved again, one after another
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values with a line that names the field."""
-        check_bounds(self)

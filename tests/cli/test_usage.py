@@ -1,0 +1,95 @@
+"""What `--help` prints: one screen, at once, with the flags that the command has."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.cli import train, usage
+from bp2_rl.cli.__main__ import main
+from bp2_rl.settings.training import make_config
+
+LEAVES = (
+    "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
+    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper pendulum simulate",
+    "paper trajectories limits", "paper trajectories codesign",
+)  # fmt: skip
+GROUPS = ("trajopt", "paper", "paper figures", "paper pendulum", "paper trajectories")
+WATCHED = """
+import sys
+from bp2_rl.cli.__main__ import main
+try:
+    status = main(sys.argv[1:])
+except SystemExit as end:
+    status = end.code
+slow = {"jax", "brax", "mujoco", "casadi", "scipy", "matplotlib"} & set(sys.modules)
+sys.exit(f"imports {slow}" if slow else status)
+"""
+
+
+def shown(capsys, *words: str) -> str:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [*LEAVES, *GROUPS])
+def test_help_is_one_screen_and_comes_at_once(command):
+    began = time.monotonic()
+    ended = subprocess.run(
+        [sys.executable, "-c", WATCHED, *command.split(), "--help"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"COLUMNS": "80"},
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    lines = ended.stdout.splitlines()
+    assert 3 < len(lines) <= 60
+    assert max(map(len, lines)) <= 90  # a name of many choices is longer than the terminal is wide
+    # Half a second on an idle machine; importing JAX and MuJoCo takes three. The tests share the processors.
+    assert time.monotonic() - began < 10
+
+
+def test_every_everyday_flag_of_train_is_shown_and_none_of_its_own_is_left_out(capsys):
+    text = shown(capsys, "train", "--help")
+    for flag in (flag for flags in train.EVERYDAY.values() for flag in flags):
+        assert f"--{flag}" in text.replace("[no-]", "")
+    assert "--env.hardware.gear-ratio" not in text
+    assert "--env.hardware.*" in text
+    assert "--*" not in text  # flags that are not nested are all in EVERYDAY, or this would count the others
+
+
+def test_all_settings_are_listed_with_their_defaults(capsys):
+    text = shown(capsys, "train", "--preset", "gpu", "--help-all")
+    assert "those of the preset gpu" in " ".join(text.split())
+    rows = " ".join(text.split())
+    assert f"--ppo.num-envs INT [{make_config('imitation', 'gpu').ppo.num_envs}]" in rows
+    assert "--env.hardware.gear-ratio FLOAT [8.5]" in rows
+    assert "--run.[no-]films" in rows
+    assert "{None" not in text
+    assert "[None]" not in text
+
+
+def test_the_words_of_all_flags_begin_in_one_column(capsys):
+    lines = shown(capsys, "train", "--help-all").splitlines()
+    words = [line for line in lines if line.startswith(" " * usage.FLAGS)]
+    assert len(words) > 100
+    assert all(line[usage.FLAGS] != " " for line in words)
+
+
+def test_a_command_that_is_short_shows_everything(capsys):
+    assert shown(capsys, "eval", "--help") == shown(capsys, "eval", "--help-all")
+    assert "--operator.limit FLOAT" in shown(capsys, "eval", "--help")
+
+
+def test_help_answers_before_any_mistake_on_the_line(capsys):
+    assert "--stage" in shown(capsys, "train", "--nope", "--preset", "huge", "--help")
+
+
+def test_a_command_line_without_help_is_parsed():
+    with pytest.raises(UserError, match=r"see train\.py --help"):
+        train.answer_early(["--nope"], "train.py", train.train_arguments)
