@@ -191,7 +191,7 @@ class _Scene:
             fade_distance=60.0, shadow_opacity=0.4,
         )  # fmt: skip
         self._lines = [
-            (x, scene.add_box(f"/{name}", (255, 200, 40), (0.25, 12.0, 0.005), cast_shadow=False))
+            (x, scene.add_box(f"/{name}", (255, 200, 40), (0.25, 12.0, 0.04), cast_shadow=False))
             for name, x in LINES.items()
         ]
         for name in LINES:
@@ -219,7 +219,7 @@ class _Scene:
         qpos = session.qpos
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
         for x, line in self._lines:
-            line.position = (x - qpos[0], -qpos[1], 0.003)
+            line.position = (x - qpos[0], -qpos[1], 0.02)
         self._robot.place(*self._looks.place(qpos))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))
         self._ghost.root.visible = ghost
