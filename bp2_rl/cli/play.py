@@ -36,7 +36,7 @@ class PlayConfig(Bounded, path="--"):
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
     host: str = "127.0.0.1"
-    """Address at which the page is served; 0.0.0.0: to other machines as well, to whoever finds it."""
+    """Address at which the page is served; 0.0.0.0: to all machines that can reach this one, under any name."""
     port: Annotated[int, Within(1, 65535)] = 8080
     """Port of the page; the next free one where another program has it."""
     speed: Annotated[float, Within(-100.0, 100.0)] = 0.0
@@ -62,21 +62,20 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.pace import Pace, play_on
-    from bp2_rl.play.session import Session, Wish
+    from bp2_rl.play.session import Session, Wish, wish_limits
     from bp2_rl.simulation.parallel import compute_here
 
     compute_here()
     sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
     prepare_jax()
     policy = load_policy(path, layout_of=layout_of)
-    limits, robot = policy.card.env.commands, robot_of(policy, Setup(robot=config.robot))
-    least = 0.0 - limits.max_backward
-    if not least <= config.speed <= limits.max_forward:
+    robot, (least, most) = robot_of(policy, Setup(robot=config.robot)), wish_limits(policy.card.env.commands)
+    if not least.speed <= config.speed <= most.speed:
         raise UserError(
-            f"--speed must be from {least:g} to {limits.max_forward:g}, what this policy was trained "
+            f"--speed must be from {least.speed:g} to {most.speed:g}, what this policy was trained "
             f"for, got {config.speed:g}"
         )
-    session = Session(policy, policy.card.env, hardware=robot)
+    session = Session(policy, robot)
     session.wish = Wish(config.speed)
     if web:
         from bp2_rl.play.web import Page
@@ -91,7 +90,7 @@ def play(config: PlayConfig) -> None:
         print(f"{path} on the {robot_name(robot) or UNNAMED} robot: {place}; Ctrl-C ends it", flush=True)
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
-            play_on(session.tick, lambda: stage.show(session, pace), pace, seconds=config.seconds)
+            play_on(session.tick, stage, pace, seconds=config.seconds)
         print(f"{pace} in {pace.elapsed:.1f} s", flush=True)
 
 

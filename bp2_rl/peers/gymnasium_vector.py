@@ -17,7 +17,17 @@ from jaxtyping import Bool, Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import make_env
 from bp2_rl.peers import EPISODE
-from bp2_rl.peers.gymnasium_env import CRITIC, POLICY, draw_key, spaces_of
+from bp2_rl.peers.gymnasium_env import (
+    CRITIC,
+    METADATA,
+    POLICY,
+    Photographer,
+    Picture,
+    RenderMode,
+    draw_key,
+    scaled,
+    spaces_of,
+)
 from bp2_rl.settings.env import EnvConfig, Impl
 
 Step = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
@@ -36,12 +46,13 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         name: one of `env.named.CONFIGS`.
         config: settings in place of those.
         impl: the physics engine, BP2's own kernel by default.
+        render_mode: rgb_array lets `render` return pictures.
 
     Raises:
         UserError: fewer than one robot.
     """
 
-    metadata = {"render_modes": [], "render_fps": 200, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata = METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
         self,
@@ -50,10 +61,13 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         name: str = "bp2",
         config: EnvConfig | None = None,
         impl: Impl = "kernel",
+        render_mode: RenderMode | None = None,
     ):
         if num_envs < 1:
             raise UserError(f"num_envs must be at least 1, got {num_envs}")
         self.env = make_env(name, config, impl=impl, num_robots=num_envs)
+        self.render_mode = render_mode
+        self._photographer = render_mode and Photographer(self.env.config.hardware, render_mode)
         self.num_envs, self._limit = num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = spaces_of(self.env)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -87,7 +101,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: Float[np.ndarray, "n 12"]) -> Step:
         """One control step of each robot, 5 ms."""
         begins = self._over
-        self._state = self._step(self._state, jnp.asarray(actions, jnp.float32))
+        self._state = self._step(self._state, scaled(actions, self.env))
         self._age += 1
         rewards, terminated = np.array(self._state.reward, float), np.array(self._state.done, bool)
         if begins.any():
@@ -96,6 +110,18 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         truncated = (self._age >= self._limit) & ~begins
         self._over = terminated | truncated
         return self._seen(), rewards, terminated, truncated, self._info()
+
+    def render(self) -> tuple[Picture, ...] | None:
+        """Return a picture of each robot, with `render_mode="rgb_array"`."""
+        if not self._photographer:
+            return None
+        return tuple(map(self._photographer.picture, np.asarray(self._state.pipeline_state.q, float)))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free what pictures needed."""
+        del kwargs
+        if self._photographer:
+            self._photographer.close()
 
     def _begin(self, which: Bool[np.ndarray, " n"]) -> None:
         """New episodes for these robots; only they draw a number."""

@@ -9,12 +9,18 @@ import numpy as np
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.play.pace import Pace
-from bp2_rl.play.session import Session, Wish
+from bp2_rl.play.readings import readings
+from bp2_rl.play.session import Session
 from bp2_rl.robot.model import load_model
 
-FASTER, TIGHTER, SHOVE = 0.5, 0.1, 0.8  # m/s, rad/s and m/s that a key adds
+SHOVE = 0.8  # m/s that a key adds
 GHOST = (0.3, 0.6, 1.0, 0.25)  # red, green, blue, opacity
-KEYS = "up, down: speed\nleft, right: turn\nHome: stand\nEnter: push to the left\nBackspace: reset"
+KEYS = """up, down: speed
+left, right: turn
+Insert, Delete: sideways
+Home: stand
+Enter: push to the left
+Backspace: reset"""
 
 
 class Window:
@@ -29,7 +35,7 @@ class Window:
             raise UserError("no window can be opened on this display; pass --web to play in a browser")
         import mujoco.viewer
 
-        self._model = load_model(session.hardware)
+        self._session, self._model = session, load_model(session.hardware)
         self._data, self._ghost = mujoco.MjData(self._model), mujoco.MjData(self._model)
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._data.qpos[:] = session.qpos
@@ -47,10 +53,15 @@ class Window:
         """Close the window."""
         self._viewer.close()
 
-    def show(self, session: Session, pace: Pace) -> bool:
+    def watched(self) -> bool:
+        """Return that somebody may look: a window that is shut ends the session, in `show`."""
+        return True
+
+    def show(self, pace: Pace) -> bool:
         """Do what keys and mouse asked for since the last time, and draw; False once it has been shut."""
         if not self._viewer.is_running():
             return False
+        session = self._session
         while not self._keys.empty():
             press(session, self._keys.get())
         real, shown = session.data, self._data
@@ -59,13 +70,9 @@ class Window:
             shown.qpos[:], shown.qvel[:], shown.ctrl[:] = real.qpos, real.qvel, real.ctrl
             mujoco.mj_forward(self._model, shown)
             self._draw_ghost(session.reference())
-        told = session.command
-        words = f"speed\ntold\nturns\ntold\nfalls\ntime\n\n{KEYS}"
-        numbers = (
-            f"{session.speed:.2f} m/s\n{told[0]:.2f} m/s\n{session.turn:.2f} rad/s\n{told[2]:.2f} rad/s\n"
-            f"{session.falls}\n{pace}"
-        )
-        self._viewer.set_texts([(None, int(mujoco.mjtGridPos.mjGRID_TOPLEFT), words, numbers)])
+        said = readings(session, pace)
+        names, values = "\n".join((*said, "", KEYS)), "\n".join(said.values())
+        self._viewer.set_texts([(None, int(mujoco.mjtGridPos.mjGRID_TOPLEFT), names, values)])
         self._viewer.sync()
         return True
 
@@ -84,18 +91,15 @@ class Window:
 
 def press(session: Session, key: int) -> None:
     """Carry out what the GLFW key `key` stands for."""
-    wish, limits = session.wish, session.config.commands
-    changes: dict[int, Callable[[], None]] = {
+    actions: dict[int, Callable[[], None]] = {
+        glfw.KEY_UP: lambda: session.step(speed=1),
+        glfw.KEY_DOWN: lambda: session.step(speed=-1),
+        glfw.KEY_LEFT: lambda: session.step(turn=1),
+        glfw.KEY_RIGHT: lambda: session.step(turn=-1),
+        glfw.KEY_INSERT: lambda: session.step(left=1),
+        glfw.KEY_DELETE: lambda: session.step(left=-1),
+        glfw.KEY_HOME: session.stand,
         glfw.KEY_ENTER: lambda: session.push(0.0, SHOVE),
         glfw.KEY_BACKSPACE: session.reset,
     }
-    wishes = {
-        glfw.KEY_UP: Wish(min(wish.speed + FASTER, limits.max_forward), wish.turn),
-        glfw.KEY_DOWN: Wish(max(wish.speed - FASTER, -limits.max_backward), wish.turn),
-        glfw.KEY_LEFT: Wish(wish.speed, min(wish.turn + TIGHTER, limits.max_yaw_rate)),
-        glfw.KEY_RIGHT: Wish(wish.speed, max(wish.turn - TIGHTER, -limits.max_yaw_rate)),
-        glfw.KEY_HOME: Wish(),
-    }
-    session.wish = wishes.get(key, wish)
-    if key in changes:
-        changes[key]()
+    actions.get(key, lambda: None)()

@@ -1,9 +1,8 @@
 """One robot in C MuJoCo under a policy and somebody's hands, 5 ms at a time; knows neither clock nor screen."""
 
 import collections
-import dataclasses
 import math
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,14 +10,16 @@ from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within
 from bp2_rl.env.termination import fall
+from bp2_rl.evaluation.published.sprints import TRACK
+from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import specs
 from bp2_rl.robot.easing import launch_rate
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
 from bp2_rl.robot.specs import HardwareSpec
-from bp2_rl.settings.env import EnvConfig
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
-from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
+from bp2_rl.settings.env import CommandConfig
+from bp2_rl.simulation.operator import HEADING_HOLD
+from bp2_rl.simulation.policy_runner import PolicyRunner
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION
 from bp2_rl.simulation.simulator import DT, RobotSetup, settled
 from bp2_rl.simulation.world import shove
@@ -30,68 +31,94 @@ REMEMBERED = 250  # ms of torques and joint speeds
 Friction = Annotated[float, Within(0.05, 2.0)]
 
 
-@dataclasses.dataclass(frozen=True)
-class Wish:
-    """The speed and turn that a person asks for; the command approaches them at rates that policies can follow."""
+class Wish(NamedTuple):
+    """The velocity that a person asks for; the command approaches it at rates that policies can follow."""
 
     speed: float = 0.0  # m/s, forward
+    left: float = 0.0  # m/s, to the left
     turn: float = 0.0  # rad/s, to the left
+
+
+STEP = Wish(0.5, 0.1, 0.1)
+"""What a key adds to each part of a wish."""
+
+
+def wish_limits(commands: CommandConfig) -> tuple[Wish, Wish]:
+    """Return the least and the most that a policy was trained to be asked for."""
+    most = Wish(commands.max_forward, commands.max_lateral, commands.max_yaw_rate)
+    return Wish(0.0 - commands.max_backward, -most.left, -most.turn), most
 
 
 class Session:
     """The robot, from a stand. Under a straight command it keeps to the line on which it was when it last turned.
 
     Args:
-        policy: observation -> action.
-        config: the environment that the policy was trained in.
-        hardware: the robot, if it is not that one.
-        operator: who steers under a straight command.
+        policy: steers the robot, and knows the environment that it was trained in.
+        hardware: the robot, if it is not the one of that environment.
     """
 
-    def __init__(
-        self,
-        policy: ActionFunction,
-        config: EnvConfig,
-        *,
-        hardware: HardwareSpec | None = None,
-        operator: HeadingHold = HEADING_HOLD,
-    ):
-        robot = RobotSetup.of(config, hardware)
-        self.config, self.hardware = config, robot.config.hardware
-        self.wish = Wish()
-        self._policy, self._operator = policy, operator
+    def __init__(self, policy: Policy, hardware: HardwareSpec | None = None):
+        self.config = policy.card.env
+        robot = RobotSetup.of(self.config, hardware)
+        self.hardware = robot.config.hardware
+        self._policy = policy
         self._simulator = settled([robot])
         self.data = self._simulator.data[0]
         self._model, self._start = self._simulator.models[0], self._simulator.state(0)
         self._feet = foot_geom_ids(self._model)
         self.falls = 0
+        self.best = math.inf
+        """The shortest `sprint` that ended at the finish, s."""
         self.reset()
         self.tick()  # compiles the controller, which takes seconds
         self.reset()
 
     def reset(self) -> None:
-        """Stand at the origin; the wish stays."""
+        """Stand at the origin, without a wish."""
         self._simulator.set_state(0, self._start)
         mujoco.mj_forward(self._model, self.data)
         self._runner = PolicyRunner(
             self._policy,
             self.config,
-            operators=[self._operator],
+            operators=[HEADING_HOLD],
             latencies=[self.hardware.losses.latency],
             commands=np.zeros((1, 3)),
         )
-        self._asked = Wish()
+        self.wish = Wish()
+        self._asked = np.zeros(3)
         self._line = np.zeros(3)
         self.time = 0.0
         self.distance = 0.0
+        self._began: float | None = None
+        self.sprint = 0.0
+        """The time from the first command to the finish, which is `TRACK` ahead of the origin, or until now, s."""
+        self.finished = False
         self.down_since: float | None = None
-        """When it fell, s; None while it is up."""
-        self._velocities: collections.deque[tuple[float, float]] = collections.deque(
+        """When the robot fell, s; None while it is up."""
+        self._velocities: collections.deque[Float[np.ndarray, "3"]] = collections.deque(
             maxlen=round(RIPPLE / specs.CONTROL_STEP)
         )
         self._worked = np.zeros((REMEMBERED, 2, specs.NUM_MOTORS))
 
     # --- What hands can do -----------------------------------------------------------------------------------
+
+    @property
+    def wish(self) -> Wish:
+        """The velocity that a person asks for, within what the policy was trained for."""
+        return self._wish
+
+    @wish.setter
+    def wish(self, wish: Wish) -> None:
+        self._wish = Wish(*np.clip(wish, *wish_limits(self.config.commands)).tolist())
+
+    def step(self, *, speed: int = 0, left: int = 0, turn: int = 0) -> None:
+        """Add so many steps of `STEP` to the parts of the wish, as keys do."""
+        steps = zip(self.wish, STEP, (speed, left, turn), strict=True)
+        self.wish = Wish(*(round(part + size * count, 6) for part, size, count in steps))
+
+    def stand(self) -> None:
+        """Wish for a stand."""
+        self.wish = Wish()
 
     def push(self, forward: float, left: float) -> None:
         """Let the robot's velocity jump by so many m/s, in the frame of its heading."""
@@ -107,28 +134,30 @@ class Session:
         self._model.geom_friction[self._feet, 0] = value
 
     def tick(self) -> None:
-        """A control step. A robot that has fallen lies a while, then it stands at the origin again."""
+        """A control step. A robot that has fallen lies a while, then it stands at the origin again, without a wish."""
         data, simulator = self.data, self._simulator
         if self.down_since is not None and self.time > self.down_since + DOWN - 0.5 * specs.CONTROL_STEP:
             self.reset()
         self._lead()
-        scheduled = np.array([self._asked.speed, 0.0, self._asked.turn])
+        if self._began is None and self._asked.any():
+            self._began = self.time
         simulator.read(0)  # hands may have changed it
-        targets = self._runner.tick(self._seen_from_line()[None], simulator.qvel, scheduled[None])
+        targets = self._runner.tick(self._seen_from_line()[None], simulator.qvel, self._asked[None])
         for position, velocity in targets:
             self._worked[:-1] = self._worked[1:]
             self._worked[-1, 0] = data.qvel[MOTOR_QVEL]
             self._worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
-        forward = self._forward_velocity()
-        if not np.isfinite(forward) or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded:
+        velocity = self._velocity_now()
+        if not np.isfinite(velocity).all() or (down := fall(data.qpos, data.qvel, self.config.termination)).exploded:
             self.falls += self.down_since is None
             self.reset()
             return
         if down.happened and self.down_since is None:
-            self.falls, self.down_since = self.falls + 1, self.time
+            self.falls, self.down_since, self.wish = self.falls + 1, self.time, Wish()
         self.distance += float(np.hypot(*data.qvel[:2])) * specs.CONTROL_STEP
-        self._velocities.append((forward, float(self._yaw_rate())))
+        self._velocities.append(velocity)
+        self._run_clock()
 
     # --- What eyes can see ------------------------------------------------------------------------------------
 
@@ -138,14 +167,9 @@ class Session:
         return self._runner.command[0]
 
     @property
-    def speed(self) -> float:
-        """m/s, forward, over the last stride."""
-        return float(np.mean([v for v, _ in self._velocities])) if self._velocities else 0.0
-
-    @property
-    def turn(self) -> float:
-        """rad/s, to the left, over the last stride."""
-        return float(np.mean([w for _, w in self._velocities])) if self._velocities else 0.0
+    def velocity(self) -> Float[np.ndarray, "3"]:
+        """What the robot does, over the last stride: m/s forward, m/s to the left, rad/s."""
+        return np.mean(self._velocities, axis=0) if self._velocities else np.zeros(3)
 
     @property
     def worked(self) -> Float[np.ndarray, "N 2 12"]:
@@ -179,41 +203,50 @@ class Session:
 
     def _lead(self) -> None:
         """Change what is asked by as much as a policy can follow in a control step, within what it was trained for."""
-        limits, dt = self.config.commands, specs.CONTROL_STEP
-        speed = float(np.clip(self.wish.speed, -limits.max_backward, limits.max_forward))
-        now = self._asked
-        control = self.config.control
+        limits, control, now, dt = self.config.commands, self.config.control, self._asked, specs.CONTROL_STEP
         braking = min(control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING)
         launching = COMMAND_ACCELERATION
         if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once
-            launching = launch_rate(now.speed, control, np)
-        speed = now.speed + float(np.clip(speed - now.speed, -braking * dt, launching * dt))
-        # As in training: what friction holds.
-        most = min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6))
-        turn = float(np.clip(self.wish.turn, -most, most))
+            launching = launch_rate(now[0], control, np)
+        speed = now[0] + np.clip(self.wish.speed - now[0], -braking * dt, launching * dt)
+        # As in training: less sideways at speed, and turns that friction holds.
+        most = np.array([
+            limits.max_lateral * (1.0 - 0.5 * abs(speed) / limits.max_forward),
+            min(limits.max_yaw_rate, limits.max_turn / max(abs(speed), 1e-6)),
+        ])  # fmt: skip
         step = limits.turn_acceleration * dt
-        self._asked = Wish(speed, now.turn + float(np.clip(turn - now.turn, -step, step)))
+        change = np.clip(np.clip(self.wish[1:], -most, most) - now[1:], -step, step)
+        self._asked = np.append(speed, now[1:] + change)
+
+    def _run_clock(self) -> None:
+        """Let the clock of the sprint go on until the robot is at the finish, or falls."""
+        if self._began is None or self.finished or self.down_since is not None:
+            return
+        self.sprint = self.time - self._began
+        self.finished = bool(self.qpos[0] >= TRACK)
+        if self.finished:
+            self.best = min(self.best, self.sprint)
 
     def _seen_from_line(self) -> Float[np.ndarray, "23"]:
         """The state in the frame of the line that the robot is to keep to: the operator steers along its x axis."""
         qpos = self.qpos
-        if self._asked.turn != 0.0:
+        if self._asked[1:].any():
             self._line[:] = *qpos[:2], yaw_of(qpos[3:7])
         x, y, yaw = self._line
         seen, back = qpos.copy(), np.zeros(4)
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        seen[0] = cos * (qpos[0] - x) + sin * (qpos[1] - y)
-        seen[1] = cos * (qpos[1] - y) - sin * (qpos[0] - x)
+        seen[:2] = _turned(qpos[:2] - (x, y), -yaw)
         mujoco.mju_axisAngle2Quat(back, np.array([0.0, 0.0, 1.0]), -yaw)
         mujoco.mju_mulQuat(seen[3:7], back, qpos[3:7].copy())
         return seen
 
-    def _forward_velocity(self) -> float:
-        yaw, (vx, vy) = yaw_of(self.qpos[3:7]), self.data.qvel[:2]
-        return float(np.cos(yaw) * vx + np.sin(yaw) * vy)
-
-    def _yaw_rate(self) -> float:
-        """rad/s, about the world's vertical."""
+    def _velocity_now(self) -> Float[np.ndarray, "3"]:
+        """m/s forward and to the left of the heading, and rad/s about the world's vertical."""
         rate = np.zeros(3)
         mujoco.mju_rotVecQuat(rate, self.data.qvel[3:6], self.qpos[3:7])
-        return float(rate[2])
+        return np.append(_turned(self.data.qvel[:2], -yaw_of(self.qpos[3:7])), rate[2])
+
+
+def _turned(vector: Float[np.ndarray, "2"], angle: Any) -> Float[np.ndarray, "2"]:
+    """Return a vector on the ground turned to the left by an angle, rad."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])

@@ -4,21 +4,31 @@ The robot stays where it is on the page and the ground moves under it, so that n
 turn it about freely. Pages only say what they want: the robot is touched between two control steps, in `show`.
 """
 
+import contextlib
+import functools
+import html
+import http
 import logging
 import queue
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Generator
 from typing import Any
+from unittest import mock
+from urllib.parse import urlsplit
 
 import numpy as np
 import viser
+import websockets.asyncio.server
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
+from bp2_rl.evaluation.published.sprints import TRACK
 from bp2_rl.play.chart import TorqueSpeed
 from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace
-from bp2_rl.play.session import Session, Wish
+from bp2_rl.play.readings import readings
+from bp2_rl.play.session import Session, Wish, wish_limits
 from bp2_rl.robot.model import SOLE_SITES
 from bp2_rl.robot.specs import LEGS
 
@@ -27,14 +37,33 @@ NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which 
 LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)  # as `plotting.LEG_COLORS`
 GHOST_COLOR, GHOST_OPACITY = (80, 150, 255), 0.3
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
+WIDE_VIEW = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)  # m: where the camera is, and what it looks at
+TALL_VIEW = (1.3, -4.0, 1.2), (0.0, 0.0, -0.4)  # on a telephone, whose lower half the panel takes
+LINES = {"start": 0.0, "finish": TRACK}  # m
 READINGS = 5.0  # a second: how often numbers and chart are renewed
 SLOWER = {"real time": 1.0, "1/2": 2.0, "1/5": 5.0, "1/10": 10.0}
+TURN = "To the left. The faster the robot, the less of it is commanded: what friction holds"
 PUSHES = {"forward": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
-FASTER, TIGHTER = 0.5, 0.1  # m/s and rad/s that a key adds
+KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
+    "W": ("Faster", lambda session: session.step(speed=1)),
+    "S": ("Slower", lambda session: session.step(speed=-1)),
+    "A": ("Turn left", lambda session: session.step(turn=1)),
+    "D": ("Turn right", lambda session: session.step(turn=-1)),
+    "Q": ("Sideways to the left", lambda session: session.step(left=1)),
+    "E": ("Sideways to the right", lambda session: session.step(left=-1)),
+    "X": ("Stand", Session.stand),
+    "R": ("Reset", Session.reset),
+}
+SLIDERS = {"speed": ("Speed, m/s", ""), "left": ("Sideways, m/s", "To the left"), "turn": ("Turn, rad/s", TURN)}
+OWN_NAMES = "localhost", "127.0.0.1", "::1"
+"""What a machine calls itself."""
+POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
 
 class Page:
     """The page of a session; `close` ends its server.
+
+    A page for this machine alone answers only to this machine's own names, so that no other site's page can steer it.
 
     Args:
         session: to be shown.
@@ -49,25 +78,37 @@ class Page:
         # Browsers open connections ahead that they then never use: not worth a traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
         try:
-            self.server = viser.ViserServer(host=host, port=port, label="BP2", verbose=False)
+            with refusing_foreign_names() if host in OWN_NAMES else contextlib.nullcontext():
+                self.server = viser.ViserServer(host=host, port=port, label="BP2", verbose=False)
         except (OSError, RuntimeError, OverflowError) as error:
             raise UserError(f"cannot listen at {host}:{port}: {error}; choose another --host or --port") from error
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
-        self._wishes: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
+        self._session = session
+        self._wanted: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
         self._next_readings = 0.0
         self._scene = _Scene(self.server, session)
-        self._panel(session)
-        self._keys(session)
+        self._panel()
+        for key, (label, action) in KEYS.items():
+            self.server.gui.add_command(label, hotkey=key).on_trigger(functools.partial(self._want, action))
+        self._somebody = threading.Event()
+        self.server.on_client_connect(self._count)
+        self.server.on_client_connect(_step_back)
+        self.server.on_client_disconnect(self._count)
 
     def close(self) -> None:
         """End the server."""
         self.server.stop()
 
-    def show(self, session: Session, pace: Pace) -> bool:
+    def watched(self) -> bool:
+        """Return whether a browser shows the page; where none does, wait a moment for one."""
+        return self._somebody.wait(POLLING)
+
+    def show(self, pace: Pace) -> bool:
         """Do what the page asked for since the last time, and renew what it shows."""
-        while not self._wishes.empty():
-            self._wishes.get()(session)
-        session.wish = Wish(self._speed.value, self._turn.value)
+        session = self._session
+        while not self._wanted.empty():
+            self._wanted.get()(session)
+        self._agree_on_the_wish()
         if session.friction != self._friction.value:
             session.friction = self._friction.value
         pace.slow = SLOWER[self._slower.value]
@@ -75,70 +116,65 @@ class Page:
             self._scene.show(session, ghost=self._ghost.value, forces=self._forces.value)
             if pace.elapsed >= self._next_readings:
                 self._next_readings = pace.elapsed + 1.0 / READINGS
-                self._readings.content = _readings(session, pace)
-                self._chart_place.content = self._drawn(session)
+                self._readings.content = _table(readings(session, pace))
+                self._chart_place.content = self._drawn()
         return True
 
-    def _panel(self, session: Session) -> None:
-        gui, limits = self.server.gui, session.config.commands
+    def _agree_on_the_wish(self) -> None:
+        """Wish what the sliders say, unless the wish has changed otherwise, as by a fall: then move the sliders."""
+        session = self._session
+        if session.wish != self._wish:
+            for name, slider in self._sliders.items():
+                slider.value = getattr(session.wish, name)
+        else:
+            session.wish = Wish(**{name: slider.value for name, slider in self._sliders.items()})
+        self._wish = session.wish
+
+    def _want(self, action: Callable[[Session], None], _: Any = None) -> None:
+        """Let the session do something before the next picture."""
+        self._wanted.put(action)
+
+    async def _count(self, client: viser.ClientHandle) -> None:
+        """Note whether a browser is there, after one has come or gone; viser awaits one such call after the other."""
+        del client
+        if self.server.get_clients():
+            self._somebody.set()
+        else:
+            self._somebody.clear()
+
+    def _panel(self) -> None:
+        gui, session = self.server.gui, self._session
         gui.configure_theme(
             control_layout="collapsible", control_width="medium", show_logo=False, show_share_button=False
         )
-        self._readings = gui.add_html(_readings(session, None))
-        self._speed = gui.add_slider(
-            "Speed, m/s", min=0.0 - limits.max_backward, max=limits.max_forward, step=0.1,
-            initial_value=session.wish.speed,
-        )  # fmt: skip
-        self._turn = gui.add_slider(
-            "Turn, rad/s", min=-limits.max_yaw_rate, max=limits.max_yaw_rate, step=0.05, initial_value=0.0,
-            hint="To the left. The faster the robot, the less of it is commanded: what friction holds",
-        )  # fmt: skip
-        stand, reset = gui.add_button("Stand"), gui.add_button("Reset", color="gray")
-        stand.on_click(lambda _: self._stand())
-        reset.on_click(lambda _: self._wishes.put(Session.reset))
+        self._readings = gui.add_html("")
+        least, most = wish_limits(session.config.commands)
+        self._sliders, self._wish = {}, session.wish
+        for name, (label, hint) in SLIDERS.items():
+            low, high = getattr(least, name), getattr(most, name)
+            if low < high:
+                self._sliders[name] = gui.add_slider(
+                    label, min=low, max=high, step=0.05, initial_value=getattr(session.wish, name), hint=hint or None
+                )
+        buttons = gui.add_button_group("Robot", ("stand", "reset"))
+        buttons.on_click(lambda event: self._want(getattr(Session, event.target.value)))
         strength = gui.add_slider("Push, m/s", min=0.1, max=3.0, step=0.1, initial_value=0.8)
         push = gui.add_button_group("Push it", tuple(PUSHES))
 
         @push.on_click
         def _(event: Any) -> None:
             forward, left = (strength.value * part for part in PUSHES[event.target.value])
-            self._wishes.put(lambda session: session.push(forward, left))
+            self._want(lambda session: session.push(forward, left))
 
         self._friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=session.friction)
         self._slower = gui.add_dropdown("Time", tuple(SLOWER), initial_value="real time")
         self._ghost = gui.add_checkbox("Reference motion", initial_value=True)
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
         self._chart = TorqueSpeed(motors_of(session.config))
-        self._chart_place = gui.add_html(self._drawn(session))
+        self._chart_place = gui.add_html(self._drawn())
 
-    def _drawn(self, session: Session) -> str:
-        return f'<div style="padding:.4em .9em">{self._chart.svg(session.worked)}</div>'
-
-    def _stand(self) -> None:
-        self._speed.value = self._turn.value = 0.0
-
-    def _keys(self, session: Session) -> None:
-        """Keys do the same; arrow keys move the slider that was touched last."""
-        limits = session.config.commands
-
-        def add(slider: Any, much: float, least: float, most: float) -> Callable[[Any], None]:
-            def change(_: Any) -> None:
-                slider.value = float(np.clip(round(slider.value + much, 6), least, most))
-
-            return change
-
-        speeds = -limits.max_backward, limits.max_forward
-        turns = -limits.max_yaw_rate, limits.max_yaw_rate
-        commands: tuple[tuple[str, Any, Callable[[Any], None]], ...] = (
-            ("Faster", "W", add(self._speed, FASTER, *speeds)),
-            ("Slower", "S", add(self._speed, -FASTER, *speeds)),
-            ("Turn left", "A", add(self._turn, TIGHTER, *turns)),
-            ("Turn right", "D", add(self._turn, -TIGHTER, *turns)),
-            ("Stand", "X", lambda _: self._stand()),
-            ("Reset", "R", lambda _: self._wishes.put(Session.reset)),
-        )
-        for label, key, change in commands:
-            self.server.gui.add_command(label, hotkey=key).on_trigger(change)
+    def _drawn(self) -> str:
+        return f'<div style="padding:.4em .9em">{self._chart.svg(self._session.worked)}</div>'
 
 
 class _Scene:
@@ -146,7 +182,7 @@ class _Scene:
 
     def __init__(self, server: Any, session: Session):
         scene, self._looks = server.scene, Looks(session.hardware)
-        server.initial_camera.position, server.initial_camera.look_at = (0.9, -2.4, 0.9), (0.0, 0.0, 0.4)
+        server.initial_camera.position, server.initial_camera.look_at = WIDE_VIEW
         server.initial_camera.fov = np.deg2rad(45.0)
         scene.configure_environment_map("park", environment_intensity=0.6)
         self._ground = scene.add_grid(
@@ -154,6 +190,12 @@ class _Scene:
             section_color=(255, 255, 255), section_thickness=3.0, plane_color=(150, 72, 56), plane_opacity=1.0,
             fade_distance=60.0, shadow_opacity=0.4,
         )  # fmt: skip
+        self._lines = [
+            (x, scene.add_box(f"/{name}", (255, 200, 40), (0.25, 12.0, 0.04), cast_shadow=False))
+            for name, x in LINES.items()
+        ]
+        for name in LINES:
+            scene.add_label(f"/{name}/label", name, position=(0.0, 2.0, 0.6))
         self._robot, self._ghost = _Figure(scene, "/robot", self._looks), _Figure(scene, "/ghost", self._looks)
         for i, part in enumerate(self._looks.parts()):
             name, shape = self._looks.bodies[part.body - 1], (part.vertices, part.faces)
@@ -176,6 +218,8 @@ class _Scene:
         """Everything as it is now."""
         qpos = session.qpos
         self._ground.position = (-(qpos[0] % SECTION), -(qpos[1] % SECTION), 0.0)
+        for x, line in self._lines:
+            line.position = (x - qpos[0], -qpos[1], 0.02)
         self._robot.place(*self._looks.place(qpos))
         self._show_forces(session.foot_forces() if forces else np.zeros((4, 3)))
         self._ghost.root.visible = ghost
@@ -207,14 +251,47 @@ class _Figure:
                 last[i] = now[i]
 
 
-def _readings(session: Session, pace: Pace | None) -> str:
-    """What the robot does and is told, as HTML."""
-    x, y, _ = session.qpos[:3]
-    told, state = session.command, "" if session.down_since is None else '<b style="color:#D55E00">fell</b>, '
-    lines = (
-        f'<b style="font-size:1.6em" data-reading="speed">{session.speed:.2f}</b> m/s, told {told[0]:.2f}',
-        f"turns {session.turn:.2f} rad/s, told {told[2]:.2f}",
-        f"{state}{session.time:.1f} s, {session.distance:.0f} m run; at {x:.1f}, {y:.1f} m; {session.falls} falls",
-        f"{pace or '&nbsp;'}",
+async def _step_back(client: viser.ClientHandle) -> None:
+    """Let the whole robot be seen on a browser that is higher than wide."""
+    if client.camera.aspect < 1.0:
+        client.camera.position, client.camera.look_at = TALL_VIEW
+
+
+def _table(said: dict[str, str]) -> str:
+    """Return readings as HTML."""
+    rows = (
+        f'<tr><td style="padding-right:.8em;opacity:.6">{html.escape(name)}</td>'
+        f'<td data-reading="{html.escape(name)}">{html.escape(value)}</td></tr>'
+        for name, value in said.items()
     )
-    return f'<div style="padding:.2em .8em;font-size:.85em;line-height:1.5">{"<br>".join(lines)}</div>'
+    return f'<table style="margin:.2em .8em;font-size:.85em;line-height:1.4">{"".join(rows)}</table>'
+
+
+@contextlib.contextmanager
+def refusing_foreign_names() -> Generator[None]:
+    """Let servers of viser's that start within answer 403 where a browser asks for another machine or comes from one.
+
+    A site may let its own name lead to this machine, or open a connection to it from its page; a browser's request
+    tells both, in `Host` and `Origin`. viser has no setting for this, so its way to websockets' server is led past it.
+    """
+    serve = websockets.asyncio.server.serve
+
+    def serve_own_names(*arguments: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        def answer(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            if all(map(is_own, (*headers.get_all("Host"), *headers.get_all("Origin")))):
+                return process_request(connection, request)
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "bp2 play is for this machine's browsers alone\n")
+
+        return serve(*arguments, process_request=answer, **options)
+
+    with mock.patch.object(websockets.asyncio.server, "serve", serve_own_names):
+        yield
+
+
+def is_own(place: str) -> bool:
+    """Return whether a `Host` or an `Origin` is this machine."""
+    try:
+        return urlsplit(place if "//" in place else f"//{place}").hostname in OWN_NAMES
+    except ValueError:  # no address at all
+        return False

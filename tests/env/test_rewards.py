@@ -168,21 +168,22 @@ def total(config: RewardConfig, **changes) -> dict[str, float]:
     return {name: float(value) for name, value in terms.items()}
 
 
+def earned(config: RewardConfig) -> dict[str, float]:
+    """The rows that count. A row of your own counts nothing until a stage gives it a coefficient."""
+    return {name: value for name, value in total(config).items() if value != 0.0}
+
+
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_imitation_column():
-    terms = total(PAPER["imitation"])
-    assert terms == {
+    assert earned(PAPER["imitation"]) == {
         "height": close(0.05), "attitude": close(0.05), "joint_position": close(0.02), "joint_velocity": close(0.07),
-        "tracking": close(0.6), "torque": close(0.1), "power": 0.0, "smoothness": close(0.1), "symmetry": 0.0,
-        "terminal": 0.0, "landing": 0.0, "stand": 0.0,
+        "tracking": close(0.6), "torque": close(0.1), "smoothness": close(0.1),
     }  # fmt: skip
 
 
 def test_a_perfect_robot_at_top_speed_earns_each_coefficient_of_the_relaxed_column():
-    terms = total(PAPER["relaxed"])
-    assert terms == {
-        "height": 0.0, "attitude": 0.0, "joint_position": close(0.02), "joint_velocity": close(0.07),
-        "tracking": close(0.4), "torque": close(0.2), "power": close(0.1), "smoothness": close(0.2),
-        "symmetry": close(0.1), "terminal": 0.0, "landing": 0.0, "stand": 0.0,
+    assert earned(PAPER["relaxed"]) == {
+        "joint_position": close(0.02), "joint_velocity": close(0.07), "tracking": close(0.4), "torque": close(0.2),
+        "power": close(0.1), "smoothness": close(0.2), "symmetry": close(0.1),
     }  # fmt: skip
 
 

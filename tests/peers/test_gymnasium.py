@@ -1,5 +1,7 @@
 """BP2 in Gymnasium: registered, checked by Gymnasium itself, and the same MDP as BP2Env's."""
 
+import os
+import re
 import subprocess
 import sys
 from typing import Any
@@ -37,10 +39,58 @@ def test_the_module_before_the_name_registers_it_as_it_is_imported():
     assert shown.stdout == "bp2_rl.peers.gymnasium_vector:BP2VectorEnv\n"
 
 
-# An action is in units of `control.action_scale`, as in training; Gymnasium would rather have it in [-1, 1].
-@pytest.mark.filterwarnings("ignore:.*we recommend using a symmetric and normalized space")
 def test_gymnasium_finds_nothing_wrong(env):
-    check_env(env.unwrapped, skip_render_check=True)
+    check_env(env.unwrapped, skip_render_check=True)  # pictures have their own test
+
+
+PICTURES = """
+import gymnasium, numpy as np
+from gymnasium.utils.env_checker import check_env
+with gymnasium.make("bp2_rl.peers:bp2_rl/BP2-v0", render_mode="rgb_array") as env:
+    check_env(env.unwrapped)
+    env.reset(seed=0)
+    shown = env.render()
+    red, green, blue = (shown[..., k].astype(int) for k in range(3))
+    orange = (red > 170) & (green > 60) & (green < 150) & (blue < 110)
+    assert (shown.shape, shown.dtype) == ((480, 640, 3), np.uint8)
+    assert orange.sum() > 200, "the robot's springs are not to be seen"
+robots = gymnasium.make_vec("bp2_rl.peers:bp2_rl/BP2-v0", num_envs=2, render_mode="rgb_array")
+robots.reset(seed=0)
+first, second = robots.render()
+robots.close()
+assert abs(first.astype(int) - shown).mean() < 1.0, "not the robot of the single environment"
+assert abs(second.astype(int) - shown).mean() > 1.0, "not another robot"
+"""
+
+
+@pytest.mark.parametrize("library", ["egl"])
+def test_pictures_are_taken(library):
+    """In a process of its own: MuJoCo binds its GL library when it is imported, and a wrong one may end the process."""
+    command = [sys.executable, "-W", "error::UserWarning", "-c", PICTURES]
+    done = subprocess.run(command, env=os.environ | {"MUJOCO_GL": library}, capture_output=True, text=True)
+    if done.returncode and re.search(r"GL library|OpenGL|EGL", done.stderr):
+        pytest.skip(f"needs a GL library: {done.stderr.splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+
+
+def test_without_a_gl_library_pictures_are_refused_in_one_line():
+    program = """
+from bp2_rl.base.errors import UserError
+from bp2_rl.peers.gymnasium_env import Photographer
+from bp2_rl.robot.specs import BUILT
+for mode in ("rgb_array", "human"):
+    try:
+        Photographer(BUILT, mode)
+    except UserError as error:
+        print(error)
+"""
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment | {"MUJOCO_GL": ""}, capture_output=True, text=True
+    )
+    no_library, no_mode = done.stdout.splitlines()
+    assert no_library.startswith("MuJoCo finds no GL library for render_mode=rgb_array: set MUJOCO_GL=egl")
+    assert no_mode == "render_mode must be rgb_array or None, got human"
 
 
 def test_it_is_bp2_env(env):
@@ -49,8 +99,10 @@ def test_it_is_bp2_env(env):
     key = jax.random.PRNGKey(int(np.random.default_rng(np.random.PCG64(3)).integers(2**31)))
     state = jax.jit(inner.env.reset)(key)
     np.testing.assert_array_equal(observation, state.obs["state"])
+    limit = inner.env.config.control.action_limit
+    assert env.action_space == gymnasium.spaces.Box(-1.0, 1.0, (12,), np.float32)
     action = np.full(12, 0.1, np.float32)
-    state = jax.jit(inner.env.step)(state, action)
+    state = jax.jit(inner.env.step)(state, limit * action)
     observation, reward, terminated, truncated, info = env.step(action)
     np.testing.assert_array_equal(observation, state.obs["state"])
     np.testing.assert_array_equal(info["privileged_state"], state.obs["privileged_state"])
@@ -72,7 +124,7 @@ def robots():
 def test_robots_side_by_side_run_as_each_does_alone(env, robots):
     """Over two ends of the episodes, of which a fall, provoked by an action that is no number, is one."""
     assert robots.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
-    actions = np.random.default_rng(0).normal(0.0, 0.3, (2 * LIMIT + 2, 2, 12)).astype(np.float32)
+    actions = np.random.default_rng(0).normal(0.0, 0.1, (2 * LIMIT + 2, 2, 12)).astype(np.float32)
     actions[1, 0] = np.nan
     seen, info = robots.reset(seed=5)
     told = [robots.step(action) for action in actions]

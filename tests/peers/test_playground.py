@@ -1,5 +1,7 @@
 """BP2 in MuJoCo Playground, the real one: in its registry, under its wrapper, and the same MDP as BP2Env's."""
 
+import subprocess
+
 import jax
 import numpy as np
 import pytest
@@ -15,10 +17,26 @@ def playground():
     playground = pytest.importorskip("mujoco_playground", reason="Playground is not installed (extra `playground`)")
     from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
 
-    register_playground()
     with pytest.MonkeyPatch.context() as patch:  # it would fetch its own robots from GitHub, which BP2 does not need
         patch.setattr(mjx_env, "ensure_menagerie_exists", lambda: None)
+        register_playground()
         yield playground
+
+
+def test_offline_one_line_says_what_to_do(playground, monkeypatch):
+    from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+
+    def download():  # what it raises without a network
+        raise subprocess.CalledProcessError(128, ["git", "clone"])
+
+    monkeypatch.setattr(mjx_env, "ensure_menagerie_exists", download)
+    with pytest.raises(UserError) as raised:
+        register_playground()
+    said = str(raised.value)
+    assert "MuJoCo Menagerie" in said
+    assert "try again online" in said
+    assert said.endswith(str(mjx_env.MENAGERIE_PATH))
+    assert "\n" not in said
 
 
 def test_every_named_environment_is_registered_with_its_settings(playground):

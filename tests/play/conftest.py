@@ -1,10 +1,12 @@
 """The shipped policy under somebody's hands: set on its feet once."""
 
+import math
+
 import pytest
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.play.session import Session, Wish
+from bp2_rl.play.session import Session
 from bp2_rl.robot.specs import IDEAL
 
 
@@ -13,11 +15,11 @@ def standing():
     policy = load_policy(asset_path("policies/ideal"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)  # s: it need not be quite still
-        return Session(policy, policy.card.env, hardware=IDEAL)
+        return Session(policy, IDEAL)
 
 
 @pytest.fixture
 def session(standing):
-    standing.wish, standing.friction, standing.falls = Wish(), IDEAL.friction, 0
+    standing.friction, standing.falls, standing.best = IDEAL.friction, 0, math.inf
     standing.reset()
     return standing

@@ -1,6 +1,7 @@
 """What hands can do to the robot, without a screen."""
 
 import dataclasses
+import math
 
 import jax
 import mujoco
@@ -9,7 +10,8 @@ import pytest
 from runs import run_one
 
 from bp2_rl.play.pace import FRAMES, Pace, play_on
-from bp2_rl.play.session import BRAKING, RIPPLE, Wish
+from bp2_rl.play.readings import readings
+from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Wish
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.specs import CONTROL_STEP
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
@@ -44,10 +46,10 @@ def test_speed_and_turn_follow_their_commands_and_the_line_is_held_after_a_turn(
     session.wish = Wish(2.0)
     commands = run(session, 2.0)
     assert np.diff(commands[:, 0]).max() == pytest.approx(COMMAND_ACCELERATION * CONTROL_STEP, rel=1e-3)
-    assert session.speed == pytest.approx(2.0, abs=0.5)
+    assert session.velocity[0] == pytest.approx(2.0, abs=0.5)
     session.wish = Wish(2.0, turn=0.8)
     run(session, 1.0)
-    assert 0.2 < session.turn < 1.2  # policies turn by less than they are told
+    assert 0.2 < session.velocity[2] < 1.2  # policies turn by less than they are told
     session.wish = Wish(1.0)
     commands = run(session, 0.5)
     braking = COMMAND_ACCELERATION if session.config.control.stopping_time else BRAKING
@@ -68,8 +70,8 @@ def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_sto
             session.wish = Wish(wish)
             for _ in range(steps):
                 session._lead()
-                before, told = told, np.asarray(tell(told, np.array([session._asked.speed, 0.0, 0.0], np.float32)))
-                assert told[0] == pytest.approx(session._asked.speed, abs=1e-3)
+                before, told = told, np.asarray(tell(told, np.asarray(session._asked, np.float32)))
+                assert told[0] == pytest.approx(session._asked[0], abs=1e-3)
             if wish:
                 assert 10.0 < told[0] < 11.0  # 18 (1 - exp(-2.6 / 3))
         assert told[0] < before[0] < 10.5
@@ -79,12 +81,64 @@ def test_who_launches_is_asked_for_no_more_than_the_policy_is_told_so_that_a_sto
 
 def test_no_more_turn_is_asked_for_than_friction_holds(session):
     session.wish = Wish(0.0, turn=99.0)
-    session._asked = Wish(session.config.commands.max_forward)
+    session._asked = np.array([session.config.commands.max_forward, 0.0, 0.0])
     limits = session.config.commands
     for _ in range(400):
         session._lead()
-    assert session._asked.turn == pytest.approx(limits.max_turn / session._asked.speed, rel=0.02)
-    assert session._asked.turn < limits.max_yaw_rate
+    assert session._asked[2] == pytest.approx(limits.max_turn / session._asked[0], rel=0.02)
+    assert session._asked[2] < limits.max_yaw_rate
+
+
+def test_a_wish_and_the_steps_of_keys_keep_to_what_the_policy_was_trained_for(session):
+    limits = session.config.commands
+    session.wish = Wish(-1.0, left=9.0)
+    assert session.wish == (0.0, limits.max_lateral, 0.0)
+    session.step(speed=1, left=-1)
+    session.step(turn=-1)
+    assert session.wish == (STEP.speed, pytest.approx(limits.max_lateral - STEP.left), -STEP.turn)
+    for _ in range(100):
+        session.step(speed=1, left=-1, turn=-1)
+    assert session.wish == (limits.max_forward, -limits.max_lateral, -limits.max_yaw_rate)
+    session.stand()
+    assert session.wish == Wish()
+
+
+def test_it_goes_sideways_and_then_keeps_to_the_line_that_it_has_come_to(session):
+    session.wish = Wish(1.0, left=0.5)
+    commands = run(session, 2.0)
+    # As in training: up to half as much at speed.
+    limits = session.config.commands
+    assert commands[-1, 1] == pytest.approx(0.5 * (1.0 - 0.5 * 1.0 / limits.max_forward), rel=1e-3)
+    assert np.diff(commands[:, 1]).max() == pytest.approx(limits.turn_acceleration * CONTROL_STEP, rel=1e-3)
+    assert session.velocity[1] == pytest.approx(0.5, abs=0.3)
+    session.wish = Wish(1.0)
+    run(session, 0.5)
+    assert session._line[1] > 0.4  # m
+    assert session.falls == 0
+
+
+def test_the_clock_runs_from_the_first_command_to_the_finish(session, monkeypatch):
+    monkeypatch.setattr("bp2_rl.play.session.TRACK", 0.5)
+    run(session, 0.1)
+    assert (session.sprint, session.finished) == (0.0, False)  # not yet
+    session.wish = Wish(2.0)
+    times = []
+    while not session.finished:
+        session.tick()
+        times.append(session.sprint)
+        assert len(times) < 400
+    assert session.qpos[0] == pytest.approx(0.5, abs=0.05)
+    np.testing.assert_allclose(times, CONTROL_STEP * np.arange(1, len(times) + 1), atol=1e-9)
+    first = session.best
+    run(session, 0.1)
+    assert session.sprint == session.best == first == times[-1]
+    session.reset()
+    monkeypatch.setattr("bp2_rl.play.session.TRACK", 1.0)  # takes longer
+    session.wish = Wish(2.0)
+    for _ in range(600):
+        session.tick()
+    assert session.finished
+    assert session.sprint > session.best == first
 
 
 def test_a_push_is_a_jump_of_velocity_along_the_heading(session):
@@ -108,21 +162,25 @@ def test_friction_bounds_what_feet_can_push_with(session):
     assert max(ratios) > 0.14  # and it slides
 
 
-def test_after_a_fall_it_lies_a_while_and_stands_again(session, monkeypatch):
+def test_after_a_fall_it_lies_a_while_and_stands_again_without_a_wish(session, monkeypatch):
     monkeypatch.setattr("bp2_rl.play.session.DOWN", DOWN)
     stand = session.qpos.copy()
+    session.wish = Wish(12.0, turn=1.0)
     session.push(0.0, 5.0)
     ticks = 0
     while session.down_since is None:
         session.tick()
         assert (ticks := ticks + 1) < 400
     fell = session.down_since
-    assert session.falls == 1
+    assert (session.falls, session.wish) == (1, Wish())
+    sprint = session.sprint
+    session.wish = Wish(12.0)  # a hand that is still on the slider
     run(session, DOWN)
     assert session.time == pytest.approx(fell + DOWN)
+    assert (session.sprint, session.best) == (sprint, math.inf)  # who falls has no time
     assert np.abs(session.qpos - stand).max() > 0.1
     session.tick()
-    assert (session.falls, session.down_since) == (1, None)
+    assert (session.falls, session.down_since, session.wish) == (1, None, Wish())
     np.testing.assert_allclose(session.qpos, stand, atol=0.02)
     assert session.time == pytest.approx(CONTROL_STEP)
 
@@ -134,14 +192,14 @@ def test_a_robot_whose_state_is_no_robots_any_more_is_set_on_its_feet_at_once(se
     assert session.falls == 1
     np.testing.assert_array_equal(session.qpos, stand)
     session.tick()
-    assert np.isfinite(session.speed)
+    assert np.isfinite(session.velocity).all()
 
 
 def test_after_a_reset_it_does_the_same_again(session):
-    session.wish = Wish(1.0)
     courses = []
     for _ in range(2):
         session.reset()
+        session.wish = Wish(1.0)
         run(session, 0.1)
         courses.append(session.qpos.copy())
     np.testing.assert_array_equal(*courses)
@@ -167,35 +225,92 @@ def test_the_ghost_is_the_reference_under_the_robots_heading(session):
 
 @dataclasses.dataclass
 class Wall:
-    """A clock that goes on while one sleeps and while the robot moves."""
+    """A clock that goes on while one sleeps, while the robot moves, and while nobody looks."""
 
     now: float = 0.0
     step: float = 0.0  # s that a control step takes
+    shut: float = math.inf  # when the stage is shut
+    away: tuple[float, float] = (0.0, 0.0)  # from when to when nobody looks
+    frames: list[float] = dataclasses.field(default_factory=list)
+    ticks: int = 0
 
     def sleep(self, seconds):
         self.now += seconds
 
     def tick(self):
         self.now += self.step
+        self.ticks += 1
+
+    def watched(self):
+        there = not self.away[0] <= self.now < self.away[1]
+        if not there:
+            self.now = min(self.now + 0.2, self.away[1])
+        return there
+
+    def show(self, pace):
+        self.frames.append(self.now)
+        return self.now < self.shut
+
+    def pace(self):
+        return Pace(lambda: self.now, self.sleep, work=lambda: 0.3 * self.now)
 
 
 @pytest.mark.parametrize(
     ("step", "slow", "factor"), [(0.002, 1.0, 1.0), (0.002, 5.0, 1.0), (0.010, 1.0, 0.5), (0.010, 2.0, 1.0)]
 )
 def test_the_pace_is_the_walls_or_the_machines(step, slow, factor):
-    wall, frames = Wall(step=step), []
-    pace = Pace(lambda: wall.now, wall.sleep, work=lambda: 0.3 * wall.now)
+    wall = Wall(step=step)
+    pace = wall.pace()
     pace.slow = slow
-    play_on(wall.tick, lambda: frames.append(wall.now) is None, pace, seconds=4.0)
+    play_on(wall.tick, wall, pace, seconds=4.0)
     assert pace.factor == pytest.approx(factor, abs=0.01)
     assert pace.load == pytest.approx(0.3 / factor, abs=0.01)
-    assert len(frames) == pytest.approx(4.0 * FRAMES, rel=0.2)
+    assert len(wall.frames) == pytest.approx(4.0 * FRAMES, rel=0.2)
 
 
-def test_who_closes_the_window_ends_it():
-    wall = Wall(step=0.002)
-    play_on(wall.tick, lambda: wall.now < 1.0, Pace(lambda: wall.now, wall.sleep))
+def test_closing_the_window_ends_it():
+    wall = Wall(step=0.002, shut=1.0)
+    play_on(wall.tick, wall, wall.pace())
     assert wall.now == pytest.approx(1.0, abs=2.0 / FRAMES)
+
+
+def test_it_stands_still_while_nobody_looks_and_goes_on_at_once():
+    wall = Wall(step=0.002, away=(1.0, 601.0))
+    pace = wall.pace()
+    play_on(wall.tick, wall, pace, seconds=602.0)
+    assert wall.ticks * CONTROL_STEP == pytest.approx(2.0, abs=0.05)  # it does not catch up either
+    assert pace.factor == pytest.approx(1.0, abs=0.01)  # of the time in which somebody looked
+    after = [frame for frame in wall.frames if frame > 1.0 + 1.0 / FRAMES]
+    assert after[0] == pytest.approx(601.0, abs=2.0 / FRAMES)
+
+
+def test_nobody_has_looked_yet():
+    wall = Wall(away=(0.0, 9.0))
+    pace = wall.pace()
+    play_on(wall.tick, wall, pace, seconds=1.0)
+    assert (wall.ticks, wall.frames, str(pace)) == (0, [], "nobody looked")
+
+
+def test_what_a_page_says_of_a_stand_a_sprint_and_a_fall(session):
+    pace = Wall().pace()
+    assert readings(session, pace) == {
+        "speed": "0.00 m/s, told 0.00",
+        "sideways": "0.00 m/s, told 0.00",
+        "turn": "0.00 rad/s, told 0.00",
+        "100 m": "ready",
+        "best": "none yet; the paper's robot: 12.2 s",
+        "run": "0 m in 0.0 s; falls: 0",
+        "pace": "nobody looked",
+    }
+    session.wish = Wish(2.0)
+    run(session, 0.5)
+    assert readings(session, pace)["100 m"] == "0.50 s, 100 m left"
+    session.finished, session.sprint, session.best, session.down_since, session.falls = True, 11.25, 9.74, 0.5, 1
+    session.distance = 70.4
+    said = readings(session, pace)
+    assert said["100 m"] == "11.25 s; reset for another"
+    assert said["best"].startswith("9.74 s; ")
+    assert said["run"] == "fell; 70 m in 0.5 s; falls: 1"
 
 
 def test_speeds_are_means_over_a_stride(session):

@@ -1,9 +1,14 @@
 """The page in a real browser: the robot is to be seen, and follows the slider."""
 
+import http.client
+import os
 import re
 import socket
 import subprocess
 import sys
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -11,7 +16,7 @@ from browser import browsing, find_browser
 
 pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
 BROWSER = find_browser()
-SPEED = "Number(document.querySelector('[data-reading=speed]')?.textContent)"
+SPEED = "parseFloat(document.querySelector('[data-reading=speed]')?.textContent)"
 SLIDER = "[...document.querySelectorAll('[role=slider]')][0]"
 
 
@@ -53,7 +58,52 @@ def test_the_robot_is_on_the_page_and_runs_as_fast_as_the_slider_says(served, tm
         told = tab.wait("Number(/told ([1-9][0-9.]*)/.exec(document.body.innerText)?.[1])")
         assert told >= 1.0
         assert tab.wait(f"{SPEED} > 1.0") is True
+        tab.value("[...document.querySelectorAll('button')].find(b => b.innerText == 'reset').click()")
+        assert tab.wait(f"{SLIDER}.getAttribute('aria-valuenow') == '0'") is True  # the slider follows
+        assert tab.wait("document.body.innerText.includes('ready')") is True
         assert process.poll() is None
+
+
+@pytest.mark.skipif(BROWSER is None or not Path("/proc/self/stat").exists(), reason="needs a Chromium and /proc")
+def test_it_rests_while_no_browser_shows_it(served):
+    process, _ = served  # the tab of the test before is closed
+
+    def busy():
+        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # s, of processor time
+
+    for _ in range(50):
+        before = busy()
+        time.sleep(1.0)
+        if (spent := busy() - before) < 0.1:
+            break
+    assert spent < 0.1  # running takes 0.4
+
+
+def answer(url, **headers):
+    """The status of a request with these headers."""
+    place = urlsplit(url)
+    connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=60)
+    connection.request("GET", "/", headers={name.replace("_", "-"): value for name, value in headers.items()})
+    response = connection.getresponse()
+    response.read()
+    connection.close()
+    return response.status
+
+
+def test_pages_of_other_sites_are_refused(served):
+    _, url = served
+    port = urlsplit(url).port
+    assert answer(url) == 200
+    for host in ("localhost", f"127.0.0.1:{port}", "[::1]:80", "LOCALHOST:9000"):  # an ssh tunnel has a port of its own
+        assert answer(url, Host=host) == 200
+    for host in ("example.org", f"example.org:{port}", "localhost.example.org", "127.0.0.1.example.org", "[", ""):
+        assert answer(url, Host=host) == 403
+    socket = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec_WebSocket_Version": "13"}
+    socket["Sec_WebSocket_Key"] = "AAAAAAAAAAAAAAAAAAAAAA=="
+    assert answer(url, **socket, Origin=f"http://localhost:{port}") == 101
+    for origin in ("https://example.org", f"http://localhost.example.org:{port}", "null", "file://"):
+        assert answer(url, **socket, Origin=origin) == 403
 
 
 def visible(picture: np.ndarray) -> bool:

@@ -4,7 +4,7 @@ import pytest
 
 from bp2_rl.paper.figures.rewards import ROWS, rewards
 from bp2_rl.paper.figures.settings import RewardsSettings
-from bp2_rl.settings.env import RewardConfig
+from bp2_rl.settings.training import PAPER
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,11 @@ def test_every_coefficient_of_the_table_has_a_row(drawn):
         "Straight-running symmetry": (0, 0.1), "Terminal": (1, 1),
     }  # fmt: skip
     assert {row: (paper["imitation"][row], paper["relaxed"][row]) for row in ROWS} == printed
-    ours = {"landing", "stand"}  # beyond the table
-    assert set(ROWS.values()) == {n for n, value in vars(RewardConfig()).items() if isinstance(value, float)} - ours
+    # Coefficients beyond the table, ours and yours, count nothing in the paper's columns.
+    columns = [vars(config).items() for config in PAPER.values()]
+    assert set(ROWS.values()) == {
+        name for column in columns for name, value in column if isinstance(value, float) and value
+    }
 
 
 def test_to_the_letter_tracking_loses_weight_where_the_text_has_it_gain(drawn):
