@@ -10,7 +10,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import train, usage
 from bp2_rl.cli.__main__ import main
-from bp2_rl.settings.training import make_config
+from bp2_rl.settings.presets import make_config
 
 LEAVES = (
     "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",

@@ -4,7 +4,7 @@ import pytest
 
 from bp2_rl.paper.figures.rewards import ROWS, rewards
 from bp2_rl.paper.figures.settings import RewardsSettings
-from bp2_rl.settings.training import PAPER
+from bp2_rl.settings.presets.rewards import PAPER
 
 
 @pytest.fixture(scope="module")
