@@ -88,6 +88,7 @@ class OnboardController:
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
         self.watchdog = Watchdog(self.settings)
         self._stand = np.array(control["stand"])
+        self._lowest, self._highest = np.array(self.settings["joint_range"]).T
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._limits = command_limits(self.settings)
@@ -132,7 +133,7 @@ class OnboardController:
     ) -> DriveTargets:
         """Return the joint targets until the next tick, 5 ms on.
 
-        `step` never raises for what a sensor, a clock or a link may bring.
+        `step` never raises for what a sensor, a clock or a link may bring, and no target is outside a joint's range.
 
         Args:
             measurement: the newest there is. One counts as new if its time is later than that of all before; an older
@@ -204,9 +205,12 @@ class OnboardController:
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
-            return DriveTargets(self._stand + offset, np.zeros(12))
+            return self._within_range(self._stand + offset, np.zeros(12))
         pose: Pose = self.motion(command, self._phase)
-        return DriveTargets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+        return self._within_range(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+
+    def _within_range(self, position: np.ndarray, velocity: np.ndarray) -> DriveTargets:
+        return DriveTargets(np.minimum(np.maximum(position, self._lowest), self._highest), velocity)
 
 
 def read_settings(folder: Path | str) -> dict[str, Any]:
