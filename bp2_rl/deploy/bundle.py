@@ -24,7 +24,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
-from bp2_rl.deploy.network import to_onnx
+from bp2_rl.deploy.network import require_onnx, to_onnx
 from bp2_rl.deploy.onboard.controller import (
     FORMAT,
     NETWORK,
@@ -86,6 +86,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
         UserError: the controller cannot run this policy, a package is missing, or the place cannot be written.
     """
     require_name(directory)
+    require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy)
     network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **_texts(settings["policy"])})
     try:

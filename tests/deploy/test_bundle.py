@@ -96,6 +96,16 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
     assert not Path("robot").exists()
 
 
+def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
+    save_policy(here / "run" / "policy", tiny(make_card))
+    code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
+    line = [sys.executable, "-c", code, "run", "--to", "robot", "--format", "onnx"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"' in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
     kinematic = EnvConfig(reference="kinematic")
     with pytest.raises(UserError, match="trained on the kinematic reference"):

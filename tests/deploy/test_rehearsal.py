@@ -142,3 +142,15 @@ def test_in_real_time_it_talks_over_udp(onboard, bundle):
     shown = onboard.rehearse.show(result, plan)
     assert "p50 / p99 / max" in shown
     assert "limits used range 0 %, joint speed " in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--robot", "spot"], "no robot 'spot' in {bundle}: choose from built, ideal"),
+        (["nowhere"], "no bundle in nowhere: it has no deploy.json"),
+    ],
+)
+def test_a_mistake_is_one_line(onboard, bundle, capsys, arguments, words):
+    assert onboard.rehearse.main([str(bundle), *arguments] if arguments[0] == "--robot" else arguments) == 2
+    assert capsys.readouterr().err == f"error: {words.format(bundle=bundle)}\n"

@@ -19,7 +19,6 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnxruntime
 
 from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 
@@ -240,6 +239,8 @@ def command_limits(settings: Mapping[str, Any]) -> Any:
 
 def _load_network(path: Path) -> Any:
     """Load the network to run on one core: its input is so small that threads would only wait for each other."""
+    import onnxruntime  # here, so that `bp2 export` can say how to install it
+
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3

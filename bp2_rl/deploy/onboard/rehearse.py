@@ -213,6 +213,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         settings = read_settings(args.folder)
         robot = args.robot or next(iter(settings["robots"]))
+        if robot not in settings["robots"]:
+            raise ValueError(f"no robot {robot!r} in {args.folder}: choose from {', '.join(settings['robots'])}")
         print(f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s", file=sys.stderr)
         result = in_real_time(args.folder, robot, plan, None if core == -1 else core)
     except (OSError, ValueError) as error:
