@@ -1,6 +1,7 @@
 """What `bp2 export --format onnx` writes, and how it refuses."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -50,6 +51,12 @@ def here(tmp_path, monkeypatch):
 def test_it_runs_without_jax_and_without_bp2_rl(bundle):
     done = subprocess.run([sys.executable, "-c", ALONE], cwd=bundle, capture_output=True, text=True, check=False)
     assert (done.stdout.split(), done.stderr) == (["True", "True"], "")
+
+
+def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
+    (script,) = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(), re.S)
+    done = subprocess.run([sys.executable, "-c", script], cwd=bundle, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("1.8 m run\n", "")
 
 
 def test_its_settings_say_what_a_robot_needs(bundle, shipped):
