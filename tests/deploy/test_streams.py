@@ -243,7 +243,7 @@ def test_a_wrong_stream_ends_in_its_fault_in_time(controller, runs, name):
     longest = max(TIMES[fault] for fault in faults)
     for seed in range(SEEDS):
         rng = np.random.default_rng([seed, *name.encode()])
-        begins = int(rng.integers(60, 110))
+        begins = int(rng.integers(40, 90))
         targets, fault, after = play(controller, runs[seed % len(runs)], [wrong], begins, rng)
         found = fault.partition(":")[0]
         assert found in faults, (seed, fault)
@@ -257,7 +257,7 @@ def test_two_wrongs_end_in_a_fault_in_time(controller, runs, name):
         rng = np.random.default_rng([seed, *name.encode(), 2])
         other = rng.choice([other for other in WRONGS if other != name])
         wrongs, faults = zip(WRONGS[name], WRONGS[other], strict=True)
-        begins = int(rng.integers(60, 110))
+        begins = int(rng.integers(40, 90))
         targets, fault, after = play(controller, runs[SWUNG], wrongs, begins, rng)
         longest = max(TIMES[fault] for fault in set.union(*faults) | {fault.partition(":")[0]})
         assert after <= longest + 3 * DT, (seed, other, fault)
