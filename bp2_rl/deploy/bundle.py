@@ -24,16 +24,16 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
-from bp2_rl.deploy.network import to_onnx
+from bp2_rl.deploy.network import require_onnx, to_onnx
 from bp2_rl.deploy.onboard.controller import (
     FORMAT,
     NETWORK,
     OBSERVATION,
     REFERENCE,
     SETTINGS,
-    WatchdogLimits,
     split_name,
 )
+from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.learning.policy import Policy
@@ -56,13 +56,26 @@ FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|robot)(?: (?=import)|\.)", re.
 """What the imports of these modules begin with."""
 WATCH = WatchdogLimits(
     silence=0.05,
+    ahead=0.005,  # a tick: stamp and `now` may be read in either order
+    rate=2.0,
     stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
     braking=1.0,  # what policies brake at on bad ground
-    joint_margin=0.3,  # joints bounce off their stops by a few hundredths
+    joint_margin=0.3,  # joints bounce off their stops by .1
     joint_speed=100.0,  # five times what the motors can do
     turning=50.0,
     up_length=0.2,
+    tilt=math.radians(60.0),  # training ends an episode at 37 deg: no policy knows what is beyond
+    frozen=0.1,  # slow drivers repeat a value for some 20 ms
+    frozen_target=0.1,  # 25 Nm at the default stiffness, which moves any joint
+    window=0.5,  # a stride and more
+    mismatch=0.5,  # finds speeds half or twice as large, and wrong signs
+    joint_noise=0.1,  # ten times an encoder's noise in training
+    up_noise=0.05,  # five times the IMU's: 3 deg
+    off_target=0.8,  # a hip with the wrong sign is off by 1.24 in a stand
+    opposed=0.5,
+    swing=0.1,
 )
+"""The limits, with reasons; docs/deploy.md has what normal running uses of each."""
 
 
 def write_bundle(directory: Path, policy: Policy) -> None:
@@ -72,6 +85,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
         UserError: the controller cannot run this policy, a package is missing, or the place cannot be written.
     """
     require_name(directory)
+    require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy)
     network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **_texts(settings["policy"])})
     try:

@@ -21,7 +21,7 @@ def to_onnx(policy: Policy, metadata: Mapping[str, str]) -> bytes:
     Raises:
         UserError: the package onnx is missing.
     """
-    helper, checker, numpy_helper = _onnx()
+    helper, checker, numpy_helper = require_onnx()
     from onnx import TensorProto
 
     card = policy.card
@@ -75,7 +75,12 @@ def _compare(policy: Policy, content: bytes) -> None:
         raise RuntimeError(f"onnxruntime {onnxruntime.__version__} is off by {error:.1e} from the policy")
 
 
-def _onnx() -> tuple[Any, Any, Any]:
+def require_onnx() -> tuple[Any, Any, Any]:
+    """Return helper, checker and numpy_helper of the package onnx.
+
+    Raises:
+        UserError: onnx or onnxruntime is missing.
+    """
     try:
         import onnxruntime  # noqa: F401
         from onnx import checker, helper, numpy_helper

@@ -1,6 +1,7 @@
 """What `bp2 export --format onnx` writes, and how it refuses."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -52,6 +53,12 @@ def test_it_runs_without_jax_and_without_bp2_rl(bundle):
     assert (done.stdout.split(), done.stderr) == (["True", "True"], "")
 
 
+def test_the_page_about_it_has_a_script_that_runs_in_its_folder(bundle):
+    (script,) = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(), re.S)
+    done = subprocess.run([sys.executable, "-c", script], cwd=bundle, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("1.8 m run\n", "")
+
+
 def test_its_settings_say_what_a_robot_needs(bundle, shipped):
     settings = json.loads((bundle / "deploy.json").read_text())
     env = shipped.card.env
@@ -96,6 +103,16 @@ def test_a_mistake_is_one_line(here, make_card, capsys, arguments, words):
     assert not Path("robot").exists()
 
 
+def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_card):
+    save_policy(here / "run" / "policy", tiny(make_card))
+    code = "import sys; sys.modules['onnxruntime'] = None; from bp2_rl.cli import export; sys.exit(export.main())"
+    line = [sys.executable, "-c", code, "run", "--to", "robot", "--format", "onnx"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert '--format onnx needs the package onnxruntime: pip install -c constraints.txt -e ".[deploy]"' in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
     kinematic = EnvConfig(reference="kinematic")
     with pytest.raises(UserError, match="trained on the kinematic reference"):
@@ -113,7 +130,7 @@ def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     for name in ("policy.onnx", "reference.npz"):
         (tmp_path / name).write_bytes((bundle / name).read_bytes())
     for changed, words in (
-        ({"format": 99}, "has format 99, this controller reads 2"),
+        ({"format": 99}, "has format 99, this controller reads 3"),
         ({"observation": [["command", 3], ["smell", 2]]}, "reads .* numbers"),
     ):
         (tmp_path / "deploy.json").write_text(json.dumps(settings | changed))

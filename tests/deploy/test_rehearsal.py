@@ -121,7 +121,7 @@ def test_a_robot_whose_sensors_fail_ends_in_a_commanded_stand(onboard, bundle, f
     for speed, stays_up in ((0.02, True), (3.0, False)):
         plan = onboard.world.RehearsalPlan(speed=speed, acceleration=3.0, fault=fault, fault_at=1.1, after=0.9)
         world, controller = onboard.rehearse.in_steps(bundle, "built", plan)
-        assert controller.fault.startswith("joint_position is not finite" if fault == "nan" else "no measurement for")
+        assert controller.fault.startswith("not finite: joint_position" if fault == "nan" else "silence: ")
         assert (
             np.ptp(world.targets[900:1100], axis=0).max() > 1e-3
         )  # the policy was at work: a commanded stand is still
@@ -139,4 +139,18 @@ def test_in_real_time_it_talks_over_udp(onboard, bundle):
     assert result["lost"] > 0
     assert result["sent"] > 300
     assert len(result["wall_ms"]) == len(result["cpu_ms"]) == 3
-    assert "p50 / p99 / max" in onboard.rehearse.show(result, plan)
+    shown = onboard.rehearse.show(result, plan)
+    assert "p50 / p99 / max" in shown
+    assert "limits used range 0 %, joint speed " in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--robot", "spot"], "no robot 'spot' in {bundle}: choose from built, ideal"),
+        (["nowhere"], "no bundle in nowhere: it has no deploy.json"),
+    ],
+)
+def test_a_mistake_is_one_line(onboard, bundle, capsys, arguments, words):
+    assert onboard.rehearse.main([str(bundle), *arguments] if arguments[0] == "--robot" else arguments) == 2
+    assert capsys.readouterr().err == f"error: {words.format(bundle=bundle)}\n"

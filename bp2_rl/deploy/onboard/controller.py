@@ -4,12 +4,11 @@
     while True:                                            # every 5 ms
         targets = controller.step(measurement, command)    # joint targets for the drives' 1 kHz PD loop
 
-A watchdog looks at everything that comes in. Where sensors fall silent or say what cannot be, the joints are led to the
-standing pose and kept there until `reset`; where the operator falls silent, the robot slows down to a stand under the
-policy.
+A watchdog looks at everything that comes in (`watchdog`). Where sensors fall silent or say what cannot be, the joints
+are led to the standing pose and kept there until `reset`; where the operator falls silent, the robot slows down to a
+stand under the policy.
 """
 
-import dataclasses
 import json
 import math
 import time
@@ -20,25 +19,15 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnxruntime
 
 from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 
 from .motion import Pose, load_motion
+from .watchdog import SensorFault, SensorReading, Watchdog
 
-FORMAT = 2
+FORMAT = 3
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
-
-
-class SensorReading(NamedTuple):
-    """What encoders and IMU report; joints in the order of `joints` in `deploy.json`."""
-
-    joint_position: np.ndarray  # (12) rad
-    joint_velocity: np.ndarray  # (12) rad/s
-    up: np.ndarray  # (3) the world's vertical in the body frame (x forward, y left, z up)
-    angular_velocity: np.ndarray  # (3) rad/s, body frame
-    time: float  # s, when it arrived, by the clock whose time `step` is told
 
 
 class DriveTargets(NamedTuple):
@@ -46,19 +35,6 @@ class DriveTargets(NamedTuple):
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
-
-
-@dataclasses.dataclass(frozen=True)
-class WatchdogLimits:
-    """The limits of the watchdog, `watchdog` in `deploy.json`."""
-
-    silence: float  # s without a new measurement, beyond which the robot stands
-    stand_time: float  # s, in which the joints are led to the standing pose
-    braking: float  # m/s2, at which the command falls where the operator says nothing
-    joint_margin: float  # rad, by which a joint may be beyond its range
-    joint_speed: float  # rad/s
-    turning: float  # rad/s, of the trunk
-    up_length: float  # by which the length of `up` may differ from 1
 
 
 class _Seen(NamedTuple):
@@ -109,12 +85,9 @@ class OnboardController:
         self.settings = read_settings(folder)
         control, limits = self.settings["control"], self.settings["command"]
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
-        self.watch = WatchdogLimits(**self.settings["watchdog"])
+        self.watchdog = Watchdog(self.settings)
         self._stand = np.array(control["stand"])
-        bounds = np.array(self.settings["joint_range"])
-        spread = self.watch.joint_margin + np.ptp(bounds, axis=1) / 2.0
-        self._middle = np.concatenate((bounds.mean(axis=1), np.zeros(15)))
-        self._reach = np.concatenate((spread, np.full(12, self.watch.joint_speed), np.full(3, self.watch.turning)))
+        self._lowest, self._highest = np.array(self.settings["joint_range"]).T
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._limits = command_limits(self.settings)
@@ -135,8 +108,11 @@ class OnboardController:
         self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
         self.reset()
         still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
-        for _ in range(WARMING):  # else the first ticks are the slowest
-            self._act(still)
+        try:
+            for _ in range(WARMING):  # else the first ticks are the slowest
+                self._act(still)
+        except SensorFault as fault:
+            raise ValueError(f"{folder}: {fault}") from None
         self.reset()
 
     def reset(self, phase: float = 0.0) -> None:
@@ -148,89 +124,68 @@ class OnboardController:
         self._past.clear()
         self.command = np.zeros(3, np.float32)
         self._targets = DriveTargets(self._stand.copy(), np.zeros(12))
-        self._measurement: SensorReading | None = None
-        self._heard: float | None = None
-        self._stopped = 0.0
-        self._stopped_at = self._targets.position
+        self._stopped_at, self._ticks_stopped = self._targets.position, 0
+        self.watchdog.reset()
 
     def step(
         self, measurement: SensorReading | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
     ) -> DriveTargets:
-        """The joint targets until the next tick, 5 ms on. Never raises for what a sensor or a link may bring.
+        """Return the joint targets until the next tick, 5 ms on.
+
+        `step` never raises for what a sensor, a clock or a link may bring, and no target is outside a joint's range.
 
         Args:
-            measurement: the newest there is, though it may have been seen before; None where none is new.
+            measurement: the newest there is. One counts as new if its time is later than that of all before; an older
+                one, the same again, or None say nothing new.
             command: m/s forward, m/s to the left, rad/s; None where the operator is silent.
-            now: s; by default the clock's time.
+            now: s, by the clock that measurements are stamped with on arrival; by default the clock's time.
         """
-        now = self._clock() if now is None else now
         if not self.fault:
-            self._look(measurement, now)
-        if not self.fault:
-            self._obey(command)
-            if self._measurement is None:  # the first is still on its way
+            try:
+                now = self._clock() if now is None else now
+                newest = self.watchdog.look(measurement, now, self._targets.position)
+                self._obey(command)
+                if newest is not None:  # else the first is still on its way
+                    self._targets = self._act(newest)
                 return self._targets
-            targets = self._act(self._measurement)
-            if np.isfinite(targets.position).all():
-                self._targets = targets
-                return targets
-            self._stop("the network's answer is not finite", now)
-        self._targets = self._to_stand(now)
+            except SensorFault as fault:
+                self.fault, self._stopped_at = str(fault), self._targets.position
+        self._targets = self._to_stand()
         return self._targets
 
-    # --- The watchdog -----------------------------------------------------------------------------------------
+    def _to_stand(self) -> DriveTargets:
+        """Return targets on the way to the standing pose: a cubic that begins and ends at rest.
 
-    def _look(self, measurement: SensorReading | None, now: float) -> None:
-        """Accept the measurement, or stop if it is faulty or if sensors have been silent for too long."""
-        if measurement is not None:
-            if fault := self._fault_of(measurement):
-                return self._stop(fault, now)
-            self._measurement, self._heard = measurement, measurement.time
-        silent = now - (now if self._heard is None else self._heard)
-        if silent > self.watch.silence:
-            self._stop(f"no measurement for {1e3 * silent:.0f} ms", now)
-        return None
-
-    def _fault_of(self, measurement: SensorReading) -> str:
-        """What is wrong with a measurement, if anything is. Every comparison is one that NaN fails."""
-        q, qd, up, turning, time = measurement
-        x, y, z = up.tolist()
-        sound = np.abs(np.concatenate((q, qd, turning)) - self._middle) <= self._reach
-        if sound.all() and abs(math.hypot(x, y, z) - 1.0) <= self.watch.up_length and math.isfinite(time):
-            return ""
-        for name, value in zip(SensorReading._fields, measurement, strict=True):
-            if not np.isfinite(value).all():
-                return f"{name} is not finite"
-        if not sound[:12].all():
-            return "joint_position is beyond the joints' range"
-        if not sound[12:24].all():
-            return "joint_velocity is faster than any joint"
-        return "up is no direction" if sound.all() else "angular_velocity is faster than any trunk"
-
-    def _stop(self, fault: str, now: float) -> None:
-        self.fault, self._stopped, self._stopped_at = fault, now, self._targets.position
-
-    def _to_stand(self, now: float) -> DriveTargets:
-        """Return targets on the way to the standing pose: a cubic in time that begins and ends at rest."""
-        time = self.watch.stand_time
-        s = min(max((now - self._stopped) / time, 0.0), 1.0)
+        Ticks are counted, because a clock may be what is at fault.
+        """
+        time = self.watchdog.limits.stand_time
+        s = min(self._ticks_stopped * self._dt / time, 1.0)
+        self._ticks_stopped += 1
         way = self._stand - self._stopped_at
         return DriveTargets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
 
     # --- The policy -------------------------------------------------------------------------------------------
 
     def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
-        """Accept the command, limited to what the policy was trained for; slow down if there is no command."""
-        if command is not None and np.isfinite(asked := np.asarray(command, float)).all():
+        """Accept the command, limited to what the policy was trained for; slow down where it is not three numbers."""
+        try:
+            asked = np.asarray(command, float)
+        except Exception:  # whatever the link to the operator brings
+            asked = np.zeros(0)
+        if asked.shape == (3,) and np.isfinite(asked).all():
             told = np.clip(asked, self._least, self._most).astype(np.float32)
         else:
             speed = float(np.linalg.norm(self.command[:2]))
-            slower = max(speed - self.watch.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
+            slower = max(speed - self.watchdog.limits.braking * self._dt, 0.0) / speed if speed > 0.0 else 0.0
             told = self.command * np.float32(slower)
         self.command = eased(self.command, told, self._limits)
 
     def _act(self, measurement: SensorReading) -> DriveTargets:
-        """Compute the joint targets of one tick: observation, network, reference motion, targets."""
+        """Compute the joint targets of one tick: observation, network, reference motion, targets.
+
+        Raises:
+            SensorFault: the network's answer is not finite.
+        """
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
@@ -242,14 +197,19 @@ class OnboardController:
         ]
         self._past.append(frame)
         answer: Any = self._network.run(None, {"observation": np.concatenate([frame, *changes])[None]})[0]
+        if not np.isfinite(answer).all():
+            raise SensorFault("network: its answer is not finite; is policy.onnx damaged?")
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
         self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
         self._last_action = action
         offset = self._scale * action.astype(float)
         if not self._residual:
-            return DriveTargets(self._stand + offset, np.zeros(12))
+            return self._within_range(self._stand + offset, np.zeros(12))
         pose: Pose = self.motion(command, self._phase)
-        return DriveTargets(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+        return self._within_range(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+
+    def _within_range(self, position: np.ndarray, velocity: np.ndarray) -> DriveTargets:
+        return DriveTargets(np.minimum(np.maximum(position, self._lowest), self._highest), velocity)
 
 
 def read_settings(folder: Path | str) -> dict[str, Any]:
@@ -277,8 +237,10 @@ def command_limits(settings: Mapping[str, Any]) -> Any:
     return SimpleNamespace(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
 
 
-def _load_network(path: Path) -> onnxruntime.InferenceSession:
+def _load_network(path: Path) -> Any:
     """Load the network to run on one core: its input is so small that threads would only wait for each other."""
+    import onnxruntime  # here, so that `bp2 export` can say how to install it
+
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3

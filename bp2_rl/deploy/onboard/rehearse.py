@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from .controller import DriveTargets, OnboardController, SensorReading, describe
+from .controller import DriveTargets, OnboardController, describe, read_settings
 from .link import COMMAND, SENSORS, TARGETS, Packet, Radio
 from .robot import DT
+from .watchdog import SensorReading
 from .world import FAULTS, TICK, RehearsalPlan, RehearsalWorld
 
 GRACE = 0.001  # s, for which a measurement that is due is waited for
@@ -95,7 +96,14 @@ def in_real_time(folder: Path | str, robot: str, plan: RehearsalPlan, core: int 
         process.join(5.0)
         process.kill()
     wall, cpu = (np.percentile(1e3 * np.array(times), PERCENTILES).tolist() for times in zip(*ticks, strict=True))
-    return {**outcome, "ticks": len(ticks), "wall_ms": wall, "cpu_ms": cpu, "fault": controller.fault}
+    return {
+        **outcome,
+        "ticks": len(ticks),
+        "wall_ms": wall,
+        "cpu_ms": cpu,
+        "fault": controller.fault,
+        "used": controller.watchdog.used,
+    }
 
 
 def _drive(controller: OnboardController, radio: Radio, world: Connection) -> list[tuple[float, float]]:
@@ -176,6 +184,7 @@ def show(result: dict[str, Any], plan: RehearsalPlan) -> str:
         slowest = "" if result["least_second"] is None else f", slowest second {result['least_second']:.2f} m/s"
         lines.append(f"speed       {result['mean_speed']:.2f} m/s over {plan.hold:g} s{slowest}")
     lines.append(f"watchdog    {result['fault'] or 'silent'}; speed at the end {result['final_speed']:.2f} m/s")
+    lines.append("limits used " + ", ".join(f"{name} {100 * used:.0f} %" for name, used in result["used"].items()))
     return "\n".join(lines)
 
 
@@ -202,8 +211,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if core is None and hasattr(os, "sched_getaffinity"):
         core = max(os.sched_getaffinity(0))
     try:
-        settings = json.loads((args.folder / "deploy.json").read_text())
+        settings = read_settings(args.folder)
         robot = args.robot or next(iter(settings["robots"]))
+        if robot not in settings["robots"]:
+            raise ValueError(f"no robot {robot!r} in {args.folder}: choose from {', '.join(settings['robots'])}")
         print(f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s", file=sys.stderr)
         result = in_real_time(args.folder, robot, plan, None if core == -1 else core)
     except (OSError, ValueError) as error:
