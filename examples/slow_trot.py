@@ -1,31 +1,30 @@
-"""Train a slow trot: a minute or so on two processors that have nothing else to do.
+"""Train a slow trot: two minutes on two processors that have nothing else to do.
 
     python examples/slow_trot.py
 
-It is what `python train.py --stage imitation --preset smoke` does, in Python: settings, a run, what came of it.
+It is what `python train.py --stage imitation --preset first` does, in Python: settings, a run, what came of it.
 """
 
 import dataclasses
 from pathlib import Path
 
+import bp2_rl as bp2
 from bp2_rl.cli.runtime import prepare_jax
-from bp2_rl.learning import run
 from bp2_rl.learning.writers import read_metrics
-from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import TrainConfig
 
 
 def settings() -> TrainConfig:
-    """The smoke preset, with commands of at most 2 m/s instead of 3."""
-    config = make_config("imitation", "smoke")
+    """The preset `first`, with commands of at most 2 m/s instead of 3."""
+    config = bp2.preset("imitation", "first")
     slow = dataclasses.replace(config.env.commands, max_forward=2.0)
     return dataclasses.replace(config, env=dataclasses.replace(config.env, commands=slow))
 
 
 def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
     """Train a run in a new folder; the lines of its metrics."""
-    # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `run.resume`.
-    run.start(config, folder)
+    # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `bp2.resume`.
+    bp2.train(config, folder)
     return read_metrics(folder)
 
 

@@ -23,7 +23,7 @@ def test_a_public_name_is_what_its_home_defines(name):
 
 
 def test_a_wrong_name_is_answered_with_the_right_ones():
-    with pytest.raises(AttributeError, match=r"bp2_rl has no sprint; its public names are BP2Env, EnvConfig"):
+    with pytest.raises(AttributeError, match=r"bp2_rl has no sprint; its public names are load_policy, rollout"):
         bp2_rl.sprint  # noqa: B018
 
 

@@ -10,7 +10,9 @@ import signal
 import sys
 import threading
 import time
+import types
 from collections.abc import Callable, Generator
+from typing import Any
 
 from bp2_rl.base.errors import UserError
 
@@ -18,6 +20,7 @@ PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end with."""
 NPROC_IS_OURS = "NPROC" not in os.environ
 """Whether the number of XLA's threads is ours to set; if not, the user or a parent process has set it."""
+_DEVICES = "xla_force_host_platform_device_count"
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
 
@@ -27,6 +30,8 @@ def spawned(
     count: int, initializer: Callable[[], None] | None = None, *, abandon: bool = False
 ) -> Generator[concurrent.futures.ProcessPoolExecutor]:
     """A pool of `count` processes, spawned: one forked beside JAX's threads can hang. Each begins with `initializer`.
+
+    The processes do not run the caller's script again, as spawned ones do: what they are given is of this package.
 
     They are killed when this process ends, however that ends. Linux counts the end of the thread that submitted the
     first tasks for that: submit from one that outlives the pool. With `abandon` they are killed already when the block
@@ -38,9 +43,8 @@ def spawned(
     if count < 1:
         raise UserError(f"workers must be at least 1, got {count}")
     others = multiprocessing.active_children()
-    spawn = multiprocessing.get_context("spawn")
     pool = concurrent.futures.ProcessPoolExecutor(
-        count, mp_context=spawn, initializer=_begin, initargs=(os.getpid(), initializer)
+        count, mp_context=_SpawnContext(), initializer=_begin, initargs=(os.getpid(), initializer)
     )
     try:
         yield pool
@@ -60,16 +64,42 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class _SpawnProcess(multiprocessing.context.SpawnProcess):
+    """A spawned process that is not told of the caller's main module."""
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # multiprocessing's own
+        main, empty = sys.modules["__main__"], types.ModuleType("__main__")
+        sys.modules["__main__"] = empty
+        try:
+            return multiprocessing.context.SpawnProcess._Popen(process_obj)  # pyright: ignore
+        finally:
+            sys.modules["__main__"] = main
+
+
+class _SpawnContext(multiprocessing.context.SpawnContext):
+    Process = _SpawnProcess
+
+
 def use_one_xla_thread() -> None:
     """Let XLA compute in one thread where JAX has no accelerator, unless the user has set NPROC.
 
     On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
     the pool for help from inside the pool, which one thread cannot. XLA reads NPROC when JAX starts its backend.
-    Trainings in BP2's own kernel set it anew (`cli/train.py`).
+    Trainings in BP2's own kernel take all processors (`use_all_processors`).
     """
     on_cpu = os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None
     if NPROC_IS_OURS and on_cpu:
         os.environ["NPROC"] = "1"
+
+
+def use_all_processors() -> None:
+    """Let XLA make each processor a device of its own, after `use_one_xla_thread` and before JAX starts its backend."""
+    if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
+        return
+    os.environ["NPROC"] = str(processors())
+    if _DEVICES not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{_DEVICES}={processors()}".strip()
 
 
 def end_with_parent(parent: int, by: signal.Signals) -> None:

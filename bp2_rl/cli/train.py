@@ -4,18 +4,17 @@ import argparse
 import contextlib
 import dataclasses
 import datetime
-import os
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
-from bp2_rl.base.workers import NPROC_IS_OURS, end_with_caller, processors
+from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
 from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
@@ -34,7 +33,6 @@ EVERYDAY = {
     "by what": ("impl", "ppo.num-envs", "deterministic", "track", "cluster.coordinator"),
 }
 """Flags that --help shows, by its headings; --help-all shows all."""
-DEVICES = "xla_force_host_platform_device_count"
 RUNS = Path("runs")
 
 
@@ -146,7 +144,9 @@ def _train(argv: list[str]) -> None:
     import numpy as np
 
     from bp2_rl.cli.runtime import find_backend, prepare_jax
-    from bp2_rl.learning import cluster, run
+    from bp2_rl.evaluation import judged
+    from bp2_rl.learning import cluster
+    from bp2_rl.learning.run import replay
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
@@ -160,11 +160,11 @@ def _train(argv: list[str]) -> None:
         tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
-            print(run.replay(arguments.replay))
+            print(replay(arguments.replay))
         return
     if arguments.resume is not None:
-        with app.failures_into(arguments.resume), _judge(load_run_config(arguments.resume)) as judge:
-            run.resume(arguments.resume, judge=judge, tracker=tracker)
+        with app.failures_into(arguments.resume):
+            judged.resume(arguments.resume, tracker=tracker)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -180,32 +180,9 @@ def _train(argv: list[str]) -> None:
         say("JAX sees no accelerator: on a processor such a training takes days, and --preset cpu takes ten minutes")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
-    with app.failures_into(out), _judge(config) as judge:
-        run.start(config, out, parent=arguments.parent, judge=judge, tracker=tracker)
+    with app.failures_into(out):
+        judged.train(config, out, parent=arguments.parent, tracker=tracker)
     say(f"see it run: python eval.py {out}")
-
-
-@contextlib.contextmanager
-def _judge(config: TrainConfig) -> Generator[Any]:
-    """Start the judge, if this process is to have one; the judge warms up while the training compiles."""
-    from bp2_rl.learning import cluster
-
-    if not (config.run.judged and cluster.is_first()):
-        yield None
-        return
-    import jax
-
-    from bp2_rl.evaluation.judge import open_judge
-
-    gl_library = os.environ.pop("MUJOCO_GL", None)  # the judge's processes import MuJoCo, too; see `runtime`
-    with open_judge(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
-        if not config.run.films:
-            yield judge
-            return
-        from bp2_rl.evaluation.films import filming
-
-        with filming(judge, print, gl_library) as films:
-            yield films
 
 
 class NamedDefaults(NamedTuple):
@@ -251,23 +228,15 @@ def read_named(argv: list[str]) -> NamedDefaults:
 
 
 def use_processors(named: NamedDefaults) -> None:
-    """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`use_one_xla_thread`).
-
-    With BP2's own kernel each processor is a device of its own, with its share of the robots.
-    """
-    if not NPROC_IS_OURS or os.environ.get("NPROC") != "1":
-        return
+    """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`use_one_xla_thread`)."""
     impl = named.impl
     if impl is None and named.goes_on is not None:
         with contextlib.suppress(UserError):  # it is told of later
             impl = load_run_config(named.goes_on).impl
     elif impl is None:
-        impl = make_config(named.stage, named.preset or "cpu").impl  # NPROC is only ours where there is no accelerator
-    if impl != "kernel":
-        return
-    os.environ["NPROC"] = str(processors())
-    if DEVICES not in os.environ.get("XLA_FLAGS", ""):
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{DEVICES}={processors()}".strip()
+        impl = make_config(named.stage, named.preset or "cpu").impl  # processors are only asked without an accelerator
+    if impl == "kernel":
+        use_all_processors()
 
 
 def train_arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainArguments:

@@ -10,17 +10,19 @@ import pytest
 
 from bp2_rl.base.workers import PARENT
 
-POOL = """
-import ctypes, os, sys, time
-from bp2_rl.base.workers import spawned
+WORK = """
+import ctypes, os
 
 def work(_):
     print(os.getpid(), flush=True)
     ctypes.PyDLL(None).sleep(600)  # a solver that never lets Python run
+"""
+POOL = """
+from bp2_rl.base.workers import spawned
+from work import work
 
-if __name__ == "__main__":
-    with spawned(2) as pool:
-        list(pool.map(work, range(2)))
+with spawned(2) as pool:  # without `if __name__ == "__main__"`: workers do not run the script again
+    list(pool.map(work, range(2)))
 """
 CHILD = """
 import os, signal, sys, time
@@ -64,6 +66,7 @@ def wait_until(condition, seconds=10.0):
 def test_workers_end_with_a_killed_parent_even_in_the_midst_of_a_solver(tmp_path):
     script = tmp_path / "pool.py"
     script.write_text(POOL)
+    (tmp_path / "work.py").write_text(WORK)
     with begin(script) as parent:
         assert parent.stdout is not None
         workers = [int(parent.stdout.readline()) for _ in range(2)]

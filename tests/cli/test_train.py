@@ -3,6 +3,7 @@ import os
 
 import pytest
 
+from bp2_rl.base import workers
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import train as command
 from bp2_rl.settings.presets import make_config
@@ -22,16 +23,16 @@ from bp2_rl.settings.presets import make_config
 def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monkeypatch):
     """With MJX its thread pool may wait for ever."""
     monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(command, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
     monkeypatch.setenv("XLA_FLAGS", "")
-    monkeypatch.setattr(command, "processors", lambda: 3)
+    monkeypatch.setattr(workers, "processors", lambda: 3)
     command.use_processors(command.read_named(words))
     assert os.environ["NPROC"] == threads
 
 
 def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(monkeypatch):
-    monkeypatch.setattr(command, "NPROC_IS_OURS", True)
-    monkeypatch.setattr(command, "processors", lambda: 3)
+    monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
+    monkeypatch.setattr(workers, "processors", lambda: 3)
     for words, before, after in (
         (["--preset", "cpu"], "", "--xla_force_host_platform_device_count=3"),
         (["--preset", "cpu"], "--a=1", "--a=1 --xla_force_host_platform_device_count=3"),
@@ -46,7 +47,7 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
 
 def test_a_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setenv("NPROC", "1")
-    monkeypatch.setattr(command, "NPROC_IS_OURS", False)
+    monkeypatch.setattr(workers, "NPROC_IS_OURS", False)
     command.use_processors(command.read_named(["--preset", "cpu"]))
     assert os.environ["NPROC"] == "1"
 

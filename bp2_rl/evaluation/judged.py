@@ -1,0 +1,67 @@
+"""Training with the judge beside it: what `train.py` and `bp2_rl.train` do."""
+
+import contextlib
+import os
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from bp2_rl.base.workers import use_all_processors
+from bp2_rl.evaluation.judge import open_judge
+from bp2_rl.learning import cluster, run
+from bp2_rl.settings.tracking import Tracker
+from bp2_rl.settings.training import TrainConfig, load_run_config
+
+
+def train(
+    config: TrainConfig, run_dir: Path | str, *, parent: Path | str | None = None, tracker: Tracker | None = None
+) -> Path:
+    """Train a new run in the folder `run_dir`; return the folder.
+
+    Where JAX has not computed anything yet, a training in BP2's own kernel takes all processors.
+
+    Args:
+        config: the settings, such as `preset` gives them.
+        run_dir: a folder that is empty or not there.
+        parent: the run from whose newest checkpoint the networks come; without it their weights are random.
+        tracker: receives the metrics, too.
+
+    Raises:
+        UserError: see `learning.run.start`.
+        RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+    """
+    if config.impl == "kernel":
+        use_all_processors()
+    with _judge(config) as judge:
+        return run.start(config, Path(run_dir), parent=parent and Path(parent), judge=judge, tracker=tracker)
+
+
+def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
+    """Go on with a stopped run exactly where it stands, with its own settings; return its folder.
+
+    Raises:
+        UserError: the folder is no run, or its newest checkpoint does not fit its settings.
+        RunStopped: as `train` does.
+    """
+    with _judge(load_run_config(Path(run_dir))) as judge:
+        return run.resume(Path(run_dir), judge=judge, tracker=tracker)
+
+
+@contextlib.contextmanager
+def _judge(config: TrainConfig) -> Generator[Any]:
+    """Start the judge, if this process is to have one; the judge warms up while the training compiles."""
+    if not (config.run.judged and cluster.is_first()):
+        yield None
+        return
+    # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL names; they have no use for one.
+    gl_library = os.environ.pop("MUJOCO_GL", None)
+    with open_judge(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
+        if not config.run.films:
+            yield judge
+            return
+        from bp2_rl.evaluation.films import filming
+
+        with filming(judge, print, gl_library) as films:
+            yield films
