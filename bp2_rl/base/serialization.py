@@ -1,8 +1,8 @@
 """Configs are frozen dataclasses; this is how they become JSON and how JSON becomes them again, strictly.
 
 What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, Literals, nested dataclasses, any of those
-or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the
-dataclass is refused with the path of the key at fault, never patched up.
+or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the dataclass is refused with the path of
+the key at fault, never patched up. One of several dataclasses is written with its name under `type`.
 """
 
 import dataclasses
@@ -22,6 +22,7 @@ from bp2_rl.base.files import BadFileError, read_json, write_text
 from bp2_rl.base.folders import make_folder
 
 Config = TypeVar("Config")
+_TYPE = "type"
 
 # JSON has no infinity and no NaN; as strings they stay readable by every JSON tool.
 _NON_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
@@ -174,6 +175,8 @@ def package_versions() -> dict[str, str]:
 def _encode(annotation: Any, value: Any, path: str) -> Any:
     """The JSON value of `value`, which is declared as `annotation` at `path`."""
     annotation = _bare(annotation)
+    if chosen := _choices(annotation).get(type(value).__name__):
+        return {_TYPE: chosen.__name__, **_encode(chosen, value, path)}
     if (inner := _of_optional(annotation, path)) is not None:
         return None if value is None else _encode(inner, value, path)
     if dataclasses.is_dataclass(annotation):
@@ -204,6 +207,11 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
 def _decode(annotation: Any, data: Any, path: str) -> Any:
     """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
     annotation = _bare(annotation)
+    if (choices := _choices(annotation)) and isinstance(data, dict):
+        name = data.get(_TYPE)
+        if name not in choices:
+            raise ConfigError(f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}")
+        return _decode(choices[name], {key: entry for key, entry in data.items() if key != _TYPE}, path)
     if (inner := _of_optional(annotation, path)) is not None:
         return None if data is None else _decode(inner, data, path)
     if dataclasses.is_dataclass(annotation):
@@ -264,6 +272,12 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
         _require(type(value) is annotation, annotation, value, path)
         return value
     raise TypeError(f"{path}: a config cannot hold fields of type {annotation}")
+
+
+def _choices(annotation: Any) -> dict[str, Any]:
+    """Return the dataclasses of a union of several, by name; of another annotation nothing."""
+    found = {member.__name__: member for member in get_args(annotation) if dataclasses.is_dataclass(member)}
+    return found if len(found) > 1 else {}
 
 
 def _of_optional(annotation: Any, path: str) -> Any:

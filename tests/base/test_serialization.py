@@ -168,6 +168,25 @@ def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
         to_json(Either())
 
 
+def test_one_of_several_dataclasses_is_read_back_by_its_name():
+    @dataclasses.dataclass(frozen=True)
+    class Walk:
+        speed: float = 1.0
+
+    @dataclasses.dataclass(frozen=True)
+    class Run:
+        speed: float = 9.0
+
+    @dataclasses.dataclass(frozen=True)
+    class Motion:
+        gait: Walk | Run = Walk()
+
+    assert to_json(Motion(Run(8.0))) == {"gait": {"type": "Run", "speed": 8.0}}
+    assert from_json(Motion, {"gait": {"type": "Run", "speed": 8.0}}) == Motion(Run(8.0))
+    with pytest.raises(ConfigError, match=r"gait.type: expected one of Walk, Run, got 'Fly'"):
+        from_json(Motion, {"gait": {"type": "Fly"}})
+
+
 def test_equal_configs_have_equal_hashes_and_others_do_not():
     assert config_hash(Inner(rate=1)) == config_hash(Inner(rate=1.0))
     assert config_hash(Inner(rate=1.0)) != config_hash(Inner(rate=1.0 + 1e-15))
