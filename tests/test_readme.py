@@ -23,7 +23,7 @@ def table() -> dict[str, list[str]]:
     """Return the cells of README's table of results by the names of its rows."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
-    return {row[0]: row[1:] for row in rows if len(row) == 4}
+    return {row[0]: row[1:] for row in rows if len(row) == 5}
 
 
 @pytest.mark.parametrize(("column", "policy"), [(1, "built"), (2, "fastest")])
@@ -35,9 +35,29 @@ def test_a_cell_is_what_the_card_says(start, column, policy):
 
 
 def test_the_columns_are_those_policies():
-    (head,) = (cells for name, cells in table().items() if name.startswith("from a standing start"))
+    (head,) = (cells for name, cells in table().items() if name.startswith("from a stand"))
     assert head[0] == "BP2 (paper)"
-    assert [found[1] for cell in head[1:] if (found := re.search(r"`(\w+)`", cell))] == ["built", "fastest"]
+    assert [found[1] for cell in head[1:3] if (found := re.search(r"`(\w+)`", cell))] == ["built", "fastest"]
+
+
+def test_the_ranges_are_those_of_the_five_trainings():
+    text = (ROOT / "docs/notes/training.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if re.match(r"\| \d \| 1", line)]
+    assert [row[0] for row in rows] == list("01234")
+
+    def span(column):
+        return sorted((row[column].split()[0] for row in rows), key=float)[:: len(rows) - 1]
+
+    cells = [table()[name][3] for name in table() if not name.startswith(("from", "---"))]
+    assert cells[0] == "{} to {} m/s".format(*span(1))
+    assert cells[1] == "{} to {} s".format(*span(2))
+    touching = sorted(int(row[7].split(", ")[1]) for row in rows)
+    assert {row[7].split(",")[0] for row in rows} == {"200"}
+    assert cells[2] == f"200 upright, legs touch in {touching[0]} to {touching[-1]}"
+    assert cells[3] == "{} to {}".format(*span(5))
+    prose = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "100 m in {} to {} s".format(*span(3)) in prose
+    assert "in {} to {} s. `built` is".format(*span(4)) in prose
 
 
 def test_the_lines_of_python_run(tmp_path):

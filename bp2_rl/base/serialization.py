@@ -276,7 +276,8 @@ def _plain(annotation: Any, value: Any, path: str) -> Any:
 
 def _choices(annotation: Any) -> dict[str, Any]:
     """Return the dataclasses of a union of several, by name; of another annotation nothing."""
-    found = {member.__name__: member for member in get_args(annotation) if dataclasses.is_dataclass(member)}
+    found = {member.__name__: member for member in get_args(annotation) if isinstance(member, type)}
+    found = {name: member for name, member in found.items() if dataclasses.is_dataclass(member)}
     return found if len(found) > 1 else {}
 
 

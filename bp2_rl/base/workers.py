@@ -12,7 +12,7 @@ import threading
 import time
 import types
 from collections.abc import Callable, Generator
-from typing import Any
+from multiprocessing.context import SpawnContext, SpawnProcess
 
 from bp2_rl.base.errors import UserError
 
@@ -64,20 +64,20 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _SpawnProcess(multiprocessing.context.SpawnProcess):
+class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
-    @staticmethod
-    def _Popen(process_obj: Any) -> Any:  # multiprocessing's own
-        main, empty = sys.modules["__main__"], types.ModuleType("__main__")
-        sys.modules["__main__"] = empty
+    def start(self) -> None:
+        """Start the process as if the caller had no main module."""
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            return multiprocessing.context.SpawnProcess._Popen(process_obj)  # pyright: ignore
+            super().start()
         finally:
             sys.modules["__main__"] = main
 
 
-class _SpawnContext(multiprocessing.context.SpawnContext):
+class _SpawnContext(SpawnContext):
     Process = _SpawnProcess
 
 

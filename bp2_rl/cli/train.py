@@ -54,7 +54,7 @@ class TrainArguments:
     stage: Stage = "imitation"
     """imitation: from random weights; relaxed: on from an imitation run"""
     preset: Preset | Literal["auto"] = "auto"
-    """auto: gpu where JAX sees one, else cpu; first: learn to trot, in minutes; smoke: for tests"""
+    """auto: gpu or cpu; first: learn to trot, in minutes; smoke: tests"""
     weights: Weights | None = None
     """rewards of Table S4, the default of smoke; or ours, in which tracking is worth more"""
     robot: RobotName | None = None

@@ -6,14 +6,14 @@ tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.robot import specs
-from bp2_rl.settings.env import EnvConfig, RewardConfig, TrackingShape
+from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
 Scalar = Float[Array, ""]
 PAPER_SHAPE = TrackingShape()
@@ -132,7 +132,7 @@ def tracking_balance(max_forward: float, max_lateral: float, max_yaw_rate: float
 
 
 def speed_schedule(
-    v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Literal["text", "literal", "off"] = "text"
+    v_x_cmd: Scalar, v_x_max: float, c_J: float, c_V: float, schedule: Schedule = "text"
 ) -> tuple[Scalar, Scalar]:
     """(c_m, c_v): weights of imitation and of velocity tracking at this commanded speed.
 

@@ -35,7 +35,8 @@ def train(
     if config.impl == "kernel":
         use_all_processors()
     with _judge(config) as judge:
-        return run.start(config, Path(run_dir), parent=parent and Path(parent), judge=judge, tracker=tracker)
+        origin = None if parent is None else Path(parent)
+        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
 
 
 def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:

@@ -13,7 +13,7 @@ class ClusterConfig:
     """Where the processes of one training meet. By default there is one process, with all GPUs of the machine."""
 
     coordinator: str | None = None
-    """HOST:PORT of process 0, the same for all processes; auto: as Slurm or Open MPI started them"""
+    """HOST:PORT of process 0, told to all processes; auto: ask Slurm or Open MPI"""
     processes: Annotated[int, Within(1, 2**16)] | None = None
     """how many there are; not with auto"""
     process: Annotated[int, Within(0)] | None = None

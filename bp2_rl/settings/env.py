@@ -19,6 +19,8 @@ Limit = Annotated[float, Within(0.1, 1e9, infinite=True)]
 """A limit; infinity means that there is none."""
 Coefficient = Annotated[float, Within(-1000.0, 1000.0)]
 ReferenceName = Literal["collocation", "kinematic", "none"]
+Schedule = Literal["text", "literal", "off"]
+"""Readings of the table's speed-dependent weights: `env.rewards.speed_schedule`."""
 Impl = Literal["jax", "kernel", "warp"]
 """Implementations of the physics."""
 
@@ -170,7 +172,7 @@ class RewardConfig:
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
     stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
-    schedule: Literal["text", "literal", "off"] = "text"  # see rewards.speed_schedule
+    schedule: Schedule = "text"  # see rewards.speed_schedule
     tracking_shape: TrackingShape = TrackingShape()
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
@@ -12,9 +13,11 @@ from bp2_rl.env.rewards import speed_schedule
 from bp2_rl.evaluation.benchmarks.outcome import Table
 from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.settings import RewardsSettings
+from bp2_rl.settings.env import Schedule
 from bp2_rl.settings.presets.rewards import OURS, PAPER
+from bp2_rl.settings.training import Stage
 
-STAGES = ("imitation", "relaxed")
+STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
 ROWS = {
     "Body height": "height",
     "Body attitude": "attitude",
@@ -28,7 +31,7 @@ ROWS = {
 }
 """Rows of Table S4, and the fields of `RewardConfig` that hold their coefficients."""
 
-LINES: dict[str, dict[str, Any]] = {
+LINES: dict[Schedule, dict[str, Any]] = {
     "text": {"color": FRONT, "linewidth": 2.2, "label": "by the text: tracking gains"},
     "literal": {"color": FALL, "linestyle": (0, (3, 1.5)), "label": "to the letter of Table S4"},
 }
@@ -85,17 +88,14 @@ def measure() -> RewardsNumbers:
     return RewardsNumbers(paper, ours, _reading("literal"), _reading("text"))
 
 
-def weights(stage: str, schedule: str, share: Float[np.ndarray, " N"]) -> Float[np.ndarray, "2 N"]:
+def weights(stage: Stage, schedule: Schedule, share: Float[np.ndarray, " N"]) -> Float[np.ndarray, "2 N"]:
     """c_m and c_v of the paper's coefficients over the commanded speed as a share of the greatest."""
-    config = PAPER[stage]  # pyright: ignore[reportArgumentType]
-    pairs = [
-        speed_schedule(np.asarray(at), 1.0, config.imitation, config.tracking, schedule)  # pyright: ignore
-        for at in share
-    ]
+    config = PAPER[stage]
+    pairs = [speed_schedule(jnp.asarray(at), 1.0, config.imitation, config.tracking, schedule) for at in share.tolist()]
     return np.array(pairs, dtype=float).T
 
 
-def _reading(schedule: str) -> Reading:
+def _reading(schedule: Schedule) -> Reading:
     return Reading(*(float(value) for value in weights("imitation", schedule, np.array([0.0, 0.5, 1.0]))[1]))
 
 
