@@ -2,14 +2,13 @@
 
 import dataclasses
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.cli import app
+from bp2_rl.cli.dispatch import Command
 from bp2_rl.robot.easing import COMMAND_LIMITS
 
 
@@ -37,11 +36,6 @@ class ExportConfig:
     """m/s2, at which it rises at most from a stand: the copy's `control.launching`"""
     launching_speed: float | None = None
     """m/s, at which it would rise no more: the copy's `control.launching_speed`"""
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    return app.run(lambda: export(app.parse(ExportConfig, argv, "bp2 export")))
 
 
 def export(config: ExportConfig) -> None:
@@ -83,3 +77,6 @@ def export(config: ExportConfig) -> None:
     print(f"exported {config.run} to {config.to}")
     if eased:
         print(f"what its card says is of before: python eval.py {config.to} --benchmark manoeuvres --out DIR")
+
+
+main = Command("bp2 export", ExportConfig, export)
