@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bp2_rl.env.bp2_env import BP2Env as BP2Env
     from bp2_rl.env.bp2_env import make_env as make  # noqa: F401
-    from bp2_rl.evaluation.judged import resume as resume
-    from bp2_rl.evaluation.judged import train as train
+    from bp2_rl.evaluation.judged_training import resume as resume
+    from bp2_rl.evaluation.judged_training import train as train
     from bp2_rl.learning.policy import load_policy as load_policy
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import make_config as preset  # noqa: F401
@@ -41,8 +41,8 @@ HOMES = {
     "BP2Env": "env.bp2_env:BP2Env",
     "EnvConfig": "settings.env:EnvConfig",
     "preset": "settings.presets:make_config",
-    "train": "evaluation.judged:train",
-    "resume": "evaluation.judged:resume",
+    "train": "evaluation.judged_training:train",
+    "resume": "evaluation.judged_training:resume",
 }
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 

@@ -69,3 +69,26 @@ def test_a_folder_of_that_name_goes_before_the_shipped_policy(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match="built"):
         bp2_rl.load_policy("built")
+
+
+@pytest.mark.parametrize(
+    ("ask", "answer"),
+    [
+        ('make("walker")', "there is no environment 'walker': choose one of bp2, bp2_ideal, bp2_kinematic"),
+        ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
+        ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
+        ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
+        ('preset("relaxed", "cpu", robot="dog")', "there is no robot 'dog': choose one of ideal, built"),
+    ],
+)
+def test_a_wrong_choice_is_answered_with_the_right_ones(ask, answer):
+    """In a process of its own: here the types are checked first."""
+    code = f"""
+import bp2_rl as bp2
+from bp2_rl.base.errors import UserError
+try:
+    bp2.{ask}
+except UserError as error:
+    print(error)
+"""
+    assert in_a_process(code).stdout.startswith(answer)

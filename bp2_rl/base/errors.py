@@ -1,5 +1,7 @@
 """How a command can end but for success and failure: by a user's mistake, or early, with the work kept."""
 
+from collections.abc import Iterable
+
 
 class UserError(ValueError):
     """Wrong input: one line that says what is wrong and how to mend it; the command exits with status 2."""
@@ -21,3 +23,9 @@ class RunStopped(Exception):
     def __init__(self, message: str, status: int):
         super().__init__(message)
         self.status = status
+
+
+def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
+    """Raise a `UserError` that lists the choices where `name` is none of them."""
+    if name not in (names := tuple(choices)):
+        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(names)}")

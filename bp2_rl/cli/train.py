@@ -69,7 +69,7 @@ class TrainArguments:
     replay: Path | None = None
     """repeat the train step that was not finite in this run, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: BP2's own kernel, the fastest; stock MJX; or NVIDIA's Warp, not repeatable"""
+    """physics: jax is stock MJX; kernel, BP2's own, the fastest; warp MJX-Warp"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -144,7 +144,7 @@ def _train(argv: list[str]) -> None:
     import numpy as np
 
     from bp2_rl.cli.runtime import find_backend, prepare_jax
-    from bp2_rl.evaluation import judged
+    from bp2_rl.evaluation import judged_training
     from bp2_rl.learning import cluster
     from bp2_rl.learning.run import replay
 
@@ -164,7 +164,7 @@ def _train(argv: list[str]) -> None:
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume):
-            judged.resume(arguments.resume, tracker=tracker)
+            judged_training.resume(arguments.resume, tracker=tracker)
         return
     if launch.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
@@ -181,7 +181,7 @@ def _train(argv: list[str]) -> None:
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
-        judged.train(config, out, parent=arguments.parent, tracker=tracker)
+        judged_training.train(config, out, parent=arguments.parent, tracker=tracker)
     say(f"see it run: python eval.py {out}")
 
 

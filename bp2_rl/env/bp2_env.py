@@ -14,7 +14,7 @@ from brax import base, envs, kinematics
 from brax.io import image, mjcf
 from jaxtyping import Array, Float
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, Targets, motors_of
@@ -94,7 +94,7 @@ class BP2Env(envs.Env):
         motion = observations.trunk_motion(physics.qpos, physics.qvel)
         outcome = StepOutcome(before.command.current, reference, effort, motion, fall)
         after = self._average(before, before.replace(physics=physics, controller=controller), outcome)
-        terms = rewards.table_s4(self._reward_inputs(before, after, outcome), self.config, self.rows)
+        terms = rewards.reward_terms(self._reward_inputs(before, after, outcome), self.config, self.rows)
 
         command_state, level = self._next_command(
             before.command, state.info["curriculum"], outcome, command, key_command
@@ -296,6 +296,18 @@ def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robot
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 
-def make_env(name: str, config: EnvConfig | None = None, *, impl: Impl = "jax", num_robots: int = 1) -> BP2Env:
-    """Return the environment of this name; `config` replaces that environment's settings."""
-    return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots)
+def make_env(
+    name: str,
+    config: EnvConfig | None = None,
+    *,
+    impl: Impl = "jax",
+    num_robots: int = 1,
+    rows: Mapping[str, rewards.RewardRow] = rewards.ROWS,
+) -> BP2Env:
+    """Return the environment of this name; `config` replaces that environment's settings. See `BP2Env` for the rest.
+
+    Raises:
+        UserError: there is no such environment, or it cannot be.
+    """
+    require_one_of("environment", name, CONFIGS)
+    return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

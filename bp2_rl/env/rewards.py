@@ -1,7 +1,7 @@
 """Table S4, row by row: every reward term as a pure function, and the speed-dependent schedule.
 
 Each function returns one row *without* its base coefficient (the imitation rows together carry c_m, the
-tracking row c_v; see `speed_schedule`). `table_s4` puts the rows together.
+tracking row c_v; see `speed_schedule`). `reward_terms` puts the rows together.
 """
 
 import math
@@ -207,7 +207,7 @@ ROWS: Mapping[str, RewardRow] = {
 """Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
 
 
-def table_s4(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
+def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
     """Return all rows with their coefficients; the reward is their sum."""
     reward, most = config.reward, config.commands
     c_m, c_v = speed_schedule(x.command[0], most.max_forward, reward.imitation, reward.tracking, reward.schedule)

@@ -164,7 +164,7 @@ def inputs(**changes) -> rewards.RewardInputs:
 
 def total(config: RewardConfig, **changes) -> dict[str, float]:
     commands = CommandConfig(max_forward=10.0, max_lateral=0.5, max_yaw_rate=1.0)
-    terms = rewards.table_s4(inputs(**changes), EnvConfig(commands=commands, reward=config))
+    terms = rewards.reward_terms(inputs(**changes), EnvConfig(commands=commands, reward=config))
     return {name: float(value) for name, value in terms.items()}
 
 

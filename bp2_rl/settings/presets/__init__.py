@@ -4,7 +4,10 @@ A preset is a config, never a code path: what it does not set is the default of 
 docs/notes/training.md says what was tried.
 """
 
-from bp2_rl.robot.specs import RobotName
+from typing import get_args
+
+from bp2_rl.base.errors import require_one_of
+from bp2_rl.robot.specs import ROBOTS, RobotName
 from bp2_rl.settings.presets import cpu, first, gpu, smoke
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 
@@ -19,5 +22,13 @@ PRESETS = {
 def make_config(
     stage: Stage, preset: Preset, weights: Weights | None = None, robot: RobotName = "built"
 ) -> TrainConfig:
-    """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`."""
+    """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`.
+
+    Raises:
+        UserError: there is no such stage, preset, set of weights or robot.
+    """
+    require_one_of("stage", stage, get_args(Stage))
+    require_one_of("preset", preset, PRESETS)
+    require_one_of("weights", weights or "ours", get_args(Weights))
+    require_one_of("robot", robot, ROBOTS)
     return PRESETS[preset][stage](weights or ("paper" if preset == "smoke" else "ours"), robot)

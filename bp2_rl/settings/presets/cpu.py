@@ -7,18 +7,14 @@ from bp2_rl.settings.env import (
     EnvConfig,
     RandomizationConfig,
     ResetConfig,
-    RewardConfig,
-    TrackingShape,
 )
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.presets.rewards import PAPER
+from bp2_rl.settings.presets.rewards import OURS_SMALL, PAPER
 from bp2_rl.settings.presets.robots import ranges_of
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.settings.training import RunConfig, TrainConfig, Weights
 
 RUN = RunConfig(steps=6_000_000, logs=100, checkpoints=6, judged=24)
-SHAPE = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)
-"""Wider than in the preset `gpu`, and tracking is worth 1.25, not 2: closer tracking is learned more slowly."""
 
 
 def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
@@ -38,7 +34,7 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
             joint_velocity_noise=0.15,
             push_velocity=0.2,
         ),
-        reward=PAPER["imitation"] if weights == "paper" else RewardConfig(tracking=1.25, tracking_shape=SHAPE),
+        reward=(PAPER if weights == "paper" else OURS_SMALL)["imitation"],
     )
     ppo = PPOConfig(
         num_envs=1024, num_minibatches=8, policy_layers=(128, 128), value_layers=(128, 128), symmetric=True,
@@ -49,10 +45,6 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
 
 def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
     """Return the settings of the relaxed stage: the whole range of commands, and all of the randomisation."""
-    ours = RewardConfig(
-        height=0.0, attitude=0.0, imitation=0.1, tracking=1.25, torque=0.1, power=0.1, smoothness=0.2, symmetry=0.1,
-        tracking_shape=SHAPE,
-    )  # fmt: skip
     env = EnvConfig(
         hardware=ROBOTS[robot],
         library=CollocationConfig(path="bp2_trot_slow"),
@@ -60,7 +52,7 @@ def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
         commands=CommandConfig(max_turn=4.0, limit_fraction=0.3, slow_fraction=0.2, stand_fraction=0.15),
         reset=ResetConfig(standing_fraction=0.5),
         randomization=RandomizationConfig(friction=ranges_of(robot).friction, losses=ranges_of(robot).losses),
-        reward=PAPER["relaxed"] if weights == "paper" else ours,
+        reward=(PAPER if weights == "paper" else OURS_SMALL)["relaxed"],
     )
     ppo = PPOConfig(
         num_envs=1024, num_minibatches=8, policy_layers=(128, 128), value_layers=(128, 128), symmetric=True,

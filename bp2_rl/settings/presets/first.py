@@ -7,43 +7,35 @@ from bp2_rl.settings.env import (
     EnvConfig,
     RandomizationConfig,
     ResetConfig,
-    RewardConfig,
-    TrackingShape,
 )
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.presets.rewards import PAPER
+from bp2_rl.settings.presets.rewards import OURS_SMALL, PAPER
 from bp2_rl.settings.presets.robots import ranges_of
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.settings.training import RunConfig, Stage, TrainConfig, Weights
 
 RUN = RunConfig(steps=1_500_000, logs=30, checkpoints=5, judged=10)
-SHAPE = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)
 
 
 def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
     """Return the settings of the imitation stage."""
-    ours = RewardConfig(tracking=1.25, tracking_shape=SHAPE)
     ppo = PPOConfig(
         num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
         averaging=0.9, critic_steps=12, desired_kl=0.02, max_learning_rate=2e-3, entropy_cost=2e-3,
     )  # fmt: skip
-    return TrainConfig("imitation", _env("imitation", weights, ours, robot), ppo, RUN, impl="kernel")
+    return TrainConfig("imitation", _env("imitation", weights, robot), ppo, RUN, impl="kernel")
 
 
 def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
     """Return the settings of the relaxed stage."""
-    ours = RewardConfig(
-        height=0.0, attitude=0.0, imitation=0.1, tracking=1.25, torque=0.1, power=0.1, smoothness=0.2, symmetry=0.1,
-        tracking_shape=SHAPE,
-    )  # fmt: skip
     ppo = PPOConfig(
         num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
         averaging=0.9, learning_rate=1e-4, desired_kl=0.02, max_learning_rate=2e-3, entropy_cost=1e-3,
     )  # fmt: skip
-    return TrainConfig("relaxed", _env("relaxed", weights, ours, robot), ppo, RUN, impl="kernel")
+    return TrainConfig("relaxed", _env("relaxed", weights, robot), ppo, RUN, impl="kernel")
 
 
-def _env(stage: Stage, weights: Weights, ours: RewardConfig, robot: RobotName) -> EnvConfig:
+def _env(stage: Stage, weights: Weights, robot: RobotName) -> EnvConfig:
     ranges = ranges_of(robot)
     return EnvConfig(
         hardware=ROBOTS[robot],
@@ -60,5 +52,5 @@ def _env(stage: Stage, weights: Weights, ours: RewardConfig, robot: RobotName) -
             joint_velocity_noise=0.15,
             push_velocity=0.2,
         ),
-        reward=PAPER[stage] if weights == "paper" else ours,
+        reward=(PAPER if weights == "paper" else OURS_SMALL)[stage],
     )

@@ -1,4 +1,4 @@
-"""Two sets of reward coefficients, each with a column for the imitation stage and one for the relaxed stage."""
+"""Sets of reward coefficients, each with a column for the imitation stage and one for the relaxed stage."""
 
 from bp2_rl.settings.env import RewardConfig, TrackingShape
 from bp2_rl.settings.training import Stage
@@ -24,3 +24,13 @@ OURS: dict[Stage, RewardConfig] = {
 }  # fmt: skip
 """Table S4 with tracking worth more, in a shape of our own: with the paper's, a robot that is 2 m/s too slow has
 nothing to gain by running faster. docs/notes/training.md has the ablation."""
+
+SMALL_SHAPE = TrackingShape(width=9.0, tail=0.3, yaw_width=0.4)
+OURS_SMALL: dict[Stage, RewardConfig] = {
+    "imitation": RewardConfig(tracking=1.25, tracking_shape=SMALL_SHAPE),
+    "relaxed": RewardConfig(
+        height=0.0, attitude=0.0, imitation=0.1, tracking=1.25, torque=0.1, power=0.1, smoothness=0.2, symmetry=0.1,
+        tracking_shape=SMALL_SHAPE,
+    ),
+}  # fmt: skip
+"""For a small fleet tracking is worth less, in a wider shape: closer tracking is learned more slowly."""

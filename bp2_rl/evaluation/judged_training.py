@@ -4,13 +4,13 @@ import contextlib
 import os
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import jax
 
 from bp2_rl.base.workers import use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, run
+from bp2_rl.learning.exports import Judge
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import TrainConfig, load_run_config
 
@@ -20,7 +20,7 @@ def train(
 ) -> Path:
     """Train a new run in the folder `run_dir`; return the folder.
 
-    Where JAX has not computed anything yet, a training in BP2's own kernel takes all processors.
+    A training in BP2's own kernel takes all processors, where JAX has not computed anything yet.
 
     Args:
         config: the settings, such as `preset` gives them.
@@ -32,8 +32,6 @@ def train(
         UserError: see `learning.run.start`.
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
-    if config.impl == "kernel":
-        use_all_processors()
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
         return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
@@ -51,8 +49,13 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
 
 
 @contextlib.contextmanager
-def _judge(config: TrainConfig) -> Generator[Any]:
-    """Start the judge, if this process is to have one; the judge warms up while the training compiles."""
+def _judge(config: TrainConfig) -> Generator[Judge | None]:
+    """Start the judge, if this process is to have one; the judge warms up while the training compiles.
+
+    Before that a training in BP2's own kernel takes all processors.
+    """
+    if config.impl == "kernel":
+        use_all_processors()
     if not (config.run.judged and cluster.is_first()):
         yield None
         return
