@@ -22,10 +22,10 @@ def settings() -> TrainConfig:
 
 
 def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
-    """Train a run in a new folder; the lines of its metrics."""
+    """Train a run in a new folder; return the lines of its metrics, without the judge's."""
     # A run is a folder: settings, metrics, checkpoints, and a policy at every save. Killed, it goes on by `bp2.resume`.
     bp2.train(config, folder)
-    return read_metrics(folder)
+    return [line for line in read_metrics(folder) if "reward" in line]
 
 
 def main() -> None:

@@ -99,16 +99,12 @@ def check_bounds(config: Any, path: str = "") -> None:
 
 
 class Bounded:
-    """A dataclass that refuses numbers out of bounds when it is made; one with more to refuse has its `__post_init__`.
-
-    Args:
-        path: as of `check_bounds`.
-    """
+    """A dataclass that refuses numbers out of bounds when it is made; one with more to refuse has its `__post_init__`."""
 
     _path: ClassVar[str] = ""
 
     def __init_subclass__(cls, path: str | None = None) -> None:
-        """Keep what a subclass's fields are preceded by; a subclass of that inherits it."""
+        """Keep `path`, with which `check_bounds` names a subclass's fields; a subclass of that inherits it."""
         if path is not None:
             cls._path = path
 

@@ -46,7 +46,7 @@ def entries(commands: Mapping[str, Command]) -> dict[str, Entry]:
     """Return the entries of commands that do what the first sentence about their flags says."""
 
     def what(command: Command) -> str:
-        sentence = " ".join(re.split(r"\.\s|\.$", (command.arguments.__doc__ or "").strip())[0].split())
+        sentence = " ".join(re.split(r"(?<!Fig)\.\s|\.$", (command.arguments.__doc__ or "").strip())[0].split())
         return sentence[:1].lower() + sentence[1:]
 
     return {name: (what(command), command) for name, command in commands.items()}

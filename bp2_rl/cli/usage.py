@@ -96,7 +96,7 @@ def _sections(parser: Any) -> Iterator[HelpSection]:
 
 def _flag(action: Any) -> Flag:
     names = tuple(name.removeprefix("--") for name in action.option_strings)
-    what = " ".join((action.help or "").split())
+    what = " ".join((action.help or "").replace("%%", "%").split())
     for pattern, default in ((r" ?\(default: None\)", ""), (r"\(default: True\)", "[on]"),
                              (r"\(default: False\)", "[off]"), (r"\(default: (.*)\)$", r"[\1]")):  # fmt: skip
         what = re.sub(pattern, default, what)

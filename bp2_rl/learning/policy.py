@@ -190,7 +190,7 @@ def _find(path: Path) -> Path:
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
-        raise PolicyError(f"no policy at {path}: there is no such file or folder")
+        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship")
     if path.is_file():
         raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
     if (path / "checkpoints").is_dir():

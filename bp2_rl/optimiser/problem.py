@@ -108,7 +108,7 @@ STRIDES: dict[Gait, Stride] = {
 
 @dataclasses.dataclass(frozen=True)
 class CostWeights(Bounded, path="weights."):
-    """Weights of the running cost R (paper, Eq. R), and what its terms are divided by. All ASSUMED."""
+    """Weights of the paper's running cost R, and what its terms are divided by. All ASSUMED."""
 
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
     load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f

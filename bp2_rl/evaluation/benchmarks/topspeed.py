@@ -70,4 +70,5 @@ def verdict(metrics: RunMetrics) -> str:
         return f"Fell after {metrics.fell_at:.2f} s, {metrics.hold_time:.1f} s into the hold."
     if not follows(metrics):
         return f"Does not run: {metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded."
-    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of the hold's {metrics.hold_time:.1f} s, without a fall."
+    best = "" if metrics.best_speed is None else f", {metrics.best_speed:.2f} m/s in the best second"
+    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of the hold's {metrics.hold_time:.1f} s{best}, without a fall."

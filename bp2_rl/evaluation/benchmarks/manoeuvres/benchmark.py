@@ -136,7 +136,7 @@ def summarise(level_speed: float, outcomes: Sequence[ManoeuvreOutcome]) -> Manoe
 
 def verdict(metrics: ManoeuvreMetrics) -> str:
     """The sheet in one sentence."""
-    falls = "without a fall" if metrics.fell == 0 else f"{metrics.fell} falls"
+    falls = "without a fall" if metrics.fell == 0 else "one fall" if metrics.fell == 1 else f"{metrics.fell} falls"
     return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
 
 

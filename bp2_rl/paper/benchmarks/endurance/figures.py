@@ -162,9 +162,9 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
     run = [(held.result.first.speed, held.result.seconds) for held in metrics.held if held.result.cause == "winding"]
     if run:
         axes.plot(*zip(*run, strict=True), "s", color=FALL, ms=8, label="run with warming motors")
+        for speed, seconds in run:
+            axes.annotate(f"{seconds:.0f} s", (speed, seconds), (7, 6), textcoords="offset points", fontsize=9)
     axes.plot(specs.OUTDOOR_TOP_SPEED, ENDURANCE_TIME, "*", color=PAPER, ms=15, mec=INK, mew=0.6, label="paper, 86 s")
-    for speed, seconds in line:
-        axes.annotate(f"{seconds:.0f} s", (speed, seconds), (7, 6), textcoords="offset points", fontsize=9)
     axes.set(
         title="Endurance over speed", xlabel="Speed [m/s]", ylabel="Time to the limit [s]",
     )  # fmt: skip
