@@ -1,4 +1,4 @@
-"""The house stays as small and as plain as CONTRIBUTING says; each count is a command there, too."""
+"""The house stays small and plain: limits on lines, imports, class names, docstrings and ignored types."""
 
 import ast
 import collections
