@@ -91,7 +91,7 @@ class RobotMetrics:
     leg_depth: float  # m, greatest
     time_100m: float | None  # s; None if it did not arrive
     fell_in_sprint_at: float | None  # s
-    lane_kept: bool  # in the sprint
+    lane_kept: bool  # in the sprint, to its end
 
     @property
     def upright(self) -> bool:
@@ -165,7 +165,7 @@ def measure_robot(name: str, held: RunMetrics, raced: SprintMetrics) -> RobotMet
         leg_depth=held.leg_depth,
         time_100m=raced.time,
         fell_in_sprint_at=raced.run.fell_at,
-        lane_kept=raced.lane.kept,
+        lane_kept=raced.lane.kept and raced.time is not None,
     )
 
 
@@ -219,7 +219,7 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
         Row("Highest best speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint"),
+        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint, to its end"),
         *(Row(r.name[0].upper() + r.name[1:], show(r.best_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
     )
 
