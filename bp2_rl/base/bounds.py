@@ -99,7 +99,7 @@ def check_bounds(config: Any, path: str = "") -> None:
 
 
 class Bounded:
-    """A dataclass that refuses numbers out of bounds when it is made; one with more to refuse has its `__post_init__`."""
+    """A dataclass that refuses numbers out of bounds; one with more to refuse has a `__post_init__` of its own."""
 
     _path: ClassVar[str] = ""
 

@@ -219,7 +219,7 @@ def sensitivity_rows(metrics: SensitivityMetrics) -> tuple[Row, ...]:
         Row("Highest best speed", show(fast, ".2f", "m/s"), "best 1-s mean, of the upright"),
         Row("Fastest 100 m", show(least, ".2f", "s"), "of the upright"),
         Row("Slowest 100 m", show(most, ".2f", "s"), "of the upright"),
-        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "in the sprint, to its end"),
+        Row("Lane kept", f"{sum(r.lane_kept for r in metrics.robots)} of {len(metrics.robots)}", "to the sprint's end"),
         *(Row(r.name[0].upper() + r.name[1:], show(r.best_speed, ".2f", "m/s"), _in_words(r)) for r in metrics.robots),
     )
 

@@ -71,4 +71,4 @@ def verdict(metrics: RunMetrics) -> str:
     if not follows(metrics):
         return f"Does not run: {metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded."
     best = "" if metrics.best_speed is None else f", {metrics.best_speed:.2f} m/s in the best second"
-    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of the hold's {metrics.hold_time:.1f} s{best}, without a fall."
+    return f"Ran {metrics.mean_speed:.2f} m/s in the mean of {metrics.hold_time:.1f} s{best}, without a fall."

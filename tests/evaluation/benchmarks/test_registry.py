@@ -102,7 +102,9 @@ def test_topspeed_may_rise_and_hold_otherwise(make_policy, asked):
 
 
 def test_the_verdict_tells_a_fall(make_run):
-    assert verdict(measure(make_run())) == "Ran 5.00 m/s in the mean of the hold's 6.0 s, 5.00 m/s in the best second, without a fall."
+    assert verdict(measure(make_run())) == (
+        "Ran 5.00 m/s in the mean of 6.0 s, 5.00 m/s in the best second, without a fall."
+    )
     stands = measure(make_run(speed=0.1))
     told = dataclasses.replace(stands, commanded_speed=10.0)
     assert verdict(told) == "Does not run: 0.10 m/s where 10 m/s were commanded."
