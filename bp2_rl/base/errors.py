@@ -2,6 +2,9 @@
 
 from collections.abc import Iterable
 
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses; a command that signal n stopped has 128 + n."""
+
 
 class UserError(ValueError):
     """Wrong input: one line that says what is wrong and how to mend it; the command exits with status 2."""
@@ -10,6 +13,11 @@ class UserError(ValueError):
 def not_installed(what: str, package: str, extra: str, otherwise: str = "") -> UserError:
     """The mistake of asking for what needs a package of one of the project's extras, and how to install that."""
     return UserError(f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}')
+
+
+def one_line(text: str) -> str:
+    """Return the text without line breaks, and without what no terminal can show, such as a name that is not UTF-8."""
+    return " ".join(text.encode(errors="backslashreplace").decode().split())
 
 
 class RunStopped(Exception):

@@ -6,6 +6,7 @@ the key at fault, never patched up. One of several dataclasses is written with i
 """
 
 import dataclasses
+import datetime
 import hashlib
 import importlib.metadata
 import json
@@ -163,6 +164,11 @@ def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
             f"{folder} holds {what} with another {' and '.join(changed)} (see {path}): "
             "choose another folder, or remove it"
         )
+
+
+def utc_now() -> str:
+    """Return the time to the second, in UTC, as files and logs have it."""
+    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def package_versions() -> dict[str, str]:

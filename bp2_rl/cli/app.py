@@ -16,13 +16,12 @@ from typing import Any, TypeVar
 
 import tyro
 
-from bp2_rl.base.errors import RunStopped, UserError
-from bp2_rl.base.signals import listening
+from bp2_rl.base.errors import FAILED, INTERRUPTED, OK, WRONG_INPUT, RunStopped, UserError, one_line
+from bp2_rl.base.listening import listening
 from bp2_rl.cli import usage
 
 Config = TypeVar("Config")
 
-OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 GRACE = 3.0  # s
 STOPPED = "stopped by SIGTERM"
 
@@ -41,13 +40,13 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
         with _terminable(patient), _without_reader():
             command()
     except UserError as error:
-        print(f"error: {_one_line(str(error))}", file=sys.stderr)
+        print(f"error: {one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
     except RunStopped as stop:
-        print(_one_line(str(stop)), file=sys.stderr)
+        print(one_line(str(stop)), file=sys.stderr)
         return stop.status
     except Exception as error:
         logged = error if isinstance(error, LoggedError) else LoggedError(error)
@@ -137,7 +136,7 @@ class LoggedError(Exception):
         folder = folder if folder is not None and os.access(folder, os.W_OK) else None
         with tempfile.NamedTemporaryFile("w", prefix="failure-", suffix=".log", dir=folder, delete=False) as log:
             traceback.print_exception(error, file=log)
-        super().__init__(f"{type(error).__name__}: {_one_line(str(error))}; log: {log.name}")
+        super().__init__(f"{type(error).__name__}: {one_line(str(error))}; log: {log.name}")
 
 
 @contextlib.contextmanager
@@ -188,7 +187,7 @@ def _in_one_line(box: str) -> str:
     framed = box.lstrip().startswith("╭")  # else the console knows no such signs, and the title is a paragraph
     lines = [line.strip("│ ").strip() for line in box.splitlines() if not re.match("[╭╰]", line)]
     paragraphs = "\n".join("" if re.fullmatch("[─-]*", line) else line for line in lines).strip("\n").split("\n\n")
-    text = _one_line(paragraphs[0 if framed else min(1, len(paragraphs) - 1)]).rstrip(".") or "wrong command line"
+    text = one_line(paragraphs[0 if framed else min(1, len(paragraphs) - 1)]).rstrip(".") or "wrong command line"
     for pattern, words in _WORDS:
         if found := re.search(pattern, text):
             text = words(found)
@@ -221,8 +220,3 @@ def _choices(listed: str) -> str:
 def _in_words(metavar: str) -> str:
     """A type as tyro shows it: `{None}|FLOAT`, a flag that need not be given, takes a number."""
     return " or ".join(_KINDS.get(kind, kind.strip("{}")) for kind in metavar.split("|") if kind != "{None}")
-
-
-def _one_line(text: str) -> str:
-    """The text without line breaks, and without what no terminal can show, such as a name that is not UTF-8."""
-    return " ".join(text.encode(errors="backslashreplace").decode().split())

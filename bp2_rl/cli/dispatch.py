@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import OK, WRONG_INPUT, UserError
 from bp2_rl.cli import usage
 
 Main = Callable[[Sequence[str] | None], int]
@@ -61,7 +61,7 @@ def modules(package: str, commands: Mapping[str, str]) -> dict[str, Entry]:
                 module = importlib.import_module(f"{package}.{name}")
             except UserError as missing:  # a package that the command needs
                 print(f"error: {missing}", file=sys.stderr)
-                return 2
+                return WRONG_INPUT
             return module.main(argv)
 
         return what, main
@@ -77,12 +77,12 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
     text = f"usage: {prog} COMMAND ...\n\ncommands:\n{listed}"
     if not argv:
         print(text, file=sys.stderr)
-        return 2
+        return WRONG_INPUT
     name, *rest = argv
     if name in usage.HELP:
         print(f"{text}\n\n`{prog} COMMAND --help` lists a command's flags.")
-        return 0
+        return OK
     if name not in commands:
         print(f"error: no command {name!a}; {prog} has: {', '.join(commands)}", file=sys.stderr)
-        return 2
+        return WRONG_INPUT
     return commands[name][1](rest)

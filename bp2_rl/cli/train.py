@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import OK, UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, use_all_processors
@@ -73,14 +73,14 @@ class TrainArguments:
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
-    launch: Annotated[ProcessOptions, tyro.conf.arg(name="")] = ProcessOptions()
+    process: Annotated[ProcessOptions, tyro.conf.arg(name="")] = ProcessOptions()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     status = app.run(lambda: _answer_early(words))
-    if status != app.OK:
+    if status != OK:
         return status
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
@@ -93,7 +93,7 @@ def _answer_early(argv: list[str]) -> None:
     arguments = answer_early(argv, "train.py", train_arguments, EVERYDAY)
     if arguments is not None:
         _require_runs(argv, arguments)
-        choose_tracker(arguments.launch.track, arguments.resume)
+        choose_tracker(arguments.process.track, arguments.resume)
 
 
 def answer_early(
@@ -126,7 +126,7 @@ def answer_early(
         note = f"Defaults are in brackets, here those of the preset {preset}."
         default = defaults(preset)
         print(usage.describe(type(default), prog, default, everyday, note, everything=usage.HELP_ALL in argv))
-        raise SystemExit(app.OK)
+        raise SystemExit(OK)
     if any(word.startswith("--cluster.coordinator") for word in argv):
         return None
     for preset in (named.preset,) if named.preset else get_args(Preset):
@@ -150,14 +150,14 @@ def _train(argv: list[str]) -> None:
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
-    launch = app.parse(ProcessOptions, argv, "train.py", part=True)
+    process = app.parse(ProcessOptions, argv, "train.py", part=True)
     use_processors(read_named(argv))
-    prepare_jax(deterministic=launch.deterministic)
-    cluster.join(launch.cluster)
+    prepare_jax(deterministic=process.deterministic)
+    cluster.join(process.cluster)
     find_backend()  # where there is none, every further word to the others would fail
     with cluster.together():
         arguments = _parse(argv)
-        tracker = choose_tracker(launch.track, arguments.resume) if cluster.is_first() else None
+        tracker = choose_tracker(process.track, arguments.resume) if cluster.is_first() else None
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
             print(replay(arguments.replay))
@@ -166,7 +166,7 @@ def _train(argv: list[str]) -> None:
         with app.failures_into(arguments.resume):
             judged_training.resume(arguments.resume, tracker=tracker)
         return
-    if launch.deterministic and arguments.impl == "warp":
+    if process.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
     if arguments.out is not None:

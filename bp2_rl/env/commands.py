@@ -114,9 +114,8 @@ def advance(
     current = state.current + jnp.clip(state.target - state.current, -rate * dt, rate * dt)
     current = eased(state.current, current, config.control)
     moved = state.replace(
-        current=_turn_limited(
-            current, config.commands
-        ),  # the target's yaw rate may be too much on the way to its speed
+        # The target's yaw rate may be too much on the way to its speed.
+        current=_turn_limited(current, config.commands),
         time_left=state.time_left - dt * reached,
         error=state.error + dt * near * jnp.abs(forward_velocity - state.current[0]),
         time=state.time + dt * near,

@@ -28,9 +28,8 @@ class ControllerState(struct.PyTreeNode):
 
     phase: Float[Array, "..."]  # cycles
     last_action: Float[Array, "... 12"]
-    past_frames: Float[
-        Array, "... longest 47"
-    ]  # in the last control steps, newest first, as far back as `history` asks
+    # In the last control steps, newest first, as far back as `history` asks.
+    past_frames: Float[Array, "... longest 47"]
     steps: Float[Array, "..."]  # so many of them there were since the start
 
 

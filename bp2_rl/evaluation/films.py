@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
 from bp2_rl.evaluation.judge import JudgeProcesses, PendingLaunches
 from bp2_rl.evaluation.report.page import document
@@ -88,15 +89,15 @@ class Filmed:
         except NoVideo as reason:
             self._give_up(str(reason))
         except Exception as error:
-            self._give_up(f"no more films: {' '.join(str(error).split()) or type(error).__name__}")
+            self._give_up(f"no more films: {one_line(str(error)) or type(error).__name__}")
         finally:
             with contextlib.suppress(OSError):
                 kept.unlink(missing_ok=True)
         self._show(goes_on=True)
 
     def _give_up(self, reason: str) -> None:
-        self._no_film = reason.replace(", or pass --no-video", "")
-        self._say(f"warning: {self._no_film}")
+        self._no_film = reason
+        self._say(f"warning: {reason}")
 
     def _show(self, *, goes_on: bool) -> None:
         """Write the page, if its run is there."""

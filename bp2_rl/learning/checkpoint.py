@@ -12,7 +12,6 @@ first writes, and all read: the run's folder is on a file system that they share
 """
 
 import dataclasses
-import datetime
 import hashlib
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,7 +25,7 @@ from jax.experimental import multihost_utils
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, write_npz
 from bp2_rl.base.folders import find_folder, folder_names, new_folder, remove_folder, tidy
-from bp2_rl.base.serialization import ConfigError, load_sealed, package_versions, save_sealed
+from bp2_rl.base.serialization import ConfigError, load_sealed, package_versions, save_sealed, utc_now
 from bp2_rl.learning import cluster
 
 FORMAT_VERSION = 2
@@ -270,7 +269,7 @@ def _write(directory: Path, step: int, state: Any, extra: Mapping[str, Any]) -> 
     metadata = Metadata(
         format_version=FORMAT_VERSION,
         step=step,
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        created=utc_now(),
         versions=package_versions(),
         tree={path: _describe(leaf) for path, leaf in leaves.items()},
         files={STATE: FileFacts(path.stat().st_size, digest)},

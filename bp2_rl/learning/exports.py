@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from bp2_rl.base.errors import one_line
 from bp2_rl.base.folders import find_folder, folder_names
 from bp2_rl.learning.monitor import Monitor, count, run_began
 from bp2_rl.learning.policy import Policy, PolicyError, load_policy, save_policy
@@ -204,7 +205,7 @@ class ExportedPolicies:
         self._judge, self._pending = None, {}
         if self._newest:
             self._choose(self._newest, {})
-        why = " ".join(str(error).split()) or type(error).__name__
+        why = one_line(str(error)) or type(error).__name__
         self._monitor.note(f"warning: no policy is judged any more, the newest is the run's own: {why}")
 
 

@@ -2,21 +2,20 @@
 
 import contextlib
 import dataclasses
-import datetime
 import errno
 import shlex
 import sys
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import jax.numpy as jnp
 
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.folders import find_folder
-from bp2_rl.base.serialization import config_hash, package_versions, to_json
+from bp2_rl.base.serialization import config_hash, package_versions, to_json, utc_now
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning import cluster
 from bp2_rl.learning.checkpoint import (
@@ -82,7 +81,7 @@ def train(
             saver.wait()
             policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
-            _keep_failed(state, config, run_dir)
+            _stop_at_failed(state, config, run_dir)
         if done < total:
             reached = loop.reached()  # no longer, where the judge has failed since
             if signals.caught:
@@ -123,7 +122,7 @@ def _resume(run_dir: Path) -> str:
     return f"python train.py --resume {run_dir}"
 
 
-def _keep_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> None:
+def _stop_at_failed(state: TrainState, config: TrainConfig, run_dir: Path) -> NoReturn:
     """Save the state whose next train step is not finite, and stop."""
     step = int(state.step)
     with Saver(run_dir, to_json(config), FAILED) as saver:
@@ -147,11 +146,11 @@ class _Loop:
         The number is smaller than the run's total where a signal came or a policy was fast enough, and larger than
         `state.step` where a train step was not finite.
         """
-        run, policies = self._config.run, self._policies
+        lengths, policies = self._config.run, self._policies
         total = train_steps(self._config)
-        save_every = max(1, -(-total // run.checkpoints))
-        judge_every = max(1, -(-total // max(run.checkpoints, run.judged)))
-        log_every = max(1, total // run.logs)
+        save_every = max(1, -(-total // lengths.checkpoints))
+        judge_every = max(1, -(-total // max(lengths.checkpoints, lengths.judged)))
+        log_every = max(1, total // lengths.logs)
         done, stop = int(state.step), self.reached()
         while done < total and not stop and not log.not_finite:
             state, metrics = self._run.learner.train_step(state)
@@ -243,7 +242,7 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
         versions=package_versions(),
         config_hash=config_hash(config),
         results=results,
-        created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        created=utc_now(),
     )
 
 

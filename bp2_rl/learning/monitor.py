@@ -20,6 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import utc_now
 from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
 from bp2_rl.settings.training import CONFIG
 
@@ -160,8 +161,7 @@ class Monitor:
 
     def record(self, text: str) -> None:
         """Write a line with the time to log.txt alone; raises `OSError` where the disk is full."""
-        stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-        self._log_file.write(f"{stamp} {text}\n")
+        self._log_file.write(f"{utc_now()} {text}\n")
         self._log_file.flush()
 
     def __rich__(self) -> Table:

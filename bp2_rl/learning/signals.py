@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable
 
-from bp2_rl.base.signals import listening
+from bp2_rl.base.listening import listening
 from bp2_rl.learning import cluster
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)

@@ -8,7 +8,7 @@ from collections.abc import Generator, Mapping, Set
 from pathlib import Path
 from typing import Any
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.serialization import flatten, save_config, to_json
 from bp2_rl.learning.writers import LogWriter, TrackerError, read_metrics
 from bp2_rl.settings.tracking import TRACKED, Tracked, Tracker, tracked
@@ -141,4 +141,4 @@ def _tracker_errors(tracker: Tracker) -> Generator[None]:
 
 
 def _line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    return one_line(f"{type(error).__name__}: {error}")[:300]

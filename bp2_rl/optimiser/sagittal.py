@@ -116,41 +116,12 @@ def build_model(
         M += hardware.mass_scale * (mass * J.T @ J + inertia * J_angle.T @ J_angle)  # angles are linear in q
         Jdot_v += hardware.mass_scale * mass * J.T @ ca.jtimes(J @ v, q, v)
         weight += hardware.mass_scale * mass * specs.GRAVITY * J[1, :].T
-    rotor = hardware.rotor_inertia * gear_ratio**2
+    M += _rotors(legs, gear_ratio, hardware, rotor_coupling)
+    centrifugal = _centrifugal(ca.Function("C", [q, v, p], [Jdot_v]), q, v, p)
     motors = motor_coordinates(legs).tolist()
-    for motor in motors:
-        M[motor, motor] += rotor
-    hips = range(TRUNK, n, PER_LEG) if rotor_coupling else ()
-    for hip in hips:  # whose motor the trunk holds; the thigh, which pitch and hip turn, holds the knee's
-        for motor, angle in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip)):
-            M[motor, angle] += hardware.rotor_inertia * gear_ratio
-            M[angle, motor] += hardware.rotor_inertia * gear_ratio
-
-    # C is quadratic in v, so what remains with one v_i alone is its centrifugal part.
-    C = ca.Function("C", [q, v, p], [Jdot_v])
-    centrifugal = ca.SX.zeros(n)
-    for i in range(TRUNK - 1, n):  # the trunk's translation is not in C
-        alone = ca.SX.zeros(n)
-        alone[i] = v[i]
-        centrifugal += C(q, alone, p)
-
     # What a robot does not lose is zero, and CasADi leaves it out.
-    losses = hardware.losses
-    passive = ca.SX.zeros(n)
-    air = v[0] + losses.headwind
-    passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
-    for spring in spring_coordinates(legs).tolist():
-        s, rate = q[spring], v[spring]
-        stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
-        passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
-        # The stop at no compression may be another part.
-        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s)
-        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s) * rate
-        passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
-
-    turning, load = ca.tanh(v[motors] / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
-    resistance = (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning
-    resistance += losses.joint_viscosity * v[motors]
+    passive = _passive_forces(legs, q, v, stiffness, hardware)
+    resistance = _resistance(v[motors], tau, hardware.losses)
 
     phi = ca.vertcat(*(_contact(legs, leg, q, leg_length, foot_radius) for leg in range(len(legs))))
     J = ca.jacobian(phi, q)
@@ -187,6 +158,55 @@ def _bodies(
         for mass, inertia, centre, angle in leg_bodies(ca, links, leg_length - compression, hardware):
             bodies.append((mass, inertia, ca.vertcat(*centre), angle))
     return bodies
+
+
+def _rotors(legs: tuple[str, ...], gear_ratio: ca.SX, hardware: HardwareSpec, coupled: bool) -> ca.SX:
+    """What the motors' rotors add to M; `coupled` to the links that hold them, too."""
+    n = TRUNK + PER_LEG * len(legs)
+    added, own = ca.SX.zeros(n, n), hardware.rotor_inertia * gear_ratio**2
+    for motor in motor_coordinates(legs).tolist():
+        added[motor, motor] = own
+    hips = range(TRUNK, n, PER_LEG) if coupled else ()
+    for hip in hips:  # whose motor the trunk holds; the thigh, which pitch and hip turn, holds the knee's
+        for motor, angle in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip)):
+            added[motor, angle] = added[angle, motor] = hardware.rotor_inertia * gear_ratio
+    return added
+
+
+def _centrifugal(C: ca.Function, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:
+    """C is quadratic in v, so what remains with one v_i alone is its centrifugal part."""
+    n = v.shape[0]
+    centrifugal = ca.SX.zeros(n)
+    for i in range(TRUNK - 1, n):  # the trunk's translation is not in C
+        alone = ca.SX.zeros(n)
+        alone[i] = v[i]
+        centrifugal += C(q, alone, p)
+    return centrifugal
+
+
+def _passive_forces(legs: tuple[str, ...], q: ca.SX, v: ca.SX, stiffness: ca.SX, hardware: HardwareSpec) -> ca.SX:
+    """tau_p: the air's drag, and the springs with their damping, friction and stops."""
+    losses = hardware.losses
+    passive = ca.SX.zeros(TRUNK + PER_LEG * len(legs))
+    air = v[0] + losses.headwind
+    passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
+    for spring in spring_coordinates(legs).tolist():
+        s, rate = q[spring], v[spring]
+        stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
+        passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
+        # The stop at no compression may be another part.
+        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s)
+        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s) * rate
+        passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
+    return passive
+
+
+def _resistance(joint_velocity: ca.SX, tau: ca.SX, losses: specs.Losses) -> ca.SX:
+    """tau_r: what gears and joints take of the motors' torques."""
+    turning, load = ca.tanh(joint_velocity / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
+    return (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning + (
+        losses.joint_viscosity * joint_velocity
+    )
 
 
 def _contact(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX, radius: float) -> ca.SX:

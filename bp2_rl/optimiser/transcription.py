@@ -326,10 +326,10 @@ def _swing_share(nlp: Transcription, leg: str, i: int) -> ca.MX:
     """How much of a leg's swing has gone by at each point of a segment in the midst of it, from 0 to 1."""
     T = [segment.T for segment in nlp.segments]
 
-    def rest(i: int, step: int) -> ca.MX:
+    def rest(at: int, step: int) -> ca.MX:
         """Time for which the leg goes on swinging, walking from segment to segment."""
-        i += step
-        return ca.MX(0) if nlp.problem.stride.stands(leg, i) else T[i % len(T)] + rest(i, step)
+        at += step
+        return ca.MX(0) if nlp.problem.stride.stands(leg, at) else T[at % len(T)] + rest(at, step)
 
     before, after = rest(i, -1), rest(i, +1)
     return (before + T[i] * ca.DM(nlp.problem.points).T) / (before + T[i] + after)

@@ -131,9 +131,3 @@ def advance(network: Network, temperatures: Temperatures, cold_heat: Motors, sec
     return after(1.0 / 6.0, Temperatures(
         k1.winding + 2.0 * (k2.winding + k3.winding) + k4.winding, k1.case + 2.0 * (k2.case + k3.case) + k4.case
     ))  # fmt: skip
-
-
-def stored_heat(network: Network, temperatures: Temperatures) -> Motors:
-    """J, in winding and case, over those at the air's temperature."""
-    n, t = network, temperatures
-    return n.winding_capacity * (t.winding - n.air) + n.case_capacity * (t.case - n.air)

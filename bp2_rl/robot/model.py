@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.robot import specs
 from bp2_rl.robot.specs import IDEAL, LEGS, PHYSICS_STEP, HardwareSpec
 
@@ -80,7 +80,7 @@ def load_model(
     try:
         model = spec.compile()
     except ValueError as error:
-        raise ModelError(f"{_scene(xml)} does not compile: {_one_line(error)}") from error
+        raise ModelError(f"{_scene(xml)} does not compile: {one_line(str(error))}") from error
     if (model.nq, model.nv, model.nu) != (NQ, NV, NU):
         raise ModelError(
             f"{_scene(xml)} has nq, nv, nu = {model.nq}, {model.nv}, {model.nu}; BP2 has {NQ}, {NV}, {NU}: "
@@ -263,12 +263,8 @@ def _parsed(xml: Path | None) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise ModelError(f"{path} is not valid MJCF: {_one_line(error)}") from error
+        raise ModelError(f"{path} is not valid MJCF: {one_line(str(error))}") from error
 
 
 def _scene(xml: Path | None) -> Path:
     return asset_path("bp2_mjcf/scene_flat.xml") if xml is None else Path(xml)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

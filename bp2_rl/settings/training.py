@@ -37,7 +37,6 @@ class RunConfig:
     processors can; 0: none"""
     until: Annotated[float | None, Within(0.1, 100.0), tyro.conf.arg(prefix_name=False, metavar="M/S")] = None
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
-
     films: bool = False
     """film each judged policy's launch, into films.html in the run's folder"""
 

@@ -102,8 +102,7 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
     }
-    legs = mean[:, 6:].reshape(-1, 4, 4)
-    rate = legs[..., 3]
+    rate = _of_springs(mean)
     if against is not None:
         lost |= {
             "gears": -np.sum(against.gear[:-1] * qd, axis=-1),
@@ -120,8 +119,13 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         energy=energy,
         motors=motors,
         copper=copper,
-        springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
+        springs=_of_springs(force["spring"] * mean),
     ), soles
+
+
+def _of_springs(values: Float[np.ndarray, "N 22"]) -> Float[np.ndarray, "N 4"]:
+    """Return what the generalised coordinates of the springs have of these."""
+    return values[:, 6:].reshape(-1, 4, 4)[..., 3]
 
 
 def split_constraints(
@@ -190,7 +194,7 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     lost = sum(
         int(np.sum(standing[1:] & standing[:-1] & touching[:-1] & ~touching[1:], axis=0)[leg]) for leg in range(4)
     )
-    compression, rate = run.spring_compression[:-1], run.qvel[:-1, 6:].reshape(-1, 4, 4)[..., 3]
+    compression, rate = run.spring_compression[:-1], run.spring_velocity[:-1]
     onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
     limits = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE] * len(specs.LEGS))
     over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_bytes
 from bp2_rl.robot.model import load_model
 from bp2_rl.simulation.metrics import RIPPLE
@@ -59,7 +60,7 @@ def make_video(trajectory: Path, output: Path, gl_library: str | None = None, sh
         NoVideo: no GL library works here.
     """
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise NoVideo("no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg, or pass --no-video")
+        raise NoVideo("no video: the package imageio-ffmpeg is missing; pip install imageio-ffmpeg")
     reasons = []
     for library in (gl_library,) if gl_library else GL_LIBRARIES:
         error = _film_with(library, trajectory, output, shot)
@@ -67,7 +68,7 @@ def make_video(trajectory: Path, output: Path, gl_library: str | None = None, sh
             return
         reasons.append(f"{library}: {error}")
     remedy = "unset MUJOCO_GL" if gl_library else "apt-get install libegl1 libgl1-mesa-dri libosmesa6 (Debian, Ubuntu)"
-    raise NoVideo(f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}, or pass --no-video")
+    raise NoVideo(f"no video: no GL library works here ({'; '.join(reasons)}); {remedy}")
 
 
 def _film_with(library: str, trajectory: Path, output: Path, shot: Shot) -> str | None:
@@ -181,7 +182,7 @@ def _main() -> int:
         film(Trajectory.load(trajectory), output, shot)
     except Exception as error:
         # What a missing or broken GL library raises depends on the library: the parent only wants to read why.
-        print(f"{type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(one_line(f"{type(error).__name__}: {error}"), file=sys.stderr)
         return 1
     return 0
 

@@ -95,6 +95,11 @@ class Trajectory:
         return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, 3]
 
     @property
+    def spring_velocity(self) -> Float[np.ndarray, "N 4"]:
+        """How fast each leg's spring is pressed in, m/s."""
+        return self.qvel[:, 6:].reshape(-1, 4, 4)[:, :, 3]
+
+    @property
     def heading(self) -> Float[np.ndarray, " N"]:
         """Yaw, rad, without jumps: where the trunk's x axis points on the ground."""
         return np.unwrap(yaw_of(self.qpos[:, 3:7]))

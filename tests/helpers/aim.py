@@ -24,6 +24,11 @@ TINY = PPOConfig(
 )
 
 
+def assert_equal(a, b):
+    """Compare two trees to the last bit."""
+    jax.tree.map(np.testing.assert_array_equal, jax.device_get(a), jax.device_get(b))
+
+
 class Aim(envs.Env):
     """Show a target, take an action, earn -(action - target)^2: the best return is 0, of every state."""
 

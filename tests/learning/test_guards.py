@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from aim import TINY, StandIn
+from aim import TINY, StandIn, assert_equal
 from aim_run import SMALL
 from killer import save_checkpoint
 
@@ -55,10 +55,6 @@ def restore(run, **where) -> Any:
 def assert_finite(tree):
     for path, leaf in leaves_by_path(tree).items():
         assert np.isfinite(leaf).all(), path
-
-
-def assert_equal(a, b):
-    jax.tree.map(np.testing.assert_array_equal, jax.device_get(a), jax.device_get(b))
 
 
 # --- A robot's fault stays with the robot ---------------------------------------------------------------------

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from aim import TINY, Aim, train
+from aim import TINY, Aim, assert_equal, train
 from brax.training.agents.ppo import losses
 from brax.training.agents.ppo import train as brax_ppo
 from jax.flatten_util import ravel_pytree
@@ -15,12 +15,9 @@ from jax.flatten_util import ravel_pytree
 from bp2_rl.base.errors import UserError
 from bp2_rl.env import BP2Env
 from bp2_rl.learning.fleet import Fleet
-from bp2_rl.learning.ppo import PPO, make_networks
+from bp2_rl.learning.networks import make_networks
+from bp2_rl.learning.ppo import PPO
 from bp2_rl.settings.env import EnvConfig
-
-
-def assert_equal(a, b):
-    jax.tree.map(np.testing.assert_array_equal, jax.device_get(a), jax.device_get(b))
 
 
 def test_it_reaches_the_known_return_of_an_analytic_environment():
@@ -80,7 +77,7 @@ def test_one_train_step_is_its_parts_done_by_hand():
     config = dataclasses.replace(TINY, num_minibatches=1, num_epochs=1, desired_kl=None)
     learner = PPO(Aim(), config)
     state = learner.init(4)
-    key, key_unroll, key_sgd = jax.random.split(state.key, 3)
+    _, key_unroll, key_sgd = jax.random.split(state.key, 3)
     keys = jax.random.split(key_unroll, config.num_envs)
     _, data, _ = learner.unroll(state.params, state.normalizer, state.fleet, keys)
     gradient = jax.grad(lambda p: learner.loss(p, state.normalizer, data, key_sgd)[0])(state.params)
@@ -95,7 +92,6 @@ def test_one_train_step_is_its_parts_done_by_hand():
     for ours, by_hand in zip(jax.tree.leaves(after.params), jax.tree.leaves(expected), strict=True):
         assert np.mean(np.abs(ours - by_hand) < 1e-6) > 0.99
     assert int(after.normalizer.count) == config.num_envs * (1 + config.unroll_length)
-    del key
 
 
 def test_the_same_seed_gives_the_same_training_and_another_seed_another():

@@ -26,11 +26,7 @@ _DRAWN = np.random.default_rng(0).uniform((-2.0, -1.0, -2.0), (13.2, 1.0, 2.0), 
 COMMANDS = np.concatenate([np.reshape(_EDGES, (3, -1)).T, _DRAWN])  # 200
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _double_precision():
-    """Numerical differentiation needs it; one test below holds float32 to the same answers."""
-    with jax.enable_x64(True):
-        yield
+pytestmark = pytest.mark.usefixtures("double_precision")  # one test below holds float32 to the same answers
 
 
 def sample(command, phase, gait=GAIT):

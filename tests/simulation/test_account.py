@@ -6,7 +6,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from runs import run_one
+from runs import no_action, run_one
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot.actuator import bus_power, torque_limits
@@ -18,10 +18,6 @@ from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import OUTSIDE, RobotSetup, Simulator
 
 CONFIG = EnvConfig()  # the action is added to the reference motion
-
-
-def no_action(observation):
-    return 0.0 * observation[..., :12]
 
 
 @cache

@@ -3,10 +3,9 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from runs import run_one
+from runs import kick, no_action, run_one
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
@@ -16,18 +15,9 @@ from bp2_rl.simulation import policy_runner, simulator
 from bp2_rl.simulation.batch import rollout_batch
 from bp2_rl.simulation.schedule import Ramp
 
-TROTTING = EnvConfig()  # the action is added to the kinematic gait
+TROTTING = EnvConfig()  # the action is added to the reference motion
 SCHEDULE = Ramp(1.0, hold=0.2)
 NOMINAL = RandomizationConfig(enabled=False)
-
-
-def no_action(observation):
-    return 0.0 * observation[..., :12]
-
-
-def kick(observation):
-    """The largest action there is, left and right in turn: it falls."""
-    return 100.0 * jnp.sign(observation[..., 5:17])
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from runs import run_one
+from runs import kick, no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
@@ -25,17 +25,7 @@ from bp2_rl.simulation.simulator import Numerics, RobotSetup, settled
 from bp2_rl.simulation.world import LEVEL, World
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
-TROTTING = EnvConfig()  # the action is added to the kinematic gait
-
-
-def no_action(observation):
-    """Hold the standing pose, or follow the reference, as the control mode has it."""
-    return 0.0 * observation[..., :12]
-
-
-def kick(observation):
-    """The largest action there is, left and right in turn: whatever it does to the robot, it is rough."""
-    return 100.0 * jnp.sign(observation[..., 5:17])
+TROTTING = EnvConfig()  # the action is added to the reference motion
 
 
 def run_in_mjx(policy, schedule, config, **request):

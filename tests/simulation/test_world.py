@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from runs import run_one
+from runs import no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import sense
@@ -24,11 +24,6 @@ STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()
 NOBODY = HeadingHold(limit=0.0)
 SLOPE = math.radians(4.0)
-
-
-def no_action(observation):
-    """Hold the standing pose, or follow the reference, as the control mode has it."""
-    return 0.0 * observation[..., :12]
 
 
 def stand(seconds=0.3, **given):

@@ -19,7 +19,7 @@ from rich.console import Console
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
-from bp2_rl.base.serialization import from_json, package_versions, save_config
+from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
 from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
@@ -80,7 +80,7 @@ def describe(arguments: BenchArguments) -> Bench:
     device = jax.devices()[0]
     backend = " ".join(device.client.platform_version.split())
     return Bench(
-        created=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        created=utc_now(),
         versions={"python": platform.python_version(), "backend": backend, **package_versions()},
         platform=device.platform,
         device_kind=device.device_kind,

@@ -9,13 +9,13 @@ are led to the standing pose and kept there until `reset`; where the operator fa
 stand under the policy.
 """
 
+import dataclasses
 import json
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,16 @@ class DriveTargets(NamedTuple):
 
     position: np.ndarray  # (12) rad
     velocity: np.ndarray  # (12) rad/s
+
+
+@dataclasses.dataclass(frozen=True)
+class ForwardLimits:
+    """How fast the forward command rises and falls at most, as `eased` wants it."""
+
+    braking: float  # m/s2
+    stopping_time: float  # s
+    launching: float  # m/s2
+    launching_speed: float  # m/s
 
 
 class _Seen(NamedTuple):
@@ -232,9 +242,9 @@ def numbers(values: Mapping[str, float | None]) -> dict[str, float]:
     return {name: math.inf if value is None else value for name, value in values.items()}
 
 
-def command_limits(settings: Mapping[str, Any]) -> Any:
+def command_limits(settings: Mapping[str, Any]) -> ForwardLimits:
     """Return how fast the forward command rises and falls at most, from `deploy.json`."""
-    return SimpleNamespace(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
+    return ForwardLimits(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
 
 
 def _load_network(path: Path) -> Any:

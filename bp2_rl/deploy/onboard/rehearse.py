@@ -55,19 +55,6 @@ class Inbox:
         return controller.step(self.measurement, self.command if heard else None, now)
 
 
-def in_steps(folder: Path | str, robot: str, plan: RehearsalPlan) -> tuple[RehearsalWorld, OnboardController]:
-    """Run the rehearsal without sockets and clocks: as fast as possible, with the same result each time."""
-    world, controller, inbox = RehearsalWorld(folder, robot, plan), OnboardController(folder), Inbox()
-    for k in range(world.milliseconds):
-        now = k * DT
-        for kind, values in world.says(k, now):
-            inbox.take(kind, values, now)
-        if k % TICK == 0:
-            world.hears(inbox.tick(controller, now), now)
-        world.millisecond(k, now)
-    return world, controller
-
-
 def in_real_time(folder: Path | str, robot: str, plan: RehearsalPlan, core: int | None) -> dict[str, Any]:
     """Run the rehearsal over UDP in real time, and return its outcome.
 

@@ -82,7 +82,7 @@ def _film(folder: Path, gl_library: str | None) -> str | None:
     try:
         make_video(folder / TRAJECTORY, folder / VIDEO, gl_library)
     except NoVideo as reason:
-        return str(reason)
+        return f"{reason}, or pass --no-video"
     return None
 
 

@@ -1,4 +1,4 @@
-"""What pendulums on a beam do in closed form: what small swings, special motions and a rule of thumb say.
+"""What pendulums on a beam do in closed form: what small swings and a rule of thumb say.
 
 W is a frequency over w0, z pulls of the pendulums on each other, A an amplitude in rad. Two pendulums unless an
 argument counts them.
@@ -8,8 +8,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.integrate import quad
-from scipy.special import ellipk
 
 
 def in_phase_frequency(mass_ratio: float) -> float:
@@ -22,37 +20,9 @@ def beat_period(mass_ratio: float) -> float:
     return 1.0 / (in_phase_frequency(mass_ratio) - 1.0)
 
 
-def small_swing(
-    amplitude: float, time: Float[np.ndarray, " samples"], mass_ratio: float
-) -> Float[np.ndarray, "samples 2"]:
-    """The angles after one of two is let go at a small angle, the other hanging."""
-    slow, fast = np.cos(time), np.cos(in_phase_frequency(mass_ratio) * time)
-    return np.stack((fast + slow, fast - slow), axis=-1) * amplitude / 2.0
-
-
 def shares(mass_ratio: float) -> tuple[float, float]:
-    """Long averages of that: of the energy, what each pendulum has, and what the beam has."""
+    """Return the shares of a small swing's energy, in the long average: each pendulum's, and the beam's."""
     return (3.0 + mass_ratio / (mass_ratio + 2.0)) / 8.0, 1.0 / (2.0 * (mass_ratio + 2.0))
-
-
-def antiphase_period(amplitude: float) -> float:
-    """Return the period, in 1 / w0, of two pendulums in antiphase at any amplitude: the beam rests."""
-    return 4.0 * float(ellipk(math.sin(amplitude / 2.0) ** 2))
-
-
-def in_phase_period(amplitude: float, mass_ratio: float, pendulums: int = 2) -> float:
-    """Return the period, in 1 / w0, of pendulums that swing as one at any amplitude, by quadrature.
-
-    Energy and momentum leave th'^2 = 2 (cos th - cos A) / (1 - n cos^2 th / (R + n)); with sin(th/2) = k sin(psi) and
-    k = sin(A/2) the time over a quarter is an integral of a smooth function.
-    """
-    k = math.sin(amplitude / 2.0)
-
-    def slowness(psi: float) -> float:
-        half = (k * math.sin(psi)) ** 2  # sin^2(th / 2)
-        return math.sqrt((1.0 - pendulums * (1.0 - 2.0 * half) ** 2 / (mass_ratio + pendulums)) / (1.0 - half))
-
-    return 4.0 * quad(slowness, 0.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
 
 
 def small_torque_ratio(

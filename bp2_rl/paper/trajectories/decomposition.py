@@ -212,17 +212,17 @@ def find_trends(solutions: Sequence[Solution]) -> Trends:
 
 def means_by_speed(trends: Trends) -> tuple[TermMeans, ...]:
     """The average forces and their shares, by name."""
-
-    def named(values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
-        return {
-            kind: dict(zip(TERMS, map(float, column), strict=True))
-            for kind, column in zip(KINDS, values.T, strict=True)
-        }
-
     return tuple(
-        TermMeans(float(speed), named(average), named(share))
+        TermMeans(float(speed), named(TERMS, average), named(TERMS, share))
         for speed, average, share in zip(trends.speeds, trends.average, trends.share, strict=True)
     )
+
+
+def named(terms: Sequence[str], values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
+    """Return values by kind of coordinate, and by the name of the term."""
+    return {
+        kind: dict(zip(terms, map(float, column), strict=True)) for kind, column in zip(KINDS, values.T, strict=True)
+    }
 
 
 def turning_speeds(speeds: Float[np.ndarray, " S"], values: Float[np.ndarray, " S"]) -> list[float]:

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import datetime
 import os
 import queue
 import shutil
@@ -17,6 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import lock_folder
+from bp2_rl.base.serialization import utc_now
 from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.settings.jobs import JobsConfig
@@ -80,7 +80,7 @@ def begin(
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = gpu
     with run_dir.with_suffix(".txt").open("a") as log:
-        log.write(f"{datetime.datetime.now(datetime.UTC).isoformat()} {' '.join(arguments)}\n")
+        log.write(f"{utc_now()} {' '.join(arguments)}\n")
         log.flush()
         command = [sys.executable, *train, *arguments]
         return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT, pass_fds=tuple(keep))

@@ -117,7 +117,7 @@ def test_a_row_that_follows_another_is_said_to():
 
 
 def test_trajectories_and_greatest_speeds_make_the_rows(monkeypatch):
-    # Greatest speeds by their multipliers are the business of tests/optimiser/test_prices.py.
+    # Greatest speeds by their multipliers are the business of tests/paper/trajectories/test_shadow_prices.py.
     greatest = [("belt", 17.0, {"drag area": 0.0}), ("outdoors", 16.0, {"drag area": -0.06})]
     monkeypatch.setattr(numbers_module, "_greatest", lambda cruise: greatest)
     monkeypatch.setattr(numbers_module, "MECHANICAL", [one for one in MECHANICAL if one.name == "rotor inertia"])

@@ -39,11 +39,7 @@ WITHIN = COMMANDS[(COMMANDS[:, 0] <= SPEEDS[-1])]  # of what the library has
 PHASES = np.random.default_rng(1).uniform(-3.0, 3.0, (30, 1))
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _double_precision():
-    """Numerical differentiation needs it; one test below holds float32 to the same answers."""
-    with jax.enable_x64(True):
-        yield
+pytestmark = pytest.mark.usefixtures("double_precision")  # one test below holds float32 to the same answers
 
 
 @pytest.fixture(scope="module")

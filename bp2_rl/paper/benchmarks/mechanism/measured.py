@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from bp2_rl.paper.benchmarks.mechanism.forces import JOINTS, TERMS, THROUGH, TRUNK, WITHIN, Forces
 from bp2_rl.paper.trajectories.coupling import ENDS
 from bp2_rl.paper.trajectories.coupling_account import HARMONICS
-from bp2_rl.paper.trajectories.decomposition import KINDS, force_ratio, periodic_peaks
+from bp2_rl.paper.trajectories.decomposition import force_ratio, named, periodic_peaks
 from bp2_rl.robot.specs import LEGS
 
 STRIDES = 8  # whole ones that are looked at, at most
@@ -135,8 +135,8 @@ def measure_forces(forces: Forces, strides: int, dt: float) -> Decomposed:
         motors={
             f"{end} {joint}": _motor(forces, joint, front) for end, front in ENDS.items() for joint in ("hip", "knee")
         },
-        average=_named(average),
-        share=_named(share),
+        average=named(TERMS, average),
+        share=named(TERMS, share),
         velocity_force=float(np.max(np.abs(keep_harmonics(velocities[:, None], strides, HARMONICS[-1]))) / weight),
     )
 
@@ -186,9 +186,3 @@ def _by_kind(forces: Forces) -> Float[np.ndarray, "T kinds"]:
     trunk = mean[:, TRUNK]
     joints = [[6 + 4 * leg + joint for leg in range(4)] for joint in (1, 2)]
     return np.stack([trunk[:, 0], trunk[:, 2], *(np.mean(mean[:, each], axis=1) for each in joints)], axis=1)
-
-
-def _named(values: Float[np.ndarray, "T kinds"]) -> dict[str, dict[str, float]]:
-    return {
-        kind: dict(zip(TERMS, map(float, column), strict=True)) for kind, column in zip(KINDS, values.T, strict=True)
-    }

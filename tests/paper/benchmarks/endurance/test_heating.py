@@ -4,10 +4,9 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from runs import run_one
+from runs import kick, no_action, run_one
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.paper.benchmarks.endurance.heating import UPDATE, WINDOW, Heating, HeatingTry, hot_run
@@ -94,15 +93,6 @@ def test_a_robot_that_falls_before_the_clock_starts_has_endured_nothing(make_run
 
 
 # --- In C MuJoCo -------------------------------------------------------------------------------------------------
-
-
-def no_action(observation):
-    return 0.0 * observation[..., :12]
-
-
-def kick(observation):
-    """The largest action there is, left and right in turn: torques at every limit."""
-    return 100.0 * jnp.sign(observation[..., 5:17])
 
 
 @pytest.mark.parametrize("hardware", [IDEAL, BUILT])
