@@ -43,7 +43,7 @@ def docstrings():
     ("what", "paths", "most"),
     [
         ("all", SOURCES, 40_150),
-        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 26_600),
+        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 26_650),
     ],
 )
 def test_the_house_does_not_grow_unseen(what, paths, most):
