@@ -102,7 +102,7 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
     }
-    rate = _of_springs(mean)
+    rate = mean[:, 6:].reshape(-1, 4, 4)[..., 3]
     if against is not None:
         lost |= {
             "gears": -np.sum(against.gear[:-1] * qd, axis=-1),
@@ -119,13 +119,8 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         energy=energy,
         motors=motors,
         copper=copper,
-        springs=_of_springs(force["spring"] * mean),
+        springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
     ), soles
-
-
-def _of_springs(values: Float[np.ndarray, "N 22"]) -> Float[np.ndarray, "N 4"]:
-    """Return what the generalised coordinates of the springs have of these."""
-    return values[:, 6:].reshape(-1, 4, 4)[..., 3]
 
 
 def split_constraints(
