@@ -7,7 +7,7 @@ run = bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
 print(run.metrics.best_speed)
 
 env = bp2.make("bp2")  # a Brax environment
-bp2.train(bp2.preset("imitation", "cpu"), "runs/first")
+bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # in a Python of its own it takes all processors
 """
 
 import pkgutil
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bp2_rl.evaluation.judged_training import resume as resume
     from bp2_rl.evaluation.judged_training import train as train
     from bp2_rl.learning.policy import load_policy as load_policy
+    from bp2_rl.robot.specs import HardwareSpec as HardwareSpec
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import make_config as preset  # noqa: F401
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from bp2_rl.simulation.rollout import simulate as simulate
     from bp2_rl.simulation.schedule import Course as Course
     from bp2_rl.simulation.schedule import Ramp as Ramp
+    from bp2_rl.simulation.world import Push as Push
     from bp2_rl.simulation.world import World as World
 
 __version__ = "0.1.0"
@@ -37,6 +39,8 @@ HOMES = {
     "Ramp": "simulation.schedule:Ramp",
     "Course": "simulation.schedule:Course",
     "World": "simulation.world:World",
+    "Push": "simulation.world:Push",
+    "HardwareSpec": "robot.specs:HardwareSpec",
     "make": "env.bp2_env:make_env",
     "BP2Env": "env.bp2_env:BP2Env",
     "EnvConfig": "settings.env:EnvConfig",
@@ -47,6 +51,9 @@ HOMES = {
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 
 
+__all__ = list(HOMES)  # what help(bp2_rl) shows
+
+
 def __getattr__(name: str) -> Any:
     """Return a public name of the package."""
     if name not in HOMES:
@@ -55,4 +62,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *HOMES])
+    return sorted([*HOMES, "__version__"])

@@ -192,13 +192,20 @@ def _in_one_line(box: str) -> str:
         if found := re.search(pattern, text):
             text = words(found)
             break
-    suggestion = re.search(r"Perhaps you meant:\s+(--[\w.-]+)", " ".join(lines))
-    return f"{text}; perhaps {suggestion[1]}?" if suggestion else text
+    after = lines[lines.index("Perhaps you meant:") :] if "Perhaps you meant:" in lines else []
+    suggested = [re.split("[ ,]", line)[0] for line in after if line.startswith("--")]
+    return f"{text}; perhaps {' or '.join(suggested)}?" if suggested else text
 
 
-_KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "a word"}
+_KINDS = {
+    "FLOAT": "a number",
+    "INT": "a whole number",
+    "PATH": "a path",
+    "STR": "a word",
+    "INT INT": "two whole numbers",
+}
 _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-    (r"Error parsing (\S+): no type matching (\S+) could be instantiated from \['(.*)'\]",
+    (r"Error parsing (\S+): no type matching (.+?) could be instantiated from \['(.*)'\]",
      lambda found: f"{found[1]} takes {_in_words(found[2])}, got {found[3]}"),
     (r"Error parsing (\S+): could not convert string to float: '(.*)'",
      lambda found: f"{found[1]} takes a number, got {found[2]}"),

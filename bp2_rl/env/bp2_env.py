@@ -53,10 +53,10 @@ class BP2Env(envs.Env):
         *,
         impl: Impl = "jax",
         num_robots: int = 1,
-        rows: Mapping[str, rewards.RewardRow] = rewards.ROWS,
+        rows: Mapping[str, rewards.RewardRow] | None = None,
     ):
         self.config = config = config or CONFIGS[DEFAULT]()
-        self.rows = rows
+        self.rows = rewards.ROWS if rows is None else rows
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
                 f"hardware.losses.latency ({latency:g} s) must be at most {LONGEST_LATENCY:g} s in training: targets "
@@ -302,7 +302,7 @@ def make_env(
     *,
     impl: Impl = "jax",
     num_robots: int = 1,
-    rows: Mapping[str, rewards.RewardRow] = rewards.ROWS,
+    rows: Mapping[str, rewards.RewardRow] | None = None,
 ) -> BP2Env:
     """Return the environment of this name; `config` replaces that environment's settings. See `BP2Env` for the rest.
 

@@ -74,7 +74,10 @@ def rollout(
     noise_seed: int | None = None,
     backend: Backend = "mujoco",
 ) -> Trajectory:
-    """Run a policy once from a settled stand; see `RunRequest` for the options, and `simulate`.
+    """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
+
+    The robot is the one that the policy was trained for, unless `hardware` names another. `RunRequest` explains the
+    other options, and `simulate` the policy and its config.
 
     A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
     """
@@ -117,6 +120,8 @@ def simulate(
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
     """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
+    if not callable(policy):
+        raise UserError(f"a policy is run, and {policy!r} is none: pass load_policy({policy!r})")
     if not isinstance(policy, Policy):
         if config is None:
             raise UserError("a policy without a card runs only with a config: pass config=EnvConfig(...)")
