@@ -1,13 +1,15 @@
 """The open training stack for BP2: robot model, reference motion, MDP, learner, policy, evidence.
 
-import bp2_rl as bp2
+    import bp2_rl as bp2
 
-policy = bp2.load_policy("built")  # one that ships, or the folder of a run
-run = bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
-print(run.metrics.best_speed)
+    policy = bp2.load_policy("built")  # one that ships, or the folder of a run
+    run = bp2.rollout(policy, bp2.Ramp(10.0, hold=5.0))  # in C MuJoCo
+    print(run.metrics.best_speed)
 
-env = bp2.make("bp2")  # a Brax environment
-bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # in a Python of its own it takes all processors
+    env = bp2.make("bp2")  # a Brax environment
+    bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # in a Python of its own it takes all processors
+
+`help(bp2_rl)` shows the public names.
 """
 
 import pkgutil

@@ -226,4 +226,4 @@ def _choices(listed: str) -> str:
 
 def _in_words(metavar: str) -> str:
     """A type as tyro shows it: `{None}|FLOAT`, a flag that need not be given, takes a number."""
-    return " or ".join(_KINDS.get(kind, kind.strip("{}")) for kind in metavar.split("|") if kind != "{None}")
+    return " or ".join(_KINDS.get(kind, kind) for part in metavar.split("|") if (kind := part.strip("{}")) != "None")
