@@ -53,7 +53,7 @@ HOMES = {
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 
 
-__all__ = list(HOMES)  # what help(bp2_rl) shows
+__all__ = list(HOMES)  # what help(bp2_rl) shows  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
