@@ -49,7 +49,7 @@ COMMANDS = {
     "tune": ("bp2_rl.cli.tune", []),
     "bench": ("bp2_rl.cli.bench", ["--preset", "smoke"]),
     "export": ("bp2_rl.cli.export", []),
-    **{f"trajopt {what}": ("bp2_rl.cli.trajopt", [what]) for what in ("solve", "verify")},
+    "trajopt solve": ("bp2_rl.cli.trajopt", ["solve"]),  # `trajopt verify` has no flags
     **{
         f"trajectories {what}": ("bp2_rl.paper.cli.trajectories", [what])
         for what in ("sweep", "limits", "gaits", "limbs", "schemes", "codesign", "objective", "figures")
