@@ -1,0 +1,120 @@
+"""What a quadruped's body is, as plain numbers: links, joints, lengths, joint ranges and the standing pose.
+
+A leg hangs straight down at zero joint angles. Then the frames of its links are parallel to the trunk's (x forward,
+y left, z up), the abduction joint turns about +x, hip and knee about +y, and a spring shortens the lower leg along +z.
+Legs are in the order of `LEGS`; SI units.
+"""
+
+import dataclasses
+import functools
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.base.bounds import Range
+
+Vector = tuple[float, float, float]
+Inertia = tuple[float, float, float, float, float, float]
+"""kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A rigid part in a frame of its own."""
+
+    mass: float  # kg
+    com: Vector  # m, its centre of mass
+    inertia: Inertia
+
+
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """A leg; each link's frame is at the joint that moves the link."""
+
+    anchor: Vector  # m, the abduction joint in the trunk's frame
+    hip: Vector  # m, the hip joint from the abduction joint
+    knee: Vector  # m, the knee joint from the hip joint; x is 0
+    foot: Vector  # m, the centre of the foot's sphere from the knee joint, with the spring at rest; x is 0
+    foot_radius: float  # m
+    abad: Link
+    thigh: Link
+    shank: Link
+    toe: Link | None  # below the spring; None: the shank is rigid
+    seat: Vector  # m, the toe's frame from the knee joint, with the spring at rest; x is 0; a rigid shank's is unused
+    ranges: tuple[Range, Range, Range]  # rad, of abad, hip and knee
+    bend: Literal[-1, 1] = -1  # sign of the knee's angle in the gait: -1 bends the knee backwards
+
+    @property
+    def thigh_length(self) -> float:
+        """Distance from the hip axis to the knee axis, m."""
+        return -self.knee[2]
+
+    @property
+    def lower_length(self) -> float:
+        """Distance from the knee axis to the sole, with the spring at rest, m."""
+        return self.foot_radius - self.foot[2]
+
+    @property
+    def lateral(self) -> float:
+        """How far left of the abduction axis the foot moves, m."""
+        return self.hip[1] + self.knee[1] + self.foot[1]
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """The links from the trunk to the foot."""
+        rigid = self.abad, self.thigh, self.shank
+        return rigid if self.toe is None else (*rigid, self.toe)
+
+
+@dataclasses.dataclass(frozen=True)
+class Anatomy:
+    """A trunk and four legs."""
+
+    trunk: Link
+    legs: tuple[Leg, Leg, Leg, Leg]
+    stand: tuple[float, ...]  # rad, the twelve joints' angles in the standing pose
+    trunk_size: Vector  # m, half extents of the box that the trunk fills, about its frame's origin
+    thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
+    lower_radius: float  # m, of the capsule from knee to foot
+
+    @property
+    def sprung(self) -> bool:
+        """Whether the shanks are springs."""
+        return self.legs[0].toe is not None
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole robot, kg."""
+        return self.trunk.mass + sum(link.mass for leg in self.legs for link in leg.links)
+
+    @property
+    def leg_length(self) -> float:
+        """Half the length of a straight leg from hip axis to sole, in the mean over the legs, m."""
+        return sum(leg.thigh_length + leg.lower_length for leg in self.legs) / (2.0 * len(self.legs))
+
+    @functools.cached_property
+    def geometry(self) -> "LegGeometry":
+        """Return the lengths that kinematics needs, as arrays over the legs."""
+        legs = self.legs
+        return LegGeometry(
+            origins=np.array([np.add(leg.anchor, (leg.hip[0], 0.0, 0.0)) for leg in legs]),
+            lateral=np.array([leg.lateral for leg in legs]),
+            drop=np.array([-leg.hip[2] for leg in legs]),
+            thigh=np.array([leg.thigh_length for leg in legs]),
+            lower=np.array([leg.lower_length for leg in legs]),
+            bend=np.array([float(leg.bend) for leg in legs]),
+            foot_radius=np.array([leg.foot_radius for leg in legs]),
+        )
+
+
+class LegGeometry(NamedTuple):
+    """The lengths of the legs, m."""
+
+    origins: Float[Any, "4 3"]  # where each abduction axis crosses the plane of the hip axis, in the trunk's frame
+    lateral: Float[Any, "4"]  # from the abduction axis to the foot's plane, to the left
+    drop: Float[Any, "4"]  # of the hip axis below the abduction axis
+    thigh: Float[Any, "4"]
+    lower: Float[Any, "4"]  # knee axis to sole, spring at rest
+    bend: Float[Any, "4"]  # sign of the knee's angle
+    foot_radius: Float[Any, "4"]
