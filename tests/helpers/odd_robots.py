@@ -1,0 +1,184 @@
+"""Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those of the model built of them."""
+
+import mujoco
+import numpy as np
+
+from bp2_rl.robot.building import build_spec
+from bp2_rl.robot.reading import RobotReading
+from bp2_rl.robot.specs import LEGS, MOTOR_NAMES
+
+
+def anymal_like() -> str:
+    """Knee offsets, hind knees bent the other way, axes with either sign, welded feet, turned frames, degrees."""
+    legs = ""
+    for name, x, y, bend in (("LF", 1, 1, 1), ("RF", 1, -1, 1), ("LH", -1, 1, -1), ("RH", -1, -1, -1)):
+        flip = -1 if (x, y) in ((1, -1), (-1, 1)) else 1
+        legs += f"""
+    <body name="{name}_HIP" pos="{0.3 * x} {0.1 * y} 0.02" euler="{20 * y} 0 0">
+      <inertial pos="{0.05 * x} {-0.003 * y} 0.01" mass="1.4" fullinertia="0.002 0.003 0.0025 0.0001 0.0002 -0.0003"/>
+      <joint name="{name}_HAA" axis="{flip} 0 0" range="-50 40" armature="0.02" damping="0.3" frictionloss="0.1"/>
+      <body name="{name}_THIGH" pos="{0.06 * x} {0.08 * y} 0" euler="{-20 * y} {25 * bend} 90">
+        <inertial pos="0.01 {0.02 * y} -0.1" mass="1.6" fullinertia="0.02 0.021 0.003 0.001 -0.002 0.0004"/>
+        <joint name="{name}_HFE" axis="{flip} 0 0" range="-110 100" ref="12"/>
+        <body name="{name}_SHANK" pos="{0.07 * y} {0.04 * bend} -0.28" euler="0 0 -90">
+          <joint name="{name}_KFE" axis="0 {-flip} 0"/>
+          <inertial pos="0.01 {0.02 * y} -0.1" mass="0.35" fullinertia="0.0048 0.005 0.001 0.0003 -0.0004 0.0002"/>
+          <geom type="capsule" size="0.02" fromto="0 0 0 {0.05 * bend} 0 -0.28"/>
+          <body name="{name}_FOOT" pos="{0.06 * bend} {0.01 * y} -0.3" euler="10 20 30">
+            <inertial pos="0.001 0 0.01" mass="0.14" diaginertia="1e-4 2e-4 1.5e-4"/>
+            <geom type="sphere" size="0.03" pos="0 0 0.005" friction="0.7"/>
+            <geom type="sphere" size="0.035" contype="0" conaffinity="0" mass="0"/>
+          </body>
+        </body>
+      </body>
+    </body>"""
+    motors = "".join(
+        f'<position joint="{leg}_{joint}" kp="80" kv="2" forcerange="-80 80"/>'
+        for leg in ("LF", "RF", "LH", "RH")
+        for joint in ("HAA", "HFE", "KFE")
+    )
+    return f"""
+<mujoco model="anymal-like">
+  <compiler angle="degree" eulerseq="XYZ"/>
+  <asset><mesh name="shell" file="missing.obj"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="base" pos="1 2 0.6" euler="0 0 30">
+      <freejoint/>
+      <inertial pos="0.01 0.002 0.03" mass="18" fullinertia="0.3 0.8 0.9 0.01 0.02 -0.03"/>
+      <geom type="mesh" mesh="shell"/>
+      <geom type="box" size="0.28 0.1 0.08" pos="0 0 0.02" mass="0"/>
+      <body name="lidar" pos="0.1 0 0.15" euler="0 45 0">
+        <inertial pos="0 0 0.02" mass="1.2" diaginertia="0.001 0.002 0.003"/>
+      </body>{legs}
+    </body>
+  </worldbody>
+  <actuator>{motors}</actuator>
+</mujoco>"""
+
+
+def drawn_crouching() -> str:
+    """Legs drawn as they stand, hips listed hind first, a keyframe, geoms that make the masses, motors with gears."""
+    legs = ""
+    for name, x, y in (("leg1", -1, 1), ("leg2", 1, -1), ("leg3", -1, -1), ("leg4", 1, 1)):
+        legs += f"""
+    <body pos="{0.2 * x} {0.06 * y} -0.01">
+      <joint name="{name}a" axis="1 0 0" range="-0.8 0.8"/>
+      <geom type="cylinder" size="0.04 0.03" euler="0 1.5708 0" density="2000" contype="0" conaffinity="0"/>
+      <body pos="0 {0.07 * y} -0.02">
+        <joint name="{name}b" axis="0 -1 0" range="-2 2"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 -0.12 0 -0.18" density="1500"/>
+        <body pos="-0.12 0 -0.18">
+          <joint name="{name}c" axis="0 -1 0" range="-1.4 1.3" pos="0.002 0 0.001"/>
+          <geom type="capsule" size="0.015" fromto="0 0 0 0.11 0 -0.17" density="1500"/>
+        </body>
+      </body>
+    </body>"""
+    motors = "".join(
+        f'<motor joint="leg{leg}{joint}" gear="-6" ctrlrange="-4 4"/>' for leg in (1, 2, 3, 4) for joint in "abc"
+    )
+    return f"""
+<mujoco model="drawn crouching">
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody>
+    <body name="torso" pos="0 0 0.4">
+      <freejoint/>
+      <geom type="box" size="0.25 0.08 0.05" mass="6"/>{legs}
+    </body>
+  </worldbody>
+  <actuator>{motors}</actuator>
+  <keyframe>
+    <key name="home" qpos="0 0 0.4 1 0 0 0  0 0.1 0  0 0.1 0  0 0.1 0  0 0.1 0"/>
+  </keyframe>
+</mujoco>"""
+
+
+def sprung() -> str:
+    """Springs whose coordinate grows downwards and is not zero at rest, on a turned shank; feet that are boxes."""
+    legs = ""
+    for name, x, y in (("fr", 1, -1), ("fl", 1, 1), ("rr", -1, -1), ("rl", -1, 1)):
+        legs += f"""
+    <body pos="{0.2 * x} {0.06 * y} 0">
+      <inertial pos="0 0 0" mass="0.5" diaginertia="0.001 0.001 0.001"/>
+      <joint name="{name}_x" axis="1 0 0" range="-0.8 0.8"/>
+      <body pos="0 {0.07 * y} 0">
+        <inertial pos="0 0 -0.05" mass="1" diaginertia="0.005 0.005 0.001"/>
+        <joint name="{name}_y" axis="0 1 0" range="-2 2"/>
+        <body pos="0 0 -0.2" euler="0 -0.3 0">
+          <inertial pos="0.01 0 -0.03" mass="0.1" fullinertia="0.0005 0.0006 0.0001 0 0.0001 0"/>
+          <joint name="{name}_k" axis="0 1 0" range="-2 -0.1"/>
+          <body pos="0 0 -0.15">
+            <inertial pos="0.002 0.001 -0.02" mass="0.2" diaginertia="0.0001 0.0001 0.0001"/>
+            <joint name="{name}_s" type="slide" axis="0 0 -1" springref="0.02" stiffness="4000" damping="8"
+              range="-0.06 0.02"/>
+            <geom name="{name}_pad" type="box" size="0.02 0.01 0.01" pos="0 0 -0.06"/>
+            <site name="{name}_tip" pos="0 0 -0.06"/>
+          </body>
+        </body>
+      </body>
+    </body>"""
+    return f"""
+<mujoco model="sprung">
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody>
+    <body name="torso" pos="0 0 0.4">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="8" diaginertia="0.1 0.2 0.2"/>{legs}
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
+    """Return how far the model built from a reading is from the original in a random state.
+
+    Relative differences of mass matrix, armature left out, and bias force; and the feet's greatest distance, m.
+    """
+    draws = np.random.default_rng(seed)
+    built = build_spec(reading.anatomy).compile()
+    ours, theirs = mujoco.MjData(built), mujoco.MjData(original)
+    free = next(i for i in range(original.njnt) if original.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE)
+    at, dof = original.jnt_qposadr[free], original.jnt_dofadr[free]
+    ours.qpos[:7] = theirs.qpos[at : at + 7] = draws.normal(size=7)
+    ours.qvel[:6] = theirs.qvel[dof : dof + 6] = draws.normal(size=6)
+    order, sign = np.arange(built.nv) + dof, np.ones(built.nv)
+    pairs = [
+        (name, joint.name, joint.sign, joint.offset) for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True)
+    ]
+    for leg, knee in zip(LEGS, reading.joints[2::3], strict=True) if reading.spring else ():
+        body = original.jnt_bodyid[original.joint(knee.name).id]
+        slide = next(i for i in range(original.njnt) if original.body_parentid[original.jnt_bodyid[i]] == body)
+        name, up = original.joint(slide).name, -1 if original.jnt_axis[slide][2] < 0.0 else 1
+        pairs.append((f"{leg}_spring", name, up, -up * float(original.qpos_spring[original.jnt_qposadr[slide]])))
+    for name, their_name, direction, offset in pairs:
+        our, their = built.joint(name), original.joint(their_name)
+        theirs.qpos[their.qposadr], theirs.qvel[their.dofadr] = angle, speed = draws.normal(size=2)
+        ours.qpos[our.qposadr], ours.qvel[our.dofadr] = direction * angle + offset, direction * speed
+        order[our.dofadr], sign[our.dofadr] = their.dofadr[0], direction
+    inertias: list[np.ndarray] = []
+    for model, data in ((built, ours), (original, theirs)):
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        mujoco.mj_forward(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        inertias.append(inertia - np.diag(model.dof_armature))
+    theirs_in_ours = inertias[1][np.ix_(order, order)] * np.outer(sign, sign)
+    bias = theirs.qfrc_bias[order] * sign
+    apart = [
+        np.linalg.norm(ours.geom(f"{leg}_foot").xpos - _foot(theirs, original, name))
+        for leg, name in zip(LEGS, reading.contacts, strict=True)
+    ]
+    return (
+        float(np.max(np.abs(inertias[0] - theirs_in_ours)) / np.max(np.abs(theirs_in_ours))),
+        float(np.max(np.abs(ours.qfrc_bias - bias)) / np.max(np.abs(bias))),
+        float(np.max(apart)),
+    )
+
+
+def _foot(data: mujoco.MjData, model: mujoco.MjModel, name: str) -> np.ndarray:
+    """Return where a foot's sphere is: a geom, the lower end of one that is a capsule, or a site."""
+    if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) >= 0:
+        return data.site(name).xpos
+    geom = int(name.removeprefix("geom ")) if name.startswith("geom ") else model.geom(name).id
+    half = model.geom_size[geom, 1] if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+    return data.geom_xpos[geom] - half * data.geom_xmat[geom].reshape(3, 3)[:, 2]

@@ -1,0 +1,135 @@
+"""A model built from an Anatomy is BP2's hand-written one where the Anatomy is BP2's, and any other stands, too."""
+
+import dataclasses
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from odd_robots import anymal_like
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.robot import model as modelling
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.building import build_spec, standing
+from bp2_rl.robot.model import load_model
+from bp2_rl.robot.reading import read_mjcf
+from bp2_rl.robot.specs import IDEAL, LEGS, MOTOR_NAMES
+
+
+@pytest.fixture(scope="module")
+def bp2() -> Anatomy:
+    return read_mjcf(asset_path("bp2_mjcf/bp2.xml")).anatomy
+
+
+@pytest.fixture(scope="module")
+def rigid(tmp_path_factory: pytest.TempPathFactory) -> Anatomy:
+    path = tmp_path_factory.mktemp("odd") / "robot.xml"
+    path.write_text(anymal_like())
+    return read_mjcf(path).anatomy
+
+
+def names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
+    return [name for i in range(count) if (name := getattr(model, kind)(i).name)]
+
+
+def inertia_in_body(model: mujoco.MjModel, body: int) -> np.ndarray:
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    return axes.reshape(3, 3) @ np.diag(model.body_inertia[body]) @ axes.reshape(3, 3).T
+
+
+def accelerations(model: mujoco.MjModel, seed: int) -> np.ndarray:
+    """Return what a random state with loaded feet does under random torques."""
+    draws, data = np.random.default_rng(seed), mujoco.MjData(model)
+    data.qpos[:] = load_model().key("stand").qpos + 0.02 * draws.normal(size=model.nq)
+    data.qvel[:], data.ctrl[:] = draws.normal(size=model.nv), 10.0 * draws.normal(size=model.nu)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+    return data.qacc.copy()
+
+
+def test_the_model_built_of_bp2s_numbers_is_bp2s(bp2: Anatomy):
+    built, written = build_spec(bp2, name="bp2 on flat ground").compile(), load_model(solid_free(IDEAL))
+    assert (built.nq, built.nv, built.nu) == (written.nq, written.nv, written.nu)
+    for kind, count in (("body", "nbody"), ("joint", "njnt"), ("actuator", "nu"), ("sensor", "nsensor"),
+                        ("site", "nsite"), ("tendon", "ntendon"), ("camera", "ncam"), ("light", "nlight")):  # fmt: skip
+        assert names(built, kind, getattr(built, count)) == names(written, kind, getattr(written, count))
+    assert set(names(built, "geom", built.ngeom)) == set(names(written, "geom", written.ngeom))
+    for i in range(1, built.nbody):
+        ours, theirs = built.body(i), written.body(i)
+        assert ours.mass == pytest.approx(theirs.mass, rel=1e-12)
+        for field in ("pos", "ipos") if i > 1 else ("ipos",):  # the trunk is placed by the keyframe
+            np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-12)
+        np.testing.assert_allclose(inertia_in_body(built, i), inertia_in_body(written, i), rtol=1e-12, atol=1e-18)
+    for name in names(built, "geom", built.ngeom):
+        if name != "floor":
+            np.testing.assert_allclose(built.geom(name).size, written.geom(name).size, rtol=1e-12)
+            np.testing.assert_allclose(built.geom(name).pos, written.geom(name).pos, atol=1e-12)
+        for field in ("friction", "solref", "contype", "conaffinity", "priority", "condim"):
+            np.testing.assert_array_equal(getattr(built.geom(name), field), getattr(written.geom(name), field))
+
+
+def solid_free(hardware):
+    return dataclasses.replace(hardware, solid_legs=False)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bp2_built_and_bp2_written_move_alike(bp2: Anatomy, seed: int):
+    ours, theirs = (accelerations(model, seed) for model in (build_spec(bp2).compile(), load_model()))
+    np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())  # the solver's own tolerance is 1e-8
+
+
+def test_what_hardware_changes_in_bp2_it_changes_in_a_built_model(bp2: Anatomy):
+    spec = build_spec(bp2)
+    modelling._apply_springs(spec, IDEAL)
+    modelling._apply_motors(spec, IDEAL)
+    modelling._apply_contacts(spec, IDEAL)
+    modelling._make_legs_solid(spec)
+    modelling._drop_visuals(spec)
+    modelling._weigh(spec)
+    model = spec.compile()
+    assert model.nsensordata == 12
+    assert model.actuator_forcerange.max() == IDEAL.joint_peak_torque
+    assert model.ngeom == load_model(dataclasses.replace(IDEAL, solid_legs=True), visual=False).ngeom
+
+
+def test_a_rigid_shank_has_no_spring(rigid: Anatomy):
+    model = build_spec(rigid).compile()
+    assert (model.nq, model.nv, model.nu) == (19, 18, 12)
+    assert model.ntendon == 0
+    assert [model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)] == list(MOTOR_NAMES)
+
+
+def test_full_inertias_are_kept_and_scale_with_the_mass(rigid: Anatomy):
+    spec = build_spec(rigid)
+    for body in spec.bodies[1:]:
+        body.mass *= 2.0
+        body.inertia = np.asarray(body.inertia) * 2.0
+    once, twice = build_spec(rigid).compile(), spec.compile()
+    for i in range(1, once.nbody):
+        np.testing.assert_allclose(inertia_in_body(twice, i), 2.0 * inertia_in_body(once, i), rtol=1e-9, atol=1e-15)
+
+
+def test_the_keyframe_stands_on_the_ground(bp2: Anatomy, rigid: Anatomy):
+    for anatomy in (bp2, rigid):
+        model = build_spec(anatomy).compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+        mujoco.mj_forward(model, data)
+        soles = [data.geom(f"{leg}_foot").xpos[2] - model.geom(f"{leg}_foot").size[0] for leg in LEGS]
+        assert min(soles) == pytest.approx(0.0, abs=1e-12)
+        np.testing.assert_allclose(data.site("FR_sole").xpos[2], soles[0], atol=0.02)  # the toe's axis is tilted
+
+
+def test_stiffer_springs_sag_less(bp2: Anatomy):
+    soft, hard = standing(bp2, 3000.0), standing(bp2, 12000.0)
+    assert soft[10] == pytest.approx(4.0 * hard[10])
+    assert soft[2] < hard[2]
+
+
+def test_both_cameras_see_it(rigid: Anatomy, tmp_path: Path):
+    model = build_spec(rigid).compile()
+    assert {"track", "front"} <= set(names(model, "camera", model.ncam))
+    assert model.nmesh == 0

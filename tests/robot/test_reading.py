@@ -1,0 +1,209 @@
+"""Any quadruped's MJCF becomes an Anatomy that moves as the original does, or is refused by name."""
+
+import importlib.util
+import math
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from odd_robots import anymal_like, disagreement, drawn_crouching, sprung
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
+
+GO1, SPOT = Path("_src/locomotion/go1/xmls"), Path("_src/locomotion/spot/xmls")
+
+
+def playground(path: Path) -> Path:
+    spec = importlib.util.find_spec("mujoco_playground")
+    assert spec is not None
+    return Path((spec.submodule_search_locations or [])[0]) / path
+
+
+@pytest.fixture(scope="module")
+def go1() -> Path:
+    return playground(GO1 / "go1_mjx_feetonly.xml")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "robot.xml"
+    path.write_text(text)
+    return path
+
+
+# --- It moves as the original ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "path",
+    [GO1 / "go1_mjx_feetonly.xml", GO1 / "go1_mjx_fullcollisions.xml", Path("_src/locomotion/spot/xmls/spot_mjx.xml")],
+)
+def test_a_public_robot_moves_as_its_model_does(path: Path, seed: int):
+    path = playground(path)
+    inertia, bias, feet = disagreement(load_mjcf(path), read_mjcf(path), seed=seed)
+    assert max(inertia, bias, feet) < 1e-9, "rounding alone is left"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bp2_moves_as_its_model_does(seed: int):
+    path = asset_path("bp2_mjcf/bp2.xml")
+    assert max(disagreement(load_mjcf(path), read_mjcf(path), seed=seed)) < 1e-12, "rounding alone is left"
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("odd", [anymal_like, drawn_crouching])
+def test_odd_conventions_are_understood(odd, seed: int, tmp_path: Path):
+    path = write(tmp_path, odd())
+    inertia, bias, feet = disagreement(load_mjcf(path), read_mjcf(path), seed=seed)
+    assert max(inertia, bias, feet) < 1e-9, "rounding alone is left"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_springs_that_count_downwards_from_elsewhere_are_understood(seed: int, tmp_path: Path):
+    path = write(tmp_path, sprung())
+    tips = ["fr_tip", "fl_tip", "rr_tip", "rl_tip"]
+    reading = read_mjcf(path, feet=tips, foot_radius=0.012)
+    assert max(disagreement(load_mjcf(path), reading, seed=seed)) < 1e-9
+    assert reading.spring is not None
+    assert (reading.spring.stiffness, reading.spring.damping) == (4000.0, 8.0)
+    assert reading.spring.travel == pytest.approx(0.08)
+
+
+# --- What it says ------------------------------------------------------------------------------------------------
+
+
+def test_go1_is_read_from_its_public_model(go1: Path):
+    reading = read_mjcf(go1)
+    assert reading.anatomy.mass == pytest.approx(12.743448)
+    assert [joint.name for joint in reading.joints[:3]] == ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"]
+    assert reading.contacts == ("FR", "FL", "RR", "RL")
+    leg = reading.anatomy.legs[0]
+    assert (leg.thigh_length, leg.lower_length, leg.foot_radius) == pytest.approx((0.213, 0.236, 0.023))
+    assert leg.ranges == ((-0.863, 0.863), (-0.686, 4.501), (-2.818, -0.888))
+    assert leg.bend == -1
+    assert leg.toe is None
+    hip, knee = reading.joints[1:3]
+    assert (hip.peak_torque, knee.peak_torque, knee.stiffness, knee.armature) == (23.7, 35.55, 35.0, 0.005)
+    assert (knee.friction, knee.damping) == (1.0, 0.5)
+
+
+def test_a_keyframe_tells_how_it_stands():
+    reading = read_mjcf(playground(GO1 / "scene_mjx_feetonly_flat_terrain.xml"))
+    assert reading.anatomy.stand == pytest.approx((0.1, 0.9, -1.8, -0.1, 0.9, -1.8) * 2)
+
+
+def test_without_a_keyframe_every_foot_is_below_its_hip(go1: Path):
+    reading = read_mjcf(go1)
+    for leg, angles in zip(reading.anatomy.legs, np.reshape(reading.anatomy.stand, (4, 3)), strict=True):
+        _, hip, knee = angles
+        x = leg.thigh_length * math.sin(hip) + leg.lower_length * math.sin(hip + knee)
+        assert x == pytest.approx(0.0, abs=1e-9)
+    assert any("keyframe" in note for note in reading.notes)
+
+
+def test_hind_knees_may_bend_the_other_way(tmp_path: Path):
+    reading = read_mjcf(write(tmp_path, anymal_like()))
+    assert [leg.bend for leg in reading.anatomy.legs][:2] != [leg.bend for leg in reading.anatomy.legs][2:]
+    assert reading.joints[0].name == "RF_HAA"
+    assert reading.joints[9].name == "LH_HAA"
+    assert {joint.sign for joint in reading.joints} == {-1, 1}
+
+
+def test_motors_with_a_gear_push_at_the_joint(tmp_path: Path):
+    reading = read_mjcf(write(tmp_path, drawn_crouching()))
+    assert {joint.peak_torque for joint in reading.joints} == {24.0}
+
+
+def test_geometry_masses_count_as_mujoco_counts_them(tmp_path: Path):
+    path = write(tmp_path, drawn_crouching())
+    assert read_mjcf(path).anatomy.mass == pytest.approx(mujoco.mj_getTotalmass(load_mjcf(path)), rel=1e-12)
+
+
+def test_a_spring_parallel_to_a_joint_is_noted(go1: Path, tmp_path: Path):
+    text = anymal_like().replace('range="-50 40"', 'range="-50 40" stiffness="7"')
+    notes = read_mjcf(write(tmp_path, text)).notes
+    assert "the spring of 7 Nm/rad parallel to joint 'RF_HAA' is left out" in notes
+
+
+# --- What cannot be is refused by name ---------------------------------------------------------------------------
+
+
+def arm() -> str:
+    return anymal_like().replace(
+        '<body name="lidar"',
+        '<body name="arm" pos="0.2 0 0.1"><joint name="arm" axis="0 1 0"/><inertial pos="0 0 0.1" mass="1" '
+        'diaginertia="0.01 0.01 0.01"/></body><body name="lidar"',
+    )
+
+
+def six_legs() -> str:
+    text, extra = anymal_like(), ""
+    leg = text[text.index('<body name="LF_HIP"') : text.index('<body name="RF_HIP"')]
+    for side in ("L", "R"):
+        extra += leg.replace('name="LF_', f'name="{side}M_')
+    return text.replace(leg, leg + extra)
+
+
+def with_ankle(limited: bool) -> str:
+    stop = 'range="-40 40"' if limited else ""
+    return (
+        anymal_like()
+        .replace('_FOOT" pos', '_FOOT" gravcomp="0" pos')
+        .replace('<inertial pos="0.001 0 0.01"', f'<joint axis="0 1 0" {stop}/><inertial pos="0.001 0 0.01"')
+    )
+
+
+REFUSED = {
+    "6 limbs": six_legs,
+    "5 limbs": arm,
+    "a wheel cannot be": lambda: with_ankle(False),
+    "an ankle cannot be": lambda: with_ankle(True),
+    "base is fixed": lambda: anymal_like().replace("<freejoint/>", ""),
+    "closes a loop": lambda: anymal_like().replace(
+        "<actuator>", '<equality><connect body1="LF_SHANK" body2="base" anchor="0 0 0"/></equality><actuator>'
+    ),
+    "couples joints": lambda: anymal_like().replace(
+        "<actuator>",
+        '<tendon><fixed><joint joint="LF_HFE" coef="1"/><joint joint="LF_KFE" coef="1"/></fixed></tendon><actuator>',
+    ),
+    "other joint axes cannot be": lambda: anymal_like().replace('_KFE" axis="0 ', '_KFE" axis="0.1 '),
+    "the mass of body 'LF_SHANK' comes from a mesh": lambda: re.sub(
+        '<inertial pos="0.01 0.02 -0.1" mass="0.35".*/>', '<geom type="mesh" mesh="shell"/>', anymal_like()
+    ),
+    "has no sphere": lambda: re.sub('type="(sphere|capsule)"', 'type="ellipsoid"', anymal_like()).replace(
+        'size="0.03"', 'size="0.03 0.03 0.03"').replace('size="0.035"', 'size="0.03 0.03 0.03"'),
+    "not an MJCF": lambda: "<mujoco><worldbody>",
+    "does not tell which leg is which": lambda: anymal_like().replace('pos="-0.', 'pos="0.'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("complaint", REFUSED)
+def test_what_cannot_be_is_refused_by_name(complaint: str, tmp_path: Path):
+    path = write(tmp_path, REFUSED[complaint]())
+    with pytest.raises(ReadingError) as refusal:
+        read_mjcf(path)
+    assert complaint in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).startswith(str(path))
+
+
+def test_named_joints_weld_the_others(tmp_path: Path):
+    names = [f"{leg}_{joint}" for leg in ("RF", "LF", "RH", "LH") for joint in ("HAA", "HFE", "KFE")]
+    plain = read_mjcf(write(tmp_path, anymal_like()))
+    armed = read_mjcf(write(tmp_path, arm()), joints=names)
+    assert armed.anatomy.mass == pytest.approx(plain.anatomy.mass + 1.0)
+    assert armed.anatomy.legs == plain.anatomy.legs
+
+
+def test_names_that_are_wrong_are_refused(tmp_path: Path, go1: Path):
+    with pytest.raises(ReadingError, match="12 names"):
+        read_mjcf(go1, joints=["FR_hip_joint"] * 12)
+    with pytest.raises(ReadingError, match="no such geom or site"):
+        read_mjcf(go1, feet=["FR", "FL", "RR", "HL"])
+    with pytest.raises(ReadingError, match="last link of its leg"):
+        read_mjcf(go1, feet=["FL", "FR", "RR", "RL"])
+    with pytest.raises(ReadingError, match="foot_radius"):
+        read_mjcf(write(tmp_path, sprung()), feet=["fr_pad", "fl_pad", "rr_pad", "rl_pad"])
