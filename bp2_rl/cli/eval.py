@@ -17,7 +17,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HeadingHold
 

@@ -16,7 +16,7 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.files import require_name
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.robot.specs import RobotName, robot_name
+from bp2_rl.robot.hardware import RobotName, robot_name
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 

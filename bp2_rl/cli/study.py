@@ -12,7 +12,7 @@ from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.dispatch import Command
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
 from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps

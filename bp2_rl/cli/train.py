@@ -16,7 +16,7 @@ from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig

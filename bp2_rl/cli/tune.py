@@ -13,7 +13,7 @@ from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.train import answer_early, train_arguments
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
 Scalar = Float[Array, ""]
@@ -216,6 +216,6 @@ def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRo
         c_v=c_v,
         w=tracking_balance(most.max_forward, most.max_lateral, most.max_yaw_rate),
         eta=turn_activation(x.command, most.max_lateral, most.max_yaw_rate),
-        dt=specs.CONTROL_STEP,
+        dt=conventions.CONTROL_STEP,
     )
     return {name: row(x, reward, shared) for name, row in rows.items()}

@@ -7,8 +7,8 @@ import pytest
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.controller import motion_of
 from bp2_rl.env.mirror import ACTION, JOINTS, LEG, Mirror, mirror_of
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BUILT
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 WORLD = np.array([1.0, -1.0, 1.0])  # what a mirror on the x-z plane does to a vector; to a rotation the opposite

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.robot.specs import ROBOTS
+from bp2_rl.robot.hardware import ROBOTS
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.presets.rewards import PAPER
 from bp2_rl.settings.presets.robots import on_robot, ranges_of

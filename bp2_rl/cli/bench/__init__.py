@@ -11,7 +11,7 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
 from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, TrainConfig

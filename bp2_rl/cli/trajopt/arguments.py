@@ -9,7 +9,7 @@ import tyro
 
 from bp2_rl.base.bounds import Within
 from bp2_rl.cli import app
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 
 Command = TypeVar("Command")
 

@@ -9,7 +9,7 @@ from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.easing import EASE
-from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec, robot_name
+from bp2_rl.robot.hardware import BUILT, IDEAL, ROBOTS, HardwareSpec, robot_name
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp

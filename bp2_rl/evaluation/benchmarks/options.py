@@ -4,7 +4,7 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.training import LARGEST_SEED
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold

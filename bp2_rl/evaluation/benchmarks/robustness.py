@@ -20,8 +20,8 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import HardwareSpec, robot_name
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun, rollout_batch
@@ -29,7 +29,7 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.schedule import Ramp
 
 NUM_ROBOTS = 200
-SPEED = specs.OUTDOOR_TOP_SPEED
+SPEED = bp2.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
 GOOD = (
@@ -84,7 +84,7 @@ class RobustnessMetrics:
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
     robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
-    name = specs.robot_name(robot)
+    name = robot_name(robot)
     drawn = on_robot(EnvConfig(), name).randomization if name else RandomizationConfig()
     run = rollout_batch(
         policy,
@@ -307,7 +307,7 @@ def fleet_figure(run: BatchRun) -> Figure:
     """Quantile bands of the speed over time."""
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Axes = figure.subplots()
-    speed = moving_mean(run.speed, round(RIPPLE / specs.CONTROL_STEP))
+    speed = moving_mean(run.speed, round(RIPPLE / conventions.CONTROL_STEP))
     standing = run.time[:, None] < run.fell_at - RIPPLE / 2
     standing[0] = True
     last = int(np.sum(np.any(standing, axis=1)))

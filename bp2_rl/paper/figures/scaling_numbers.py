@@ -12,7 +12,7 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, PublishedRobot, read_mammals, read_robots, speed_law
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.simulation.metrics import froude_number
 
 BENCHMARK = "topspeed"
@@ -90,10 +90,10 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
     """Read the tables and the reports, and place what is in them."""
     robots = read_robots()
     bp2 = next(robot for robot in robots if robot.robot == BP2)
-    treadmill = dataclasses.replace(bp2, robot=TREADMILL, top_speed=specs.TREADMILL_TOP_SPEED)
+    treadmill = dataclasses.replace(bp2, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED)
     simulated = read_reports(settings.runs) if settings.runs else shipped()
     mammals = read_mammals(settings.mammals) if settings.mammals else ()
-    own = dataclasses.replace(bp2, mass=4.0 * specs.QUARTER_MASS).demand()
+    own = dataclasses.replace(bp2, mass=4.0 * bp2.QUARTER_MASS).demand()
     assert own is not None  # it has motors
     return ScalingNumbers(
         robots=tuple(map(place, robots)),
@@ -103,7 +103,7 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
         spread=count([robot for robot in robots if robot.robot != BP2]),
         froude=froude_number(bp2.top_speed),
         demand_of_table_s3=own,
-        corner_power=specs.PEAK_TORQUE * specs.CORNER_SPEED,
+        corner_power=bp2.PEAK_TORQUE * bp2.CORNER_SPEED,
     )
 
 
@@ -160,7 +160,7 @@ def shipped() -> tuple[PublishedRobot, ...]:
     card = load_policy(asset_path("policies/built")).card
     speed = card.results.get(BENCHMARK, {}).get("best_speed")
     name = card.results.get(BENCHMARK, {}).get("robot", "").partition(":")[0]
-    return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * specs.QUARTER_MASS, speed),)
+    return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * bp2.QUARTER_MASS, speed),)
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
@@ -185,8 +185,8 @@ def _simulated(
     name: str,
     mass: float,
     speed: float,
-    peak_torque: float = specs.PEAK_TORQUE,
-    no_load_speed: float = specs.NO_LOAD_SPEED,
+    peak_torque: float = bp2.PEAK_TORQUE,
+    no_load_speed: float = bp2.NO_LOAD_SPEED,
 ) -> PublishedRobot:
     return PublishedRobot(name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation")
 
@@ -218,8 +218,8 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             f"BP2's ratio is {PAPER_DEMAND:g}",
-            f"{bp2.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {bp2.demand:.3f} with {specs.GRAVITY:g}, "
-            f"{numbers.demand_of_table_s3:.3f} with the {4.0 * specs.QUARTER_MASS:g} kg of Table S3",
+            f"{bp2.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {bp2.demand:.3f} with {conventions.GRAVITY:g}, "
+            f"{numbers.demand_of_table_s3:.3f} with the {4.0 * bp2.QUARTER_MASS:g} kg of Table S3",
             "same",
         ),
         Comparison(
@@ -248,7 +248,7 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             f"10.74 m/s is a Froude number of {PAPER_FROUDE:g}",
-            f"{numbers.froude:.1f}, v² / (g h) with the standing height of {specs.STANDING_HEIGHT:g} m",
+            f"{numbers.froude:.1f}, v² / (g h) with the standing height of {bp2.STANDING_HEIGHT:g} m",
             "same",
         ),
         Comparison(

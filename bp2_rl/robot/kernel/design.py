@@ -9,9 +9,9 @@ from flax import struct
 from jaxtyping import Array, Float, Int
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.kernel.vectors import Number, Vector, add, scaled
 from bp2_rl.robot.model import foot_geom_ids
-from bp2_rl.robot.specs import LEGS
 
 TRUNK, LEG = 6, 4  # coordinates of the trunk and of a leg: abad, hip, knee, spring
 _FIRST_BODY, _FIRST_JOINT = 2, 1  # of the legs: the world and the trunk, the trunk's free joint stand before them

@@ -7,7 +7,7 @@ docs/notes/training.md says what was tried.
 from typing import get_args
 
 from bp2_rl.base.errors import require_one_of
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.presets import cpu, first, gpu, smoke
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 

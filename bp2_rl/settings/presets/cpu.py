@@ -1,6 +1,6 @@
 """The preset `cpu`: ten minutes on two cores, with a small fleet in BP2's own physics kernel."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.env import (
     CommandConfig,
     ControlConfig,

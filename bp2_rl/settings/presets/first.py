@@ -1,6 +1,6 @@
 """The preset `first`: a first training, in which a robot learns to trot at 3 m/s before one's eyes, on two cores."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.env import (
     CommandConfig,
     ControlConfig,

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.rewards import OURS, PAPER

@@ -4,7 +4,7 @@ import dataclasses
 from typing import NamedTuple
 
 from bp2_rl.base.bounds import Range
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.env import EnvConfig
 
 

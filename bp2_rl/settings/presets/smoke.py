@@ -1,6 +1,6 @@
 """The preset `smoke`: slow running on the kinematic gait with little randomised, in a minute on two cores."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import ROBOTS, RobotName
 from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.rewards import OURS, PAPER

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import Preset, Stage
 

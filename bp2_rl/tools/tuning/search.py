@@ -12,7 +12,7 @@ from typing import Any
 
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import Preset
 from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
