@@ -2,8 +2,8 @@
 
 What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, a float or a tuple, Literals, nested
 dataclasses, any of those or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the dataclass
-is refused with the path of the key at fault, never patched up. One of several dataclasses is written with its name under
-`type`.
+is refused with the path of the key at fault, never patched up. One of several dataclasses is written with its name
+under `type`.
 """
 
 import dataclasses
@@ -216,7 +216,8 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
 def _decode(annotation: Any, data: Any, path: str) -> Any:
     """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
     annotation = _bare(annotation)
-    if (choices := _choices(annotation)) and not (data is None and type(None) in get_args(annotation)):
+    nothing, optional = data is None, type(None) in get_args(annotation)
+    if (choices := _choices(annotation)) and not (nothing and optional):
         _require(isinstance(data, dict), annotation, data, path)
         name = data.get(_TYPE)
         if name not in choices:

@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from bp2_rl.base.arrays import Number
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot import bp2
@@ -97,7 +96,7 @@ class HardwareSpec:
         return self.body if isinstance(self.body, Anatomy) else self.body.anatomy
 
     def parameter(self, name: str) -> float:
-        """Return the value of a field of this robot or of its body."""
+        """Return the number in a field of this robot or of its body."""
         return getattr(self if hasattr(self, name) else self.body, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
@@ -119,27 +118,27 @@ class HardwareSpec:
         return self.mass_scale * self.anatomy.weighed_mass
 
     @property
-    def reflected_inertia(self) -> Number:
+    def reflected_inertia(self) -> Any:
         """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve where joints differ."""
         return _at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
-    def joint_peak_torque(self) -> Number:
+    def joint_peak_torque(self) -> Any:
         """Peak torque at the joint behind this gear, Nm."""
         return _at_joints(self.peak_torque, self._gear_share)
 
     @property
-    def joint_corner_speed(self) -> Number:
+    def joint_corner_speed(self) -> Any:
         """Speed up to which the peak torque is available, at the joint, rad/s."""
         return _at_joints(self.corner_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_no_load_speed(self) -> Number:
+    def joint_no_load_speed(self) -> Any:
         """Speed at which no driving torque is left, at the joint, rad/s."""
         return _at_joints(self.no_load_speed, 1.0 / self._gear_share)
 
     @property
-    def joint_braking_speed(self) -> Number:
+    def joint_braking_speed(self) -> Any:
         """Speed at which no braking torque is left, at the joint, rad/s."""
         return _at_joints(self.braking_speed, 1.0 / self._gear_share)
 
@@ -148,7 +147,7 @@ class HardwareSpec:
         return self.gear_ratio / self.anatomy.gear_ratio
 
 
-def _at_joints(value: ByJoint, factor: float) -> Number:
+def _at_joints(value: ByJoint, factor: float) -> Any:
     """Return a number for all joints, or an array of twelve."""
     return np.tile(factor * np.array(value), len(LEGS)) if isinstance(value, tuple) else factor * value
 

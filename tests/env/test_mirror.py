@@ -48,8 +48,9 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
         seen = observations.actor_observation(
-            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action)
-        )
+            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action),
+            np.array(BUILT.anatomy.stand),
+        )  # fmt: skip
         privileged = observations.Privileged(
             observations.trunk_motion(qpos, qvel).velocity, qpos[2], qpos[SPRING_QPOS], qvel[SPRING_QVEL],
             jnp.asarray(feet), jnp.asarray(target), drawn.friction, drawn.mass[1], drawn.com_offset, drawn.strength,

@@ -261,7 +261,7 @@ FAST = 12.0  # m/s, which the paper has Bolt and Lyles exceed
 
 def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bolt, lyles, bp2 = (numbers.find(name) for name in (sprints.BOLT, sprints.LYLES, sprints.PAPER_BP2))
+    bolt, lyles, ours = (numbers.find(name) for name in (sprints.BOLT, sprints.LYLES, sprints.PAPER_BP2))
     paper = numbers.paper
     return (
         _greatest(bolt),
@@ -275,7 +275,7 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
         Comparison(
             f"{bp2.SPRINT_100M_TIME:g} s meets China's National Level II",
             f"Table S2's level 2 is {_standard('male', 2):g} s of men and {_standard('female', 2):g} s of women: "
-            f"{bp2.SPRINT_100M_TIME:g} s is {levels(bp2)}",
+            f"{bp2.SPRINT_100M_TIME:g} s is {levels(ours)}",
             "differs",
             "of men it misses level 2 by "
             f"{bp2.SPRINT_100M_TIME - _standard('male', 2):.2f} s; of women it meets more than level 2",
@@ -305,7 +305,7 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
             "not comparable",
             "their splits are not published",
         ),
-        *(_ours(run, bp2) for run in numbers.runs),
+        *(_ours(run, ours) for run in numbers.runs),
     )
 
 
@@ -330,8 +330,8 @@ def _standard(category: str, level: int) -> float:
     return next(s.time for s in read_standards() if (s.category, s.level) == (category, level))
 
 
-def _ours(run: Racer, bp2: Racer) -> Comparison:
-    said = f"BP2: {bp2.time:g} s, {bp2.said_acceleration:g} m/s² over 5 m, minimal decay"
+def _ours(run: Racer, published: Racer) -> Comparison:
+    said = f"BP2: {published.time:g} s, {published.said_acceleration:g} m/s² over 5 m, minimal decay"
     if run.time is None or run.start is None or run.fade is None:
         return Comparison(said, f"{run.name}: did not arrive", "differs", "it fell, or was too slow")
     return Comparison(

@@ -89,11 +89,11 @@ class ScalingNumbers:
 def measure(settings: ScalingSettings) -> ScalingNumbers:
     """Read the tables and the reports, and place what is in them."""
     robots = read_robots()
-    bp2 = next(robot for robot in robots if robot.robot == BP2)
-    treadmill = dataclasses.replace(bp2, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED)
+    published = next(robot for robot in robots if robot.robot == BP2)
+    treadmill = dataclasses.replace(published, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED)
     simulated = read_reports(settings.runs) if settings.runs else shipped()
     mammals = read_mammals(settings.mammals) if settings.mammals else ()
-    own = dataclasses.replace(bp2, mass=4.0 * bp2.QUARTER_MASS).demand()
+    own = dataclasses.replace(published, mass=4.0 * bp2.QUARTER_MASS).demand()
     assert own is not None  # it has motors
     return ScalingNumbers(
         robots=tuple(map(place, robots)),
@@ -101,7 +101,7 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
         simulated=tuple(map(place, simulated)),
         mammals=tuple(map(place_mammal, mammals)),
         spread=count([robot for robot in robots if robot.robot != BP2]),
-        froude=froude_number(bp2.top_speed),
+        froude=froude_number(published.top_speed),
         demand_of_table_s3=own,
         corner_power=bp2.PEAK_TORQUE * bp2.CORNER_SPEED,
     )
@@ -196,29 +196,29 @@ def _simulated(
 
 def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bp2, spread = numbers.bp2, numbers.spread
+    own, spread = numbers.bp2, numbers.spread
     raibo2, hound, wildcat = (find(numbers.robots, name) for name in (DEMANDING, HOUND, RUNNER_UP))
-    assert bp2.demand is not None  # these two have motor data
-    assert bp2.demand_as_printed is not None
+    assert own.demand is not None  # these two have motor data
+    assert own.demand_as_printed is not None
     assert raibo2.demand_as_printed is not None
     least = min(robot.demand_as_printed for robot in numbers.robots if robot.demand_as_printed)
     fastest = max((r for r in numbers.robots if r.name not in (BP2, RUNNER_UP)), key=lambda r: r.share)
     return (
         Comparison(
             "the law is 25.5 m^0.26 (1 - exp(-22 m^-0.6)), without a unit",
-            f"{bp2.law_speed:.2f} m/s at {bp2.mass:g} kg, {wildcat.law_speed:.2f} m/s at {wildcat.mass:g} kg",
+            f"{own.law_speed:.2f} m/s at {own.mass:g} kg, {wildcat.law_speed:.2f} m/s at {wildcat.mass:g} kg",
             "same",
             "it is in km/h in its source; read as m/s it would be 3.6 times as much",
         ),
         Comparison(
             "robots run significantly slower than animals",
-            f"BP2 at {bp2.share:.2f} of the law outdoors, {numbers.treadmill.share:.2f} on the treadmill; "
+            f"BP2 at {own.share:.2f} of the law outdoors, {numbers.treadmill.share:.2f} on the treadmill; "
             f"{wildcat.name} {wildcat.share:.2f}, then {fastest.name} {fastest.share:.2f}",
             "same",
         ),
         Comparison(
             f"BP2's ratio is {PAPER_DEMAND:g}",
-            f"{bp2.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {bp2.demand:.3f} with {conventions.GRAVITY:g}, "
+            f"{own.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {own.demand:.3f} with {conventions.GRAVITY:g}, "
             f"{numbers.demand_of_table_s3:.3f} with the {4.0 * bp2.QUARTER_MASS:g} kg of Table S3",
             "same",
         ),
@@ -235,12 +235,12 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             "BP2's ratio is markedly higher than any other",
-            f"{bp2.demand_as_printed / raibo2.demand_as_printed:.2f} times the next",
+            f"{own.demand_as_printed / raibo2.demand_as_printed:.2f} times the next",
             "same",
         ),
         Comparison(
             "the ratio is that of output to the maximum motor power envelope",
-            f"peak torque x no-load speed: {bp2.motor_envelope:.0f} W of one BP2 motor that gives "
+            f"peak torque x no-load speed: {own.motor_envelope:.0f} W of one BP2 motor that gives "
             f"{numbers.corner_power:.0f} W at its corner; {hound.motor_envelope:.0f} W of one Hound motor that gave "
             f"{HOUND_POWER:.0f} W",
             "not comparable",

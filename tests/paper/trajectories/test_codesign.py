@@ -64,7 +64,7 @@ def test_the_motor_stays_the_same_behind_every_gear():
         speed = shares * hardware.joint_no_load_speed
         low, high = torque_limits(Actuator.from_hardware(hardware), speed)
         powers.append((low * speed, high * speed))
-        assert hardware.reflected_inertia == pytest.approx(PROBLEM.hardware.rotor_inertia * gear**2)
+        assert hardware.reflected_inertia == pytest.approx(PROBLEM.hardware.parameter("rotor_inertia") * gear**2)
     np.testing.assert_allclose(powers[0], powers[1], rtol=1e-9, atol=1e-9)  # round-off of W
     np.testing.assert_allclose(powers[2], powers[1], rtol=1e-9, atol=1e-9)
 

@@ -81,7 +81,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             RandomRobot(
                 other.friction,
                 other.mass_scale / robot.mass_scale,
-                other.peak_torque / robot.peak_torque,
+                other.parameter("peak_torque") / robot.parameter("peak_torque"),
                 other.losses.latency,
                 _at_speed(run, heat),
             )
@@ -124,7 +124,7 @@ def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpe
             robot,
             friction=robot.friction * friction,
             mass_scale=robot.mass_scale * mass,
-            peak_torque=robot.peak_torque * strength,
+            peak_torque=robot.parameter("peak_torque") * strength,
             losses=dataclasses.replace(robot.losses, latency=latency),
         )
         for friction, mass, strength, latency in drawn

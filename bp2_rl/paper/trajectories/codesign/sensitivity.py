@@ -28,7 +28,7 @@ def vary_settings(settings: CodesignSettings, folder: Path, workers: int = 1) ->
 def variations(settings: CodesignSettings) -> dict[str, CodesignSettings]:
     """One setting after another changed to another value that could be defended as well; names say value and unit."""
     problem, weights, hardware = settings.problem, settings.problem.weights, settings.problem.hardware
-    body_weight, inertia = bp2.TOTAL_MASS * conventions.GRAVITY, hardware.rotor_inertia
+    body_weight, inertia = bp2.TOTAL_MASS * conventions.GRAVITY, hardware.parameter("rotor_inertia")
 
     def pose(**changes: Any) -> CodesignSettings:
         return dataclasses.replace(settings, problem=dataclasses.replace(problem, **changes))

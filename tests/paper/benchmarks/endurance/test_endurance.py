@@ -102,7 +102,9 @@ def test_drawn_robots_are_within_the_ranges_of_training_and_the_seeds_own():
     for robot in robots:
         assert ranges.friction[0] <= robot.friction / BUILT.friction <= ranges.friction[1]
         assert ranges.mass[0] <= robot.mass_scale <= ranges.mass[1]
-        assert ranges.strength[0] <= robot.peak_torque / BUILT.peak_torque <= ranges.strength[1]
+        assert (
+            ranges.strength[0] <= robot.parameter("peak_torque") / BUILT.parameter("peak_torque") <= ranges.strength[1]
+        )
         assert ranges.latency[0] <= robot.losses.latency <= ranges.latency[1]
     assert draw_robots(BUILT, 3, seed=1) == robots[:3]
     assert draw_robots(BUILT, 3, seed=2) != robots[:3]
