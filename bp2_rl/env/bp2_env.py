@@ -210,32 +210,33 @@ class BP2Env(envs.Env):
 
     def _reward_inputs(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> rewards.RewardInputs:
         config, physics, reference = self.config, after.physics, outcome.reference
-        peak = config.hardware.joint_peak_torque
+        peak, size = config.hardware.joint_peak_torque, config.hardware.size
+        moving = np.array([size.speed, size.speed, size.rate])
         velocity = outcome.motion.horizontal
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
         soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
         return rewards.RewardInputs(
-            command=before.command.current,
-            z=physics.qpos[2],
-            z_ref=reference.height,
+            command=before.command.current / moving,
+            z=physics.qpos[2] / size.length,
+            z_ref=reference.height / size.length,
             e_z=outcome.motion.e_z,
             e_z_ref=reference.up,
             q=joint_positions(physics.qpos),
             q_ref=reference.joint_position,
-            qd=joint_velocities(physics.qvel),
-            qd_ref=reference.joint_velocity,
-            v=velocity[:2],
-            yaw_rate=velocity[2],
+            qd=joint_velocities(physics.qvel) / size.rate,
+            qd_ref=reference.joint_velocity / size.rate,
+            v=velocity[:2] / size.speed,
+            yaw_rate=velocity[2] / size.rate,
             tau_n=after.mean_torque / peak,
             tau_n_last=before.mean_torque / peak,
-            power=outcome.effort.power,
+            power=outcome.effort.power / size.power,
             action=after.controller.last_action,
             last_action=before.controller.last_action,
             mean_action=after.mean_action,
             terminal=outcome.fall.happened.astype(jnp.float32),
-            sole_height=soles.height,
-            sole_rate=soles.rate,
+            sole_height=soles.height / size.length,
+            sole_rate=soles.rate / size.speed,
         )
 
     def _next_command(

@@ -71,6 +71,7 @@ class Leg:
 class Anatomy:
     """A trunk and four legs."""
 
+    name: str  # of the robot
     trunk: Link
     legs: tuple[Leg, Leg, Leg, Leg]
     stand: tuple[float, ...]  # rad, the twelve joints' angles in the standing pose

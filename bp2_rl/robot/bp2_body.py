@@ -72,6 +72,7 @@ class BP2Body:
         share = self.trunk_inertia_share
         roll, pitch, yaw = bp2.TRUNK_ROLL_INERTIA, bp2.TRUNK_PITCH_INERTIA - _ABAD_LINKS, bp2.TRUNK_YAW_INERTIA
         return Anatomy(
+            name="BP2",
             trunk=Link(
                 mass=4.0 * (self.trunk_quarter_mass - bp2.ABAD_MASS),
                 com=(0.0, 0.0, 0.0),

@@ -1,7 +1,8 @@
 """A robot as training and simulation take it: its body, motors, springs, contacts and losses; and BP2's two robots."""
 
 import dataclasses
-from typing import Annotated, Any, Literal
+import math
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,41 @@ from bp2_rl.robot.conventions import LEGS
 
 ByJoint = float | tuple[float, float, float]
 """One number for all joints, or one each for abad, hip and knee."""
+
+
+class Size(NamedTuple):
+    """Length and mass over BP2's, and by dynamic similarity (equal Froude numbers) everything else.
+
+    Settings and rewards are written for BP2. A robot of another size takes them times these factors.
+    """
+
+    length: float
+    mass: float  # and force
+
+    @property
+    def time(self) -> float:
+        """Of durations; accelerations are the same at every size."""
+        return math.sqrt(self.length)
+
+    @property
+    def speed(self) -> float:
+        """Of speeds."""
+        return math.sqrt(self.length)
+
+    @property
+    def rate(self) -> float:
+        """Of angular speeds."""
+        return 1.0 / self.time
+
+    @property
+    def torque(self) -> float:
+        """Of torques."""
+        return self.mass * self.length
+
+    @property
+    def power(self) -> float:
+        """Of powers."""
+        return self.mass * self.speed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +147,13 @@ class HardwareSpec:
         if isinstance(self.body, Anatomy):
             raise UserError("this is about BP2 alone, and the robot is another: use --robot built or ideal")
         return self.body
+
+    @property
+    def size(self) -> "Size":
+        """Return how large the robot is beside BP2; BP2 is of size 1, however it is changed."""
+        if isinstance(self.body, BP2Body):
+            return Size(1.0, 1.0)
+        return Size(self.body.leg_length / bp2.THIGH_LENGTH, self.body.weighed_mass / bp2.TOTAL_MASS)
 
     @property
     def mass(self) -> float:

@@ -52,7 +52,7 @@ def numbers_of(motors: Actuator, resistance: Resistance | None, seconds: float) 
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
-def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 12+nv"]:
+def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
     """Return the motors' torques (12, Nm) and the losses' generalised forces (nv).
 
     Args:
@@ -62,7 +62,7 @@ def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Floa
     return _call(_compiled(_forces, tuple(x.shape[-1] for x in arrays)), rows, arrays)
 
 
-def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 13+nv"]:
+def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
     """Return the torques (12) and forces (nv) to try next, and the largest torque beyond the envelope at the end (1).
 
     Args:

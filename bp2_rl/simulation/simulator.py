@@ -223,7 +223,7 @@ class Simulator:
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
-    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N 12+nv"]) -> None:
+    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]) -> None:
         for robot in robots.tolist():
             (torque, force), (qpos, qvel, foot_force) = self._inputs[robot], self._outputs[robot]
             torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
@@ -263,6 +263,6 @@ def _mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "
 
 
 @functools.cache
-def _unit(nv: int) -> Float[np.ndarray, "12 nv"]:
+def _unit(nv: int) -> Float[np.ndarray, "12 _"]:
     """Return a unit torque on each motor, a row for each."""
     return np.eye(nv)[motor_indices(nv)]
