@@ -8,7 +8,7 @@ are springs, the compression of the spring. `qvel` is the trunk's linear velocit
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bp2_rl.base.arrays import Array
 
@@ -44,7 +44,7 @@ def with_legs(x: Float[Array, "... n"], joints: Float[Array, "... 12"], springs:
     return xp.concat([x[..., :trunk], legs.reshape(*joints.shape[:-1], -1)], axis=-1)
 
 
-def motor_indices(nv: int) -> Float[np.ndarray, "12"]:
+def motor_indices(nv: int) -> Int[np.ndarray, "12"]:
     """Where the joints are in `qvel` and in forces on the coordinates."""
     return np.arange(TWIST, nv).reshape(4, -1)[:, :3].ravel()
 

@@ -16,11 +16,15 @@ feels (2 - e) tau, of which the motor gets the share 1 / (2 - e).
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from bp2_rl.base.arrays import Array, Number
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.coordinates import compression_rates, compressions, joint_velocities, with_legs
 from bp2_rl.robot.hardware import HardwareSpec
 
+SHARE_OF_SHANK = 0.25
+"""of a shank's inertia about the knee, which gives way at its other end"""
 LEAST_TOE = 0.2
 """kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges. A
 lighter toe's is less, at least in proportion; of a heavier one the knee's end gives way the more."""
@@ -54,12 +58,19 @@ class Resistance:
             joint_viscosity=losses.joint_viscosity,
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
-            joint_hold=hardware.reflected_inertia / conventions.PHYSICS_STEP,
+            joint_hold=_least_inertia(hardware) / conventions.PHYSICS_STEP,
             spring_hold=hardware.mass_scale * least_toe / conventions.PHYSICS_STEP,
         )
         r = resistance
         parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping
         return resistance if any(parts) else None
+
+
+def _least_inertia(hardware: HardwareSpec) -> float:
+    """Return what a joint turns at the least, kg m2: its rotor, or a share of the shank where rotors are lighter."""
+    shanks = [leg.shank for leg in hardware.anatomy.legs]
+    shank = min(link.inertia[1] + link.mass * (link.com[0] ** 2 + link.com[2] ** 2) for link in shanks)
+    return max(float(np.min(hardware.reflected_inertia)), SHARE_OF_SHANK * hardware.mass_scale * shank)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -213,7 +213,8 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
     for leg, bit in bits.items():
-        for name in (f"{leg}_foot", *(f"{leg}_solid_{part}" for part in SOLID_PARTS)):
+        parts = [f"{leg}_solid_{part}" for part in SOLID_PARTS if spec.geom(f"{leg}_solid_{part}") is not None]
+        for name in (f"{leg}_foot", *parts):
             geom = _find(spec, "geom", name)
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
     for name in TRUNK_GEOMS:
@@ -248,7 +249,7 @@ def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
 def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     element = getattr(spec, kind)(name)
     if element is None:
-        raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
+        raise ModelError(f"the XML is not a model of the robot: it has no {kind} '{name}'")
     return element
 
 
@@ -260,7 +261,7 @@ def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
 @functools.lru_cache(maxsize=8)
 def _packaged(body: BP2Body | Anatomy) -> mujoco.MjSpec:
     """The robot as it comes: to read it takes a hundred times as long as to copy it."""
-    return _parsed(None) if isinstance(body, BP2Body) else building.build(body)
+    return _parsed(None) if isinstance(body, BP2Body) else building.build_spec(body, name=body.name)
 
 
 def _parsed(xml: Path | None) -> mujoco.MjSpec:

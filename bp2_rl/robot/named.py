@@ -18,14 +18,12 @@ def find_robot(name: str) -> HardwareSpec:
     Raises:
         UserError: there is no such robot, or its file is broken.
     """
-    from bp2_rl.robot.robot_file import load_robot
-
     found = next((hardware for known, hardware in ROBOTS.items() if known == name), None)
     if found is not None:
         return found
-    shipped = asset_path(f"robots/{name}.toml")
-    if name in robot_names():
-        return load_robot(shipped).hardware
-    if Path(name).suffix == ".toml":
-        return load_robot(Path(name)).hardware
+    if name in robot_names() or Path(name).suffix == ".toml":
+        from bp2_rl.robot.robot_file import load_robot
+
+        path = asset_path(f"robots/{name}.toml") if name in robot_names() else Path(name)
+        return load_robot(path).hardware
     raise UserError(f"no robot '{name}': choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml")
