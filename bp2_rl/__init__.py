@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bp2_rl.evaluation.judged_training import resume as resume
     from bp2_rl.evaluation.judged_training import train as train
     from bp2_rl.learning.policy import load_policy as load_policy
-    from bp2_rl.robot.specs import HardwareSpec as HardwareSpec
+    from bp2_rl.robot.hardware import HardwareSpec as HardwareSpec
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import make_config as preset  # noqa: F401
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
@@ -42,7 +42,7 @@ HOMES = {
     "Course": "simulation.schedule:Course",
     "World": "simulation.world:World",
     "Push": "simulation.world:Push",
-    "HardwareSpec": "robot.specs:HardwareSpec",
+    "HardwareSpec": "robot.hardware:HardwareSpec",
     "make": "env.bp2_env:make_env",
     "BP2Env": "env.bp2_env:BP2Env",
     "EnvConfig": "settings.env:EnvConfig",

@@ -13,7 +13,7 @@ import numpy as np
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp

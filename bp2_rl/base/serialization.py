@@ -1,8 +1,9 @@
 """Configs are frozen dataclasses; this is how they become JSON and how JSON becomes them again, strictly.
 
-What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, Literals, nested dataclasses, any of those
-or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the dataclass is refused with the path of
-the key at fault, never patched up. One of several dataclasses is written with its name under `type`.
+What may stand in a config: float, int, bool, str, `pathlib.Path`, tuples, a float or a tuple, Literals, nested
+dataclasses, any of those or None, `dict[str, ...]` and `Any` (any JSON value). A file that does not fit the dataclass
+is refused with the path of the key at fault, never patched up. One of several dataclasses is written with its name
+under `type`.
 """
 
 import dataclasses
@@ -183,6 +184,8 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
     annotation = _bare(annotation)
     if chosen := _choices(annotation).get(type(value).__name__):
         return {_TYPE: chosen.__name__, **_encode(chosen, value, path)}
+    if (some := _number_or_tuple(annotation)) is not None:
+        return _encode(some[isinstance(value, tuple)], value, path)
     if (inner := _of_optional(annotation, path)) is not None:
         return None if value is None else _encode(inner, value, path)
     if dataclasses.is_dataclass(annotation):
@@ -213,11 +216,15 @@ def _encode(annotation: Any, value: Any, path: str) -> Any:
 def _decode(annotation: Any, data: Any, path: str) -> Any:
     """The value, declared as `annotation` at `path`, that the JSON value `data` stands for."""
     annotation = _bare(annotation)
-    if (choices := _choices(annotation)) and isinstance(data, dict):
+    nothing, optional = data is None, type(None) in get_args(annotation)
+    if (choices := _choices(annotation)) and not (nothing and optional):
+        _require(isinstance(data, dict), annotation, data, path)
         name = data.get(_TYPE)
         if name not in choices:
             raise ConfigError(f"{_join(path, _TYPE)}: expected one of {', '.join(choices)}, got {name!r}")
         return _decode(choices[name], {key: entry for key, entry in data.items() if key != _TYPE}, path)
+    if (some := _number_or_tuple(annotation)) is not None:
+        return _decode(some[isinstance(data, list | tuple)], data, path)
     if (inner := _of_optional(annotation, path)) is not None:
         return None if data is None else _decode(inner, data, path)
     if dataclasses.is_dataclass(annotation):
@@ -285,6 +292,13 @@ def _choices(annotation: Any) -> dict[str, Any]:
     found = {member.__name__: member for member in get_args(annotation) if isinstance(member, type)}
     found = {name: member for name, member in found.items() if dataclasses.is_dataclass(member)}
     return found if len(found) > 1 else {}
+
+
+def _number_or_tuple(annotation: Any) -> tuple[Any, Any] | None:
+    """Return the two of a `float | tuple[...]`; None of what is another type."""
+    members = get_args(annotation)
+    fits = len(members) == 2 and members[0] is float and get_origin(members[1]) is tuple
+    return (members[0], members[1]) if fits and get_origin(annotation) in (Union, types.UnionType) else None
 
 
 def _of_optional(annotation: Any, path: str) -> Any:

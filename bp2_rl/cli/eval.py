@@ -17,7 +17,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.settings.training import RobotChoice
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HeadingHold
 
@@ -50,7 +50,7 @@ class EvalConfig:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
     on robots other than the one assumed. all: one after the other. `bp2 paper eval` has the deep ones: endurance,
     mechanism, efficiency, stability."""
-    robot: RobotName | None = None
+    robot: RobotChoice | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
     backend: Backend = "mujoco"

@@ -16,7 +16,7 @@ from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.files import require_name
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.robot.specs import RobotName, robot_name
+from bp2_rl.settings.training import RobotChoice
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -32,7 +32,7 @@ class PlayConfig(Bounded, path="--"):
     """A training run's folder or a policy folder; by default the policy that ships with bp2_rl."""
     web: bool = False
     """In a browser, though there is a display."""
-    robot: RobotName | None = None
+    robot: RobotChoice | None = None
     """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
     is neither"""
     host: str = "127.0.0.1"
@@ -58,7 +58,7 @@ def play(config: PlayConfig) -> None:
     from bp2_rl.cli.runtime import prepare_jax  # isort: skip
 
     from bp2_rl.env.observations import layout_of
-    from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, robot_of
+    from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
     from bp2_rl.evaluation.benchmarks.options import Setup
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.play.pace import Pace, play_on
@@ -87,7 +87,7 @@ def play(config: PlayConfig) -> None:
 
         stage, place = Window(session), "arrow keys change speed and turn"
     with contextlib.closing(stage):
-        print(f"{path} on the {robot_name(robot) or UNNAMED} robot: {place}; Ctrl-C ends it", flush=True)
+        print(f"{path} on the {title_of(robot)}: {place}; Ctrl-C ends it", flush=True)
         pace = Pace()
         with contextlib.suppress(KeyboardInterrupt):
             play_on(session.tick, stage, pace, seconds=config.seconds)

@@ -12,9 +12,8 @@ from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.dispatch import Command
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
+from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.study.plan import VARIANTS, Plan, default_steps
 
 VARIANTS_HELP = "which: " + "; ".join(f"{name}: {variant.meaning}" for name, variant in VARIANTS.items())
@@ -32,7 +31,7 @@ class StudyArguments(Bounded, path="--"):
     seeds: tuple[Annotated[int, Within(0, LARGEST_SEED)], ...] = (0, 1, 2)
     preset: Preset = "gpu"
     """size of the trainings"""
-    robot: RobotName = "built"
+    robot: RobotChoice = "built"
     """which is trained and judged, as for train.py"""
     steps: tuple[Steps, Steps] | None = None
     """control steps of the imitation and of the relaxed stage; by default the preset's"""

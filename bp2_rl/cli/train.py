@@ -16,14 +16,16 @@ from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.hardware import robot_name
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.settings.tracking import Tracker, choose_tracker
-from bp2_rl.settings.training import Preset, RunConfig, Stage, TrainConfig, Weights, load_run_config
+from bp2_rl.settings.training import Preset, RobotChoice, RunConfig, Stage, TrainConfig, Weights, load_run_config
 
 Config = TypeVar("Config")
 EVERYDAY = {
@@ -57,7 +59,7 @@ class TrainArguments:
     """auto: gpu or cpu; first: learn to trot, in minutes; smoke: tests"""
     weights: Weights | None = None
     """rewards of Table S4, the default of smoke; or ours, in which tracking is worth more"""
-    robot: RobotName | None = None
+    robot: RobotChoice | None = None
     """built: with losses and solid legs; ideal: without; by default that of --from, else built"""
     out: Path | None = None
     """the run's folder [runs/STAGE-DATE-TIME]"""
@@ -191,7 +193,7 @@ class NamedDefaults(NamedTuple):
     stage: Stage
     preset: Preset | None
     weights: Weights | None
-    robot: RobotName | None
+    robot: RobotChoice | None
     parent: Path | None
     goes_on: Path | None  # with this run's own settings
     impl: str | None
@@ -220,7 +222,7 @@ def read_named(argv: list[str]) -> NamedDefaults:
         stage="relaxed" if words["stage"] == "relaxed" else "imitation",
         preset=cast(Preset, words["preset"]) if words["preset"] in get_args(Preset) else None,
         weights=cast(Weights, words["weights"]) if words["weights"] in get_args(Weights) else None,
-        robot=words["robot"] if words["robot"] in ROBOTS else None,
+        robot=words["robot"],
         parent=Path(words["from"]) if words["from"] else None,
         goes_on=None if run is None else Path(run),
         impl=words["impl"],
@@ -259,17 +261,18 @@ def _parse(argv: list[str]) -> TrainArguments:
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotName | None) -> TrainConfig:
+def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotChoice | None) -> TrainConfig:
     """The stage's settings on the parent's robot, or the one named, its networks, and what was set for it alone."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
-    names: list[RobotName] = [name for name in ROBOTS if ROBOTS[name] == old.env.hardware]
-    theirs = names[0] if names else "built"
+    theirs = old.env.hardware if isinstance(old.env.hardware.body, Anatomy) else robot_name(old.env.hardware) or "built"
     before, now = (make_config(stage, preset, robot=theirs).env for stage in (old.stage, defaults.stage))
     env = merge(before, old.env, now)
-    if robot and env.hardware != ROBOTS[robot]:
-        env = on_robot(env, robot)
+    if robot and env.hardware != (other := find_robot(robot)):
+        if other.anatomy.name != env.hardware.anatomy.name:
+            raise UserError(f"--robot {robot}: {parent} was trained on {env.hardware.anatomy.name}, another robot")
+        env = on_robot(env, other)
     return dataclasses.replace(
         defaults,
         env=dataclasses.replace(env, reward=defaults.env.reward),
@@ -278,7 +281,7 @@ def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotN
 
 
 def defaults_here(
-    stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotName | None = None
+    stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotChoice | None = None
 ) -> tuple[Preset, TrainConfig]:
     """Return the named preset, or else the one for this machine, and its settings."""
     from bp2_rl.cli.runtime import find_backend

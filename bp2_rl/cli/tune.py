@@ -13,10 +13,9 @@ from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.train import answer_early, train_arguments
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.jobs import JobsConfig
 from bp2_rl.settings.presets import make_config
-from bp2_rl.settings.training import LARGEST_SEED, Preset, Steps
+from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.tuning.space import parse_dimension
 
 SEARCH = ("ppo.learning-rate=1e-4:1e-3:log", "ppo.entropy-cost=5e-4:1e-2:log", "env.reward.tracking=0.5:3")
@@ -36,7 +35,7 @@ class TuneArguments(Bounded, path="--"):
     """in all, those of earlier calls included"""
     preset: Preset = "gpu"
     """size of the trainings"""
-    robot: RobotName = "built"
+    robot: RobotChoice = "built"
     """which is trained and judged, as for train.py"""
     steps: Steps | None = None
     """control steps of a trial; by default the preset's"""

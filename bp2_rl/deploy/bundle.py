@@ -37,11 +37,11 @@ from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import actuator, easing, losses, specs
+from bp2_rl.robot import actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses
 from bp2_rl.robot.easing import COMMAND_LIMITS
+from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import model_xml
-from bp2_rl.robot.specs import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
@@ -50,7 +50,13 @@ MOTORS = ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "curr
 CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
-LAWS = [str(module.__file__) for module in (arrays, bounds, errors, polynomials, actuator, easing, losses, specs)]
+LAWS = [
+    str(module.__file__)
+    for module in (
+        *(arrays, bounds, errors, polynomials),
+        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses),
+    )
+]
 """The modules of bp2_rl that the code on board shares; a bundle holds copies of them, so that it is whole."""
 FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|robot)(?: (?=import)|\.)", re.MULTILINE)
 """What the imports of these modules begin with."""
@@ -134,9 +140,9 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "bp2_rl": card.versions.get("bp2_rl", "unknown"),
         },
         "units": UNITS,
-        "rates": {"policy": specs.POLICY_RATE, "drives": specs.FORCE_LOOP_RATE},  # Hz
-        "joints": list(specs.MOTOR_NAMES),
-        "joint_range": [list(bounds) for bounds in (specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE) * 4],
+        "rates": {"policy": conventions.POLICY_RATE, "drives": conventions.FORCE_LOOP_RATE},  # Hz
+        "joints": list(conventions.MOTOR_NAMES),
+        "joint_range": [list(bounds) for bounds in (bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE) * 4],
         "observation": [list(entry) for entry in card.observation_layout],
         "control": {
             "mode": control.mode,
@@ -145,7 +151,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
             **_limits({name: getattr(control, name) for name in COMMAND_LIMITS}),
-            "stand": list(specs.STAND_JOINTS),
+            "stand": list(bp2.STAND_JOINTS),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},
         "command": {

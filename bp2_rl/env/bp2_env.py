@@ -26,9 +26,10 @@ from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Physics, Physi
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
 from bp2_rl.env.termination import Fall
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
+from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
+from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig, Impl
 
 
@@ -123,7 +124,7 @@ class BP2Env(envs.Env):
     @property
     def action_size(self) -> int:
         """12: one target a motor."""
-        return specs.NUM_MOTORS
+        return conventions.NUM_MOTORS
 
     @property
     def backend(self) -> str:
@@ -133,7 +134,7 @@ class BP2Env(envs.Env):
     @property
     def dt(self) -> float:
         """Return the control step, s."""
-        return specs.CONTROL_STEP
+        return conventions.CONTROL_STEP
 
     # --- To look at it with Brax's tools --------------------------------------------------------------------------
 
@@ -170,7 +171,7 @@ class BP2Env(envs.Env):
         outcome = StepOutcome(
             command=episode.command.current,
             reference=reference,
-            effort=Effort(torque=jnp.zeros(specs.NUM_MOTORS), power=jnp.zeros(specs.NUM_MOTORS)),
+            effort=Effort(torque=jnp.zeros(conventions.NUM_MOTORS), power=jnp.zeros(conventions.NUM_MOTORS)),
             motion=observations.trunk_motion(episode.physics.qpos, episode.physics.qvel),
             fall=Fall(false, false, false, false if self.config.hardware.solid_legs else None),
         )
@@ -199,7 +200,7 @@ class BP2Env(envs.Env):
     def _average(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> PipelineState:
         """Return `after` with the averages over time that rewards look at."""
         error = outcome.motion.horizontal - before.command.current
-        memory, dt = self.config.reward.tracking_shape.memory, specs.CONTROL_STEP
+        memory, dt = self.config.reward.tracking_shape.memory, conventions.CONTROL_STEP
         action, window = after.controller.last_action, rewards.ACTION_AVERAGING
         return after.replace(
             mean_torque=outcome.effort.torque,
@@ -209,32 +210,33 @@ class BP2Env(envs.Env):
 
     def _reward_inputs(self, before: PipelineState, after: PipelineState, outcome: StepOutcome) -> rewards.RewardInputs:
         config, physics, reference = self.config, after.physics, outcome.reference
-        peak = config.hardware.joint_peak_torque
+        peak, size = config.hardware.joint_peak_torque, config.hardware.size
+        moving = np.array([size.speed, size.speed, size.rate])
         velocity = outcome.motion.horizontal
         if config.reward.tracking_shape.memory:
             velocity = before.command.current + after.tracking_error
         soles = observations.soles(physics.qpos, physics.qvel, config.hardware)
         return rewards.RewardInputs(
-            command=before.command.current,
-            z=physics.qpos[2],
-            z_ref=reference.height,
+            command=before.command.current / moving,
+            z=physics.qpos[2] / size.length,
+            z_ref=reference.height / size.length,
             e_z=outcome.motion.e_z,
             e_z_ref=reference.up,
-            q=physics.qpos[MOTOR_QPOS],
+            q=joint_positions(physics.qpos),
             q_ref=reference.joint_position,
-            qd=physics.qvel[MOTOR_QVEL],
-            qd_ref=reference.joint_velocity,
-            v=velocity[:2],
-            yaw_rate=velocity[2],
+            qd=joint_velocities(physics.qvel) / size.rate,
+            qd_ref=reference.joint_velocity / size.rate,
+            v=velocity[:2] / size.speed,
+            yaw_rate=velocity[2] / size.rate,
             tau_n=after.mean_torque / peak,
             tau_n_last=before.mean_torque / peak,
-            power=outcome.effort.power,
+            power=outcome.effort.power / size.power,
             action=after.controller.last_action,
             last_action=before.controller.last_action,
             mean_action=after.mean_action,
             terminal=outcome.fall.happened.astype(jnp.float32),
-            sole_height=soles.height,
-            sole_rate=soles.rate,
+            sole_height=soles.height / size.length,
+            sole_rate=soles.rate / size.speed,
         )
 
     def _next_command(
@@ -266,8 +268,8 @@ class BP2Env(envs.Env):
         privileged = observations.Privileged(
             velocity=observations.trunk_motion(physics.qpos, physics.qvel).velocity,
             height=physics.qpos[2],
-            spring_compression=physics.qpos[SPRING_QPOS],
-            spring_velocity=physics.qvel[SPRING_QVEL],
+            spring_compression=compressions(physics.qpos),
+            spring_velocity=compression_rates(physics.qvel),
             foot_contact=foot_contact,
             target_command=command.target,
             friction=state.randomization.friction,

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.easing import eased
 from bp2_rl.settings.env import CommandConfig, EnvConfig
 
@@ -106,7 +106,7 @@ def advance(
     Before a new target is drawn, the level rises if the robot was commanded near its limit for long enough and
     followed within tolerance. What it follows far from the limit says nothing about the limit.
     """
-    dt, curriculum = specs.CONTROL_STEP, config.curriculum
+    dt, curriculum = conventions.CONTROL_STEP, config.curriculum
     top = max_forward_at(level, config)
     rate = jnp.stack([state.acceleration, *(jnp.asarray(config.commands.turn_acceleration),) * 2])
     near = state.current[0] >= curriculum.near * top

@@ -13,12 +13,12 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.observations import LAYOUT, STAND, Measurement, actor_observation, size_of
+from bp2_rl.env.observations import LAYOUT, Measurement, actor_observation, size_of
 from bp2_rl.reference.interface import Reference, ReferenceMotion
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.settings.env import EnvConfig
 
@@ -45,13 +45,14 @@ class Controller:
 
     def __init__(self, config: EnvConfig):
         self._control = config.control
+        self._stand = np.array(config.hardware.anatomy.stand, np.float32)
         self.reference: ReferenceMotion = motion_of(config)
 
     def init(self, phase: Float[Array, "..."] | float = 0.0) -> ControllerState:
         """Return the state at the start of an episode."""
         return ControllerState(
             phase=jnp.asarray(phase, jnp.float32),
-            last_action=jnp.zeros(specs.NUM_MOTORS),
+            last_action=jnp.zeros(conventions.NUM_MOTORS),
             # At least a row: an array of no size, split over devices, crashes JAX 0.11.2's compiler.
             past_frames=jnp.zeros((max((1, *self._control.history)), size_of(LAYOUT))),
             steps=jnp.zeros(()),
@@ -79,7 +80,7 @@ class Controller:
     ) -> Float[Array, "... 47"]:
         """Return the observation of this moment alone, without a history."""
         phase_amplitude = 1.0 if self._control.clock_at_rest else self.reference.stepping(command)
-        return actor_observation(command, state.phase, measurement, state.last_action, phase_amplitude)
+        return actor_observation(command, state.phase, measurement, state.last_action, self._stand, phase_amplitude)
 
     def act(
         self, state: ControllerState, command: Float[Array, "... 3"], action: Float[Array, "... 12"]
@@ -93,14 +94,14 @@ class Controller:
         `absolute`: standing pose plus action_scale x action, with zero velocity.
         """
         control = self._control
-        phase = (state.phase + specs.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
+        phase = (state.phase + conventions.CONTROL_STEP * self.reference.phase_rate(command)) % 1.0
         reference = self.reference(command, phase)
         action = jnp.clip(action, -control.action_limit, control.action_limit)
         if control.mode == "residual":
             centre = reference.joint_position + control.feedforward / control.stiffness * reference.torque
             velocity = reference.joint_velocity
         else:
-            centre, velocity = jnp.asarray(STAND), jnp.zeros(specs.NUM_MOTORS)
+            centre, velocity = jnp.asarray(self._stand), jnp.zeros(conventions.NUM_MOTORS)
         targets = Targets(position=centre + control.action_scale * action, velocity=velocity)
         return state.replace(phase=phase, last_action=action), targets, reference
 

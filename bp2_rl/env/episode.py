@@ -15,8 +15,8 @@ from bp2_rl.env.controller import Controller, ControllerState, Targets
 from bp2_rl.env.physics.interface import Physics
 from bp2_rl.env.randomization import Randomization
 from bp2_rl.reference.interface import Reference
-from bp2_rl.robot import specs
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
+from bp2_rl.robot import conventions
+from bp2_rl.robot.coordinates import compressions, joint_positions, motor_indices, with_legs
 from bp2_rl.settings.env import EnvConfig
 
 NUM_KEYS = 5
@@ -75,15 +75,15 @@ class EpisodeStarts:
             controller=self._controller.init(phase),
             command=told,
             randomization=robot,
-            mean_torque=jnp.zeros(specs.NUM_MOTORS),
+            mean_torque=jnp.zeros(conventions.NUM_MOTORS),
             tracking_error=jnp.zeros(3),
-            mean_action=jnp.zeros(specs.NUM_MOTORS),
+            mean_action=jnp.zeros(conventions.NUM_MOTORS),
         )
         return episode, reference
 
     def at_rest(self) -> Physics:
         """Return a robot that stands still, to put in the place of one that has exploded."""
-        stand = Targets(jnp.asarray(self._stand[MOTOR_QPOS]), jnp.zeros(specs.NUM_MOTORS))
+        stand = Targets(jnp.asarray(joint_positions(self._stand)), jnp.zeros(conventions.NUM_MOTORS))
         return _physics_at_rest(jnp.asarray(self._stand), jnp.zeros(self._model.nv), stand)
 
     def _pose(
@@ -92,17 +92,16 @@ class EpisodeStarts:
         """Return (qpos, qvel) on the reference with its velocities, or standing still; both with joint noise."""
         config = self._config.reset
         key_joint, key_velocity = jax.random.split(key)
-        joints = jnp.where(standing, self._stand[MOTOR_QPOS], reference.joint_position)
+        joints = jnp.where(standing, joint_positions(self._stand), reference.joint_position)
         joints += jax.random.uniform(key_joint, (12,), minval=-config.joint_noise, maxval=config.joint_noise)
         height = jnp.where(standing, self._stand[2], reference.height)
         half_pitch = 0.5 * jnp.where(standing, 0.0, reference.pitch)
         qpos = jnp.zeros(self._model.nq)
         qpos = qpos.at[2].set(height).at[3].set(jnp.cos(half_pitch)).at[5].set(jnp.sin(half_pitch))
-        qpos = qpos.at[MOTOR_QPOS].set(joints)
-        qpos = qpos.at[SPRING_QPOS].set(jnp.where(standing, self._stand[SPRING_QPOS], reference.spring_compression))
+        qpos = with_legs(qpos, joints, jnp.where(standing, compressions(self._stand), reference.spring_compression))
         qvel = jnp.zeros(self._model.nv)
         qvel = qvel.at[:3].set(reference.velocity).at[4].set(reference.pitch_rate).at[5].set(command[2])
-        qvel = qvel.at[MOTOR_QVEL].set(reference.joint_velocity).at[SPRING_QVEL].set(reference.spring_velocity)
+        qvel = with_legs(qvel, reference.joint_velocity, reference.spring_velocity)
         spread = config.velocity_noise
         qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
         return self._without_self_collision(qpos, jnp.where(standing, 0.0, qvel))
@@ -112,8 +111,8 @@ class EpisodeStarts:
         self_collision = termination.self_collision(qpos, self._config.termination, self._config.hardware)
         if self_collision is None:
             return qpos, qvel
-        angles, rates = MOTOR_QPOS[0::3], MOTOR_QVEL[0::3]
-        straight = qpos.at[angles].set(0.0), qvel.at[rates].set(0.0)
+        abads = motor_indices(self._model.nv)[0::3]
+        straight = qpos.at[abads + 1].set(0.0), qvel.at[abads].set(0.0)
         return jnp.where(self_collision, straight[0], qpos), jnp.where(self_collision, straight[1], qvel)
 
 
@@ -126,6 +125,6 @@ def _physics_at_rest(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets
         qpos=qpos,
         qvel=qvel,
         qacc_warmstart=jnp.zeros_like(qvel),
-        torque=jnp.zeros(specs.NUM_MOTORS),
+        torque=jnp.zeros(conventions.NUM_MOTORS),
         targets=Targets(position, velocity),
     )

@@ -10,13 +10,11 @@ from flax import struct
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from bp2_rl.robot import specs
+from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, yaw_of
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 
-STAND = np.asarray(specs.STAND_JOINTS, np.float32)
 UP = np.array([0.0, 0.0, 1.0], np.float32)
 
 
@@ -80,8 +78,8 @@ class Measurement(struct.PyTreeNode):
 def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
     """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
     return Measurement(
-        joint_position=qpos[MOTOR_QPOS],
-        joint_velocity=qvel[MOTOR_QVEL],
+        joint_position=joint_positions(qpos),
+        joint_velocity=joint_velocities(qvel),
         up=math.rotate(jnp.asarray(UP), math.quat_inv(qpos[3:7])),
         angular_velocity=qvel[3:6],
     )
@@ -104,18 +102,20 @@ def actor_observation(
     phase: Float[Array, ""],
     measurement: Measurement,
     last_action: Float[Array, "12"],
+    stand: Float[np.ndarray, "12"],
     phase_amplitude: Float[Array, ""] | float = 1.0,
 ) -> Float[Array, "47"]:
     """Return the observation that `LAYOUT` describes.
 
-    Joint positions are relative to the standing pose; the phase is encoded as `phase_amplitude` x (sin, cos).
+    Joint positions are relative to `stand`, the standing pose (rad); the phase is encoded as `phase_amplitude` x
+    (sin, cos).
     """
     angle = 2.0 * jnp.pi * phase
     return jnp.concatenate(
         [
             command,
             phase_amplitude * jnp.stack([jnp.sin(angle), jnp.cos(angle)]),
-            measurement.joint_position - STAND,
+            measurement.joint_position - np.asarray(stand, np.float32),
             measurement.joint_velocity,
             measurement.up,
             measurement.angular_velocity,
@@ -182,8 +182,8 @@ class Soles(struct.PyTreeNode):
 def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
     """Return how high each sole is over flat ground, and how fast it rises."""
     now = sense(qpos, qvel)
-    joints = now.joint_position.reshape(4, 3), qpos[SPRING_QPOS]
-    rates = now.joint_velocity.reshape(4, 3), qvel[SPRING_QVEL]
+    joints = now.joint_position.reshape(4, 3), compressions(qpos)
+    rates = now.joint_velocity.reshape(4, 3), compression_rates(qvel)
     feet, relative = jax.jvp(lambda angles, springs: foot_position(angles, springs, hardware), joints, rates)
     velocity = relative + jnp.cross(now.angular_velocity, feet)
     return Soles(height=qpos[2] + feet @ now.up, rate=qvel[2] + velocity @ now.up)

@@ -8,11 +8,11 @@ from flax import struct
 from jaxtyping import Array, Float
 
 from bp2_rl.base.bounds import Range
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 
 LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
@@ -73,7 +73,7 @@ def push(qvel: Float[Array, "22"], config: RandomizationConfig, key: Array) -> F
     if not config.enabled or config.push_velocity == 0.0:
         return qvel
     key_when, key_what = jax.random.split(key)
-    now = jax.random.bernoulli(key_when, specs.CONTROL_STEP / config.push_interval)
+    now = jax.random.bernoulli(key_when, conventions.CONTROL_STEP / config.push_interval)
     kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
     return qvel.at[:2].add(jnp.where(now, kick, 0.0))
 

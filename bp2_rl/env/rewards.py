@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig, RewardConfig, Schedule, TrackingShape
 
 Scalar = Float[Array, ""]
@@ -152,7 +152,7 @@ def speed_schedule(
 
 
 class RewardInputs(struct.PyTreeNode):
-    """What Table S4 looks at, for one robot at one control step."""
+    """What Table S4 looks at, for one robot at one control step, all of it over the robot's `Size`."""
 
     command: Float[Array, "... 3"]  # v_x, v_y, omega_z
     z: Float[Array, "..."]
@@ -209,13 +209,15 @@ ROWS: Mapping[str, RewardRow] = {
 
 def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:
     """Return all rows with their coefficients; the reward is their sum."""
-    reward, most = config.reward, config.commands
-    c_m, c_v = speed_schedule(x.command[0], most.max_forward, reward.imitation, reward.tracking, reward.schedule)
+    reward, size = config.reward, config.hardware.size
+    max_forward, max_lateral = config.commands.max_forward / size.speed, config.commands.max_lateral / size.speed
+    max_yaw_rate = config.commands.max_yaw_rate / size.rate
+    c_m, c_v = speed_schedule(x.command[0], max_forward, reward.imitation, reward.tracking, reward.schedule)
     shared = SharedTerms(
         c_m=c_m,
         c_v=c_v,
-        w=tracking_balance(most.max_forward, most.max_lateral, most.max_yaw_rate),
-        eta=turn_activation(x.command, most.max_lateral, most.max_yaw_rate),
-        dt=specs.CONTROL_STEP,
+        w=tracking_balance(max_forward, max_lateral, max_yaw_rate),
+        eta=turn_activation(x.command, max_lateral, max_yaw_rate),
+        dt=conventions.CONTROL_STEP,
     )
     return {name: row(x, reward, shared) for name, row in rows.items()}

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 from jaxtyping import Bool, Float
 
 from bp2_rl.robot.clearance import clearance
-from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.coordinates import compressions, joint_positions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, TerminationConfig
 
 
@@ -58,5 +58,5 @@ def self_collision(
     """
     if not hardware.solid_legs:
         return None
-    joints = qpos[..., MOTOR_QPOS].reshape(*qpos.shape[:-1], 4, 3)
-    return ~(clearance(joints, qpos[..., SPRING_QPOS], hardware).least >= -config.max_overlap)
+    joints = joint_positions(qpos).reshape(*qpos.shape[:-1], 4, 3)
+    return ~(clearance(joints, compressions(qpos), hardware).least >= -config.max_overlap)

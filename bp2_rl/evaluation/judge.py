@@ -20,8 +20,8 @@ from bp2_rl.base.workers import processors, spawned
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import Policy, load_policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.metrics import HELD
 from bp2_rl.simulation.parallel import compute_here
@@ -163,11 +163,11 @@ def _begin(cache: str | None) -> None:
 def _warm_up(env: EnvConfig) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
     for one in JUDGED_LAUNCHES:
-        measure_launch(_keep_still, env, dataclasses.replace(one, hold=specs.CONTROL_STEP, acceleration=1e3))
+        measure_launch(_keep_still, env, dataclasses.replace(one, hold=conventions.CONTROL_STEP, acceleration=1e3))
 
 
 def _keep_still(observation: np.ndarray) -> np.ndarray:
-    return 0.0 * observation[..., : specs.NUM_MOTORS]
+    return 0.0 * observation[..., : conventions.NUM_MOTORS]
 
 
 def _launch(policy: Path, one: JudgedLaunch, kept: Path | None = None, length: float = 0.0) -> LaunchResult:

@@ -12,7 +12,7 @@ from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.learning import guards
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.ppo import NOT_FINITE
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.settings.ppo import PPOConfig
 
 
@@ -104,7 +104,7 @@ def summarize(metrics: dict[str, float]) -> dict[str, float]:
     ended = metrics["falls"] + metrics["time_outs"]
     out["falls"] = metrics["falls"] / ended if ended > 0 else 0.0
     out["reward_rms"] = out.pop("reward_square") ** 0.5
-    out["falls_per_second"] = metrics["falls"] / specs.CONTROL_STEP
+    out["falls_per_second"] = metrics["falls"] / conventions.CONTROL_STEP
     for lower in SPEED_BINS:
         share = metrics[f"share/{lower:g}"]
         if share > 0:

@@ -34,7 +34,7 @@ from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
 from bp2_rl.learning.signals import StopSignals
 from bp2_rl.learning.writers import LogWriter
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.settings.training import CONFIG, TrainConfig, load_run_config
 
 
@@ -231,13 +231,13 @@ def make_card(config: TrainConfig, steps: int, results: dict[str, Any]) -> Polic
     return PolicyCard(
         stage=config.stage,
         observation_layout=tuple((entry.name, entry.size) for entry in layout_of(config.env.control)),
-        action_size=specs.NUM_MOTORS,
+        action_size=conventions.NUM_MOTORS,
         activation=config.ppo.activation,
         hidden_layer_sizes=config.ppo.policy_layers,
         env=config.env,
         reference=config.env.reference,
         library_sha256=config.env.library.sha256 if config.env.reference == "collocation" else "",
-        physics_steps=(before + steps) * specs.SUBSTEPS,
+        physics_steps=(before + steps) * conventions.SUBSTEPS,
         seed=config.run.seed,
         versions=package_versions(),
         config_hash=config_hash(config),

@@ -8,8 +8,8 @@ from jaxtyping import Float, Num
 from bp2_rl.optimiser.links import LegLinks, down_link, hip_fore_aft, leg_bodies, leg_links
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, motor_coordinates
 from bp2_rl.optimiser.solution import Motion, Solution
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import HardwareSpec
 
 MOTOR_ARRAYS = "tau", "force", "impulse"  # arrays of a motion with two columns a leg
 
@@ -82,10 +82,10 @@ def center_of_mass(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> Num[np.ndarray, "... 2"]:
     """The robot's centre of mass, m: the mean of its bodies (Table S3) by their masses."""
-    moment = hardware.trunk_quarter_mass * q[..., :2]
+    moment = hardware.bp2.trunk_quarter_mass * q[..., :2]
     for mass, _, centre, _ in leg_bodies(np, *_links(q, legs, hardware), hardware):
         moment = moment + mass * np.mean(np.stack(centre, axis=-1), axis=-2)
-    return moment / specs.QUARTER_MASS
+    return moment / bp2.QUARTER_MASS
 
 
 def center_of_mass_velocity(
@@ -101,7 +101,7 @@ def center_of_mass_velocity(
 
 def robot_mass(problem: Problem) -> float:
     """Mass of the model, kg: as many quarters of Table S3 as it has legs."""
-    return problem.hardware.mass_scale * len(problem.stride.legs) * specs.QUARTER_MASS
+    return problem.hardware.mass_scale * len(problem.stride.legs) * bp2.QUARTER_MASS
 
 
 def cost_of_transport(solution: Solution) -> float:
@@ -110,7 +110,7 @@ def cost_of_transport(solution: Solution) -> float:
     motion, motors = cycle.motion, motor_coordinates(solution.problem.stride.legs)
     power = np.sum(np.maximum(motion.tau * motion.v[..., motors], 0.0), axis=-1)
     distance = solution.problem.speed * cycle.period
-    return float(np.sum(cycle.weights * power)) / (robot_mass(solution.problem) * specs.GRAVITY * distance)
+    return float(np.sum(cycle.weights * power)) / (robot_mass(solution.problem) * conventions.GRAVITY * distance)
 
 
 def _links(
@@ -120,4 +120,4 @@ def _links(
     hip, knee, spring = np.moveaxis(q[..., TRUNK:].reshape(*q.shape[:-1], len(legs), PER_LEG), -1, 0)
     trunk = q[..., :1], q[..., 1:2], q[..., 2:3]
     fore_aft = np.array([hip_fore_aft(leg) for leg in legs])
-    return leg_links(np, trunk, fore_aft, (hip, knee), hardware.leg_length), hardware.leg_length - spring
+    return leg_links(np, trunk, fore_aft, (hip, knee), hardware.bp2.leg_length), hardware.bp2.leg_length - spring

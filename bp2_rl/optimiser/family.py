@@ -42,10 +42,10 @@ from bp2_rl.optimiser.solution import (
     speed_name,
     versions,
 )
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
 
-RESERVED = HardwareSpec(peak_torque=0.9 * specs.PEAK_TORQUE, friction=0.7)
+RESERVED = HardwareSpec(peak_torque=0.9 * bp2.PEAK_TORQUE, friction=0.7)
 """BP2 with what the library leaves to feedback taken away; its speed margin is in `FamilyConfig.problem`."""
 
 
@@ -60,7 +60,7 @@ class Limits(Form):
     def on(self, problem: Problem) -> Problem:
         """The problem within these limits."""
         form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
-        size = problem.hardware.leg_length / specs.THIGH_LENGTH
+        size = problem.hardware.bp2.leg_length / bp2.THIGH_LENGTH
         lengths = {name: size * form[name] for name in ("highest_trunk", "highest_step")}
         tighter = {
             name: min(getattr(self, name), getattr(problem, name))

@@ -6,20 +6,20 @@ from jaxtyping import Float
 from bp2_rl.optimiser.links import hip_and_knee
 from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, Stride
 from bp2_rl.optimiser.solution import Motion
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
 
 def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
     """Return a guess with constant trunk speed, feet on arcs and half-sine forces; a seed varies all of these."""
     vary = (lambda low, high: 1.0) if seed is None else np.random.default_rng(seed).uniform
-    stride, speed, L = problem.stride, problem.speed, problem.hardware.leg_length
+    stride, speed, L = problem.stride, problem.speed, problem.hardware.bp2.leg_length
     stance = vary(0.8, 1.25) * min(0.6 / speed, 0.25)
     flight = vary(0.8, 1.25) * 0.12 * speed / (speed + 2.0)
     height, lift = vary(0.95, 1.05) * 1.42 * L, vary(0.7, 1.5) * 0.12
     durations = np.array([stance if feet else flight for feet in stride.standing])
     starts = np.concatenate([[0.0], np.cumsum(durations)])
     cycle = starts[-1] / stride.cycles
-    mean_force = problem.hardware.mass_scale * specs.QUARTER_MASS * specs.GRAVITY * cycle / stance
+    mean_force = problem.hardware.mass_scale * bp2.QUARTER_MASS * conventions.GRAVITY * cycle / stance
 
     q = np.zeros((len(durations), len(problem.points), stride.nq))
     force = np.zeros((*q.shape[:2], 2 * len(stride.legs)))

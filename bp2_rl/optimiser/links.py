@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bp2_rl.base.arrays import Number
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
 
 Point = tuple[Any, Any]  # (x, z)
 
@@ -34,7 +34,7 @@ class LinkBody(NamedTuple):
 
 def hip_fore_aft(leg: str) -> float:
     """How far forward of the trunk's centre a leg's hip is; names of fore legs begin with F."""
-    return specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
+    return bp2.HIP_FORE_AFT if leg.startswith("F") else -bp2.HIP_FORE_AFT
 
 
 def leg_links(
@@ -67,9 +67,9 @@ def leg_bodies(xp: Any, leg: LegLinks, lower: Number, hardware: HardwareSpec) ->
         return LinkBody(mass, inertia, down_link(xp, start, angle, distance), angle)
 
     return (
-        body(hardware.thigh_mass, hardware.thigh_inertia, leg.hip, leg.thigh, specs.THIGH_COM),
-        body(specs.SHANK_MASS, specs.SHANK_INERTIA, leg.knee, leg.lower, specs.SHANK_LENGTH + specs.SHANK_COM),
-        body(hardware.toe_mass, hardware.toe_inertia, leg.knee, leg.lower, lower + specs.TOE_COM),
+        body(hardware.bp2.thigh_mass, hardware.bp2.thigh_inertia, leg.hip, leg.thigh, bp2.THIGH_COM),
+        body(bp2.SHANK_MASS, bp2.SHANK_INERTIA, leg.knee, leg.lower, bp2.SHANK_LENGTH + bp2.SHANK_COM),
+        body(hardware.bp2.toe_mass, hardware.bp2.toe_inertia, leg.knee, leg.lower, lower + bp2.TOE_COM),
     )
 
 

@@ -15,8 +15,8 @@ from jaxtyping import Float
 
 from bp2_rl.optimiser import verifier_laws
 from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import HardwareSpec
 
 Y_AXIS = (0.0, 1.0, 0.0)
 
@@ -44,12 +44,12 @@ class PlanarModel:
 
     def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float, rotor_coupling: bool = False):
         self.hardware, self.foot_radius = hardware, foot_radius
-        self.share = len(legs) / len(specs.LEGS)  # of the robot that the model is
+        self.share = len(legs) / len(conventions.LEGS)  # of the robot that the model is
         self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
         self._model = _build_spec(legs, hardware, rotor_coupling).compile()
         self._data = mujoco.MjData(self._model)
         self._toes = [self._model.body(f"{leg}_toe").id for leg in legs]
-        self.weight = float(np.sum(self._model.body_mass)) * specs.GRAVITY  # N
+        self.weight = float(np.sum(self._model.body_mass)) * conventions.GRAVITY  # N
 
     @classmethod
     def of(cls, problem: Problem) -> "PlanarModel":
@@ -122,7 +122,7 @@ class PlanarModel:
     def _foot(self, toe: int) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
         """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the derivative of that."""
         model, data, r = self._model, self._data, self.foot_radius
-        centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - specs.TOE_LENGTH)
+        centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - bp2.TOE_LENGTH)
         point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))
         mujoco.mj_jac(model, data, point, rotation, centre, toe)
         mujoco.mj_jacDot(model, data, point_rate, None, centre, toe)
@@ -134,29 +134,32 @@ class PlanarModel:
 def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: bool) -> mujoco.MjSpec:
     """Trunk on two slides and a hinge; from it thighs, shanks and toes with masses of Table S3."""
     spec = mujoco.MjSpec()
-    spec.option.gravity = np.array([0.0, 0.0, -specs.GRAVITY])
+    spec.option.gravity = np.array([0.0, 0.0, -conventions.GRAVITY])
     # A rotor is an armature of its joint, or, if it turns with the link that holds it, of a tendon along its own angle.
     armature = 0.0 if rotor_coupling else hardware.reflected_inertia
     quarters = len(legs)
-    mass, inertia = quarters * hardware.trunk_quarter_mass, quarters * hardware.trunk_pitch_inertia / len(specs.LEGS)
+    mass, inertia = (
+        quarters * hardware.bp2.trunk_quarter_mass,
+        quarters * hardware.bp2.trunk_pitch_inertia / len(conventions.LEGS),
+    )
     trunk = _add_body(spec.worldbody, "trunk", (0.0, 0.0), mass, inertia, 0.0)
-    thigh_mass, toe_mass = hardware.thigh_mass, hardware.toe_mass
+    thigh_mass, toe_mass = hardware.bp2.thigh_mass, hardware.bp2.toe_mass
     thigh_inertia, toe_inertia = (
-        thigh_mass / specs.THIGH_MASS * specs.THIGH_INERTIA,
-        toe_mass / specs.TOE_MASS * specs.TOE_INERTIA,
+        thigh_mass / bp2.THIGH_MASS * bp2.THIGH_INERTIA,
+        toe_mass / bp2.TOE_MASS * bp2.TOE_INERTIA,
     )
     _add_slide(trunk, "x", (1.0, 0.0, 0.0))
     _add_slide(trunk, "z", (0.0, 0.0, 1.0))
     _add_hinge(trunk, "pitch", 0.0)
     for leg in legs:
-        fore_aft = specs.HIP_FORE_AFT if leg.startswith("F") else -specs.HIP_FORE_AFT
-        thigh = _add_body(trunk, f"{leg}_thigh", (fore_aft, 0.0), thigh_mass, thigh_inertia, -specs.THIGH_COM)
-        shank_com = -specs.SHANK_LENGTH - specs.SHANK_COM
+        fore_aft = bp2.HIP_FORE_AFT if leg.startswith("F") else -bp2.HIP_FORE_AFT
+        thigh = _add_body(trunk, f"{leg}_thigh", (fore_aft, 0.0), thigh_mass, thigh_inertia, -bp2.THIGH_COM)
+        shank_com = -bp2.SHANK_LENGTH - bp2.SHANK_COM
         shank = _add_body(
-            thigh, f"{leg}_shank", (0.0, -hardware.leg_length), specs.SHANK_MASS, specs.SHANK_INERTIA, shank_com
+            thigh, f"{leg}_shank", (0.0, -hardware.bp2.leg_length), bp2.SHANK_MASS, bp2.SHANK_INERTIA, shank_com
         )
-        spring_end = specs.TOE_LENGTH - hardware.leg_length
-        toe_com = -specs.TOE_LENGTH - specs.TOE_COM
+        spring_end = bp2.TOE_LENGTH - hardware.bp2.leg_length
+        toe_com = -bp2.TOE_LENGTH - bp2.TOE_COM
         toe = _add_body(shank, f"{leg}_toe", (0.0, spring_end), toe_mass, toe_inertia, toe_com)
         _add_hinge(thigh, f"{leg}_hip", armature)
         _add_hinge(shank, f"{leg}_knee", armature)

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 
 from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 TRUNK = 3  # coordinates of the trunk: x, z, pitch
 PER_LEG = 3  # coordinates of a leg: hip, knee, spring
@@ -95,14 +95,14 @@ class Stride:
 
 STRIDES: dict[Gait, Stride] = {
     # Half a cycle of the whole robot, then left and right change sides.
-    "trot": Stride(specs.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
+    "trot": Stride(conventions.LEGS, (("FL", "RR"), ()), ("FL", "FR", "RL", "RR")),
     # The paper's words taken literally: half a robot on one fore and one hind limb, half a cycle apart.
     "two-leg": Stride(("F", "H"), (("F",), (), ("H",), ()), ("F", "H")),
     # All legs at once: half a robot, too.
     "pronk": Stride(("F", "H"), (("F", "H"), ()), ("F", "H")),
     # The whole robot, which is no mirror image of itself half a cycle later. A foot takes over as another leaves.
-    "half-bound": Stride(specs.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), specs.LEGS),
-    "gallop": Stride(specs.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), specs.LEGS),
+    "half-bound": Stride(conventions.LEGS, (("RL", "RR"), (), ("FL",), ("FR",), ()), conventions.LEGS),
+    "gallop": Stride(conventions.LEGS, (("RL",), ("RR",), (), ("FL",), ("FR",), ()), conventions.LEGS),
 }
 
 
@@ -113,8 +113,10 @@ class CostWeights(Bounded, path="weights."):
     power: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_p
     load: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_f
     smoothness: Annotated[float, Within(0.0, 1e6)] = 1.0  # omega_s, on changes within `smoothness_time`
-    force: Annotated[float, Within(1.0, 1e6)] = round(specs.TOTAL_MASS * specs.GRAVITY, 0)  # N, F bar: one body weight
-    smoothness_time: Annotated[float, Within(0.0, 1.0)] = specs.CONTROL_STEP  # s
+    force: Annotated[float, Within(1.0, 1e6)] = round(
+        bp2.TOTAL_MASS * conventions.GRAVITY, 0
+    )  # N, F bar: one body weight
+    smoothness_time: Annotated[float, Within(0.0, 1.0)] = conventions.CONTROL_STEP  # s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Problem:
     scheme: Scheme = "hermite-simpson"
     intervals: Intervals = 16  # of each segment
     hardware: HardwareSpec = IDEAL
-    foot_radius: Annotated[float, Within(0.0, specs.TOE_LENGTH)] = specs.FOOT_RADIUS  # m; 0 is the paper's point foot
+    foot_radius: Annotated[float, Within(0.0, bp2.TOE_LENGTH)] = bp2.FOOT_RADIUS  # m; 0 is the paper's point foot
     rotor_coupling: bool = False
     """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 % of what couples hip and knee"""
     clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
@@ -155,7 +157,7 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        held, thigh = self.hardware.rotor_inertia, self.hardware.mass_scale * self.hardware.thigh_inertia
+        held, thigh = self.hardware.rotor_inertia, self.hardware.mass_scale * self.hardware.bp2.thigh_inertia
         if self.rotor_coupling and held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "
@@ -170,7 +172,7 @@ class Problem:
     @property
     def share(self) -> float:
         """Share of the robot that the model is: what the robot has once, its legs share."""
-        return len(self.stride.legs) / len(specs.LEGS)
+        return len(self.stride.legs) / len(conventions.LEGS)
 
     @property
     def points(self) -> Float[np.ndarray, " points"]:
@@ -196,7 +198,7 @@ class Problem:
 
     def on(self, **hardware: float) -> "Problem":
         """Return this problem with other hardware parameters."""
-        return dataclasses.replace(self, hardware=dataclasses.replace(self.hardware, **hardware))
+        return dataclasses.replace(self, hardware=self.hardware.changed(**hardware))
 
     def on_mesh(self, intervals: int) -> "Problem":
         """Return this problem with another number of intervals in each segment."""

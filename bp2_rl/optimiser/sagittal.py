@@ -14,7 +14,7 @@ link's angle (paper, Fig. S1, "complete motor inertia model"), for rotors that t
 A spring's stops push one way each, as in the MuJoCo model, but take hold over `STOP_ROUNDING`, as polynomials of some
 milliseconds cannot follow a corner.
 
-Of what a machine loses (`specs.Losses`) the model has the air's drag on the trunk, the friction of the springs' slides,
+Of what a machine loses (`Losses`) the model has the air's drag on the trunk, the friction of the springs' slides,
 both in tau_p, and what gears and joints take of a motor's torque tau, tau_r. Where they change sign, friction and
 gears' losses are as smooth as the stops (`JOINT_ROUNDING` and so on). It knows no current lag, no latency, no legs
 that collide and no soft ground.
@@ -45,8 +45,8 @@ from bp2_rl.optimiser.problem import (
     motor_coordinates,
     spring_coordinates,
 )
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
 
 try:
     import casadi as ca
@@ -55,7 +55,7 @@ except ImportError as missing:
 
 
 PITCH = TRUNK - 1
-DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # fields of HardwareSpec that the model takes as arguments
+DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # parameters of a robot that the model takes as arguments
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +81,7 @@ class SagittalModel:
 
 def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
     """The hardware parameters that the model's functions take as their last argument."""
-    return np.array([getattr(hardware, name) for name in DESIGN])
+    return np.array([hardware.parameter(name) for name in DESIGN])
 
 
 def model_of(problem: Problem) -> SagittalModel:
@@ -91,9 +91,9 @@ def model_of(problem: Problem) -> SagittalModel:
 
 @functools.lru_cache(maxsize=8)
 def build_model(
-    legs: tuple[str, ...] = specs.LEGS,
-    hardware: HardwareSpec = specs.IDEAL,
-    foot_radius: float = specs.FOOT_RADIUS,
+    legs: tuple[str, ...] = conventions.LEGS,
+    hardware: HardwareSpec = IDEAL,
+    foot_radius: float = bp2.FOOT_RADIUS,
     rotor_coupling: bool = False,
 ) -> SagittalModel:
     """The model of a trunk made of as many of Table S3's quarters as there are legs.
@@ -115,7 +115,7 @@ def build_model(
         J, J_angle = ca.jacobian(position, q), ca.jacobian(angle, q)
         M += hardware.mass_scale * (mass * J.T @ J + inertia * J_angle.T @ J_angle)  # angles are linear in q
         Jdot_v += hardware.mass_scale * mass * J.T @ ca.jtimes(J @ v, q, v)
-        weight += hardware.mass_scale * mass * specs.GRAVITY * J[1, :].T
+        weight += hardware.mass_scale * mass * conventions.GRAVITY * J[1, :].T
     M += _rotors(legs, gear_ratio, hardware, rotor_coupling)
     centrifugal = _centrifugal(ca.Function("C", [q, v, p], [Jdot_v]), q, v, p)
     motors = motor_coordinates(legs).tolist()
@@ -152,7 +152,9 @@ def _bodies(
 ) -> list[tuple[float, float, ca.SX, ca.SX]]:
     """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
     quarters = len(legs)
-    bodies = [(quarters * hardware.trunk_quarter_mass, quarters / 4.0 * hardware.trunk_pitch_inertia, q[0:2], q[2])]
+    bodies = [
+        (quarters * hardware.bp2.trunk_quarter_mass, quarters / 4.0 * hardware.bp2.trunk_pitch_inertia, q[0:2], q[2])
+    ]
     for leg in range(len(legs)):
         links, compression = _leg(legs, leg, q, leg_length)
         for mass, inertia, centre, angle in leg_bodies(ca, links, leg_length - compression, hardware):
@@ -189,7 +191,9 @@ def _passive_forces(legs: tuple[str, ...], q: ca.SX, v: ca.SX, stiffness: ca.SX,
     losses = hardware.losses
     passive = ca.SX.zeros(TRUNK + PER_LEG * len(legs))
     air = v[0] + losses.headwind
-    passive[0] = -0.5 * specs.AIR_DENSITY * losses.drag_area * len(legs) / len(specs.LEGS) * ca.fabs(air) * air
+    passive[0] = (
+        -0.5 * conventions.AIR_DENSITY * losses.drag_area * len(legs) / len(conventions.LEGS) * ca.fabs(air) * air
+    )
     for spring in spring_coordinates(legs).tolist():
         s, rate = q[spring], v[spring]
         stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
@@ -201,7 +205,7 @@ def _passive_forces(legs: tuple[str, ...], q: ca.SX, v: ca.SX, stiffness: ca.SX,
     return passive
 
 
-def _resistance(joint_velocity: ca.SX, tau: ca.SX, losses: specs.Losses) -> ca.SX:
+def _resistance(joint_velocity: ca.SX, tau: ca.SX, losses: Losses) -> ca.SX:
     """tau_r: what gears and joints take of the motors' torques."""
     turning, load = ca.tanh(joint_velocity / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
     return (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning + (

@@ -30,7 +30,7 @@ from bp2_rl.optimiser.problem import Problem, Stride, contact_rows, motor_coordi
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import copper_loss, stall_torque
 
 # What unknowns and constraints are divided by inside the program.
@@ -93,7 +93,7 @@ class Transcription:
     @property
     def gear(self) -> ca.MX:
         """The gear ratio, as a share of BP2's."""
-        return self.design[DESIGN.index("gear_ratio")] / specs.GEAR_RATIO
+        return self.design[DESIGN.index("gear_ratio")] / bp2.GEAR_RATIO
 
     @property
     def peak_torque(self) -> ca.MX:
@@ -190,7 +190,7 @@ def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[
     """Least and greatest q: joints in their ranges, the trunk off the ground and all but level."""
     legs, pitch, highest = len(problem.stride.legs), problem.pitch_limit, problem.form.highest_trunk
     springs = -SPRING_OVERTRAVEL, problem.hardware.spring_travel + SPRING_OVERTRAVEL
-    low, high = zip(specs.HIP_RANGE, specs.KNEE_RANGE, springs, strict=True)
+    low, high = zip(bp2.HIP_RANGE, bp2.KNEE_RANGE, springs, strict=True)
     return np.array([-np.inf, LOWEST_TRUNK, -pitch, *low * legs]), np.array([np.inf, highest, pitch, *high * legs])
 
 

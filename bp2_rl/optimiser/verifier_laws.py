@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.optimiser.problem import GEAR_ROUNDING, JOINT_ROUNDING, SLIDE_ROUNDING
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 
 Motors = Float[np.ndarray, "... motors"]
 Each = Float[np.ndarray, "..."]
@@ -26,7 +26,7 @@ def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
 def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:
     """Force of the air on a trunk that moves at `forward` m/s, N; half the dynamic pressure's area for half a robot."""
     wind = forward + hardware.losses.headwind
-    pressure = 0.5 * specs.AIR_DENSITY * wind**2
+    pressure = 0.5 * conventions.AIR_DENSITY * wind**2
     return -np.sign(wind) * pressure * hardware.losses.drag_area * share
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.evaluation.published.table import ColumnHeading, read_table
-from bp2_rl.robot.specs import GRAVITY
+from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.simulation.metrics import power_demand
 
 TABLE_S1 = "published/robots.csv"

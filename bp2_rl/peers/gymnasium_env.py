@@ -16,14 +16,14 @@ from jaxtyping import Float, UInt8
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env, make_env
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, Impl
 
 LARGEST_OBSERVATION = 1e3  # SI units: a state that is faster than `termination.max_speed` has ended its episode
 POLICY, CRITIC = "state", "privileged_state"
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(specs.POLICY_RATE)}
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(conventions.POLICY_RATE)}
 HEIGHT, WIDTH, CAMERA = 480, 640, "track"  # pixels, and the model's camera
 RenderMode = Literal["rgb_array"]
 Picture = UInt8[np.ndarray, "height width 3"]

@@ -25,7 +25,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.peers import EPISODE
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import EnvConfig
 
@@ -33,8 +33,8 @@ from bp2_rl.settings.env import EnvConfig
 def default_config(name: str) -> config_dict.ConfigDict:
     """Playground's config of the environment of this name; `impl` is the physics, as for train.py."""
     return config_dict.create(
-        ctrl_dt=specs.CONTROL_STEP,
-        sim_dt=specs.PHYSICS_STEP,
+        ctrl_dt=conventions.CONTROL_STEP,
+        sim_dt=conventions.PHYSICS_STEP,
         episode_length=EPISODE,
         action_repeat=1,
         impl="jax",
@@ -56,8 +56,8 @@ class BP2Playground(mjx_env.MjxEnv):
     def __init__(self, config: config_dict.ConfigDict, config_overrides: Mapping[str, Any] | None = None):
         super().__init__(config, dict(config_overrides or {}))
         settings: Any = self._config
-        if (settings.ctrl_dt, settings.sim_dt) != (specs.CONTROL_STEP, specs.PHYSICS_STEP):
-            steps = f"ctrl_dt {specs.CONTROL_STEP:g} and sim_dt {specs.PHYSICS_STEP:g}"
+        if (settings.ctrl_dt, settings.sim_dt) != (conventions.CONTROL_STEP, conventions.PHYSICS_STEP):
+            steps = f"ctrl_dt {conventions.CONTROL_STEP:g} and sim_dt {conventions.PHYSICS_STEP:g}"
             raise UserError(f"BP2's motors and controller are defined at {steps}: leave them as they are")
         self.env = BP2Env(from_json(EnvConfig, _swap(settings.env.to_dict(), math.inf, "inf")), impl=settings.impl)
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, torque_limits
 
 WIDTH, HEIGHT = 300, 190  # px
@@ -33,12 +33,12 @@ class TorqueSpeed:
 
     def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:
         """Speeds (rad/s) and torques (Nm) of the joints, as `Session.worked` has them."""
-        samples = worked[::-EVERY].reshape(-1, 2, 4, len(specs.JOINTS))
+        samples = worked[::-EVERY].reshape(-1, 2, 4, len(conventions.JOINTS))
         x, y = self._place(samples[:, 0], samples[:, 1])
         paths = (
             f'<path d="{"".join(f"M{a} {b}h0" for a, b in zip(x[..., j].flat, y[..., j].flat, strict=True))}" '
             f'stroke="{COLORS[joint]}"/>'
-            for j, joint in enumerate(specs.JOINTS)
+            for j, joint in enumerate(conventions.JOINTS)
         )
         return f'{self._head}<g stroke-width="3" stroke-linecap="round" fill="none">{"".join(paths)}</g></svg>'
 

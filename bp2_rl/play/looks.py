@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import HardwareSpec
 
 VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
 SIDES = 20  # of a round thing

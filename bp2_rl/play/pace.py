@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 
 FRAMES = 30.0  # a second, at most
 SHOWING = 0.2  # share of the time that showing may take
@@ -106,4 +106,4 @@ def play_on(tick: Callable[[], None], stage: Stage, pace: Pace, *, seconds: floa
             cost = pace.elapsed - now
             next_frame = max(next_frame + 1.0 / FRAMES, now + cost / SHOWING)
         tick()
-        pace.wait(specs.CONTROL_STEP)
+        pace.wait(conventions.CONTROL_STEP)

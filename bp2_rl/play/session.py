@@ -12,11 +12,12 @@ from bp2_rl.base.bounds import Within
 from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.published.sprints import TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
+from bp2_rl.robot.coordinates import joint_velocities
 from bp2_rl.robot.easing import launch_rate
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import MOTOR_QVEL, foot_forces, foot_geom_ids
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.model import foot_forces, foot_geom_ids
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.policy_runner import PolicyRunner
@@ -96,9 +97,9 @@ class Session:
         self.down_since: float | None = None
         """When the robot fell, s; None while it is up."""
         self._velocities: collections.deque[Float[np.ndarray, "3"]] = collections.deque(
-            maxlen=round(RIPPLE / specs.CONTROL_STEP)
+            maxlen=round(RIPPLE / conventions.CONTROL_STEP)
         )
-        self._worked = np.zeros((REMEMBERED, 2, specs.NUM_MOTORS))
+        self._worked = np.zeros((REMEMBERED, 2, conventions.NUM_MOTORS))
 
     # --- What hands can do -----------------------------------------------------------------------------------
 
@@ -136,7 +137,7 @@ class Session:
     def tick(self) -> None:
         """A control step. A robot that has fallen lies a while, then it stands at the origin again, without a wish."""
         data, simulator = self.data, self._simulator
-        if self.down_since is not None and self.time > self.down_since + DOWN - 0.5 * specs.CONTROL_STEP:
+        if self.down_since is not None and self.time > self.down_since + DOWN - 0.5 * conventions.CONTROL_STEP:
             self.reset()
         self._lead()
         if self._began is None and self._asked.any():
@@ -145,7 +146,7 @@ class Session:
         targets = self._runner.tick(self._seen_from_line()[None], simulator.qvel, self._asked[None])
         for position, velocity in targets:
             self._worked[:-1] = self._worked[1:]
-            self._worked[-1, 0] = data.qvel[MOTOR_QVEL]
+            self._worked[-1, 0] = joint_velocities(data.qvel)
             self._worked[-1, 1] = simulator.millisecond(position, velocity)[0]
         self.time += len(targets) * DT
         velocity = self._velocity_now()
@@ -155,7 +156,7 @@ class Session:
             return
         if down.happened and self.down_since is None:
             self.falls, self.down_since, self.wish = self.falls + 1, self.time, Wish()
-        self.distance += float(np.hypot(*data.qvel[:2])) * specs.CONTROL_STEP
+        self.distance += float(np.hypot(*data.qvel[:2])) * conventions.CONTROL_STEP
         self._velocities.append(velocity)
         self._run_clock()
 
@@ -203,7 +204,7 @@ class Session:
 
     def _lead(self) -> None:
         """Change what is asked by as much as a policy can follow in a control step, within what it was trained for."""
-        limits, control, now, dt = self.config.commands, self.config.control, self._asked, specs.CONTROL_STEP
+        limits, control, now, dt = self.config.commands, self.config.control, self._asked, conventions.CONTROL_STEP
         braking = min(control.braking, COMMAND_ACCELERATION if control.stopping_time else BRAKING)
         launching = COMMAND_ACCELERATION
         if math.isfinite(control.launching):  # as fast as the policy will be told, and no faster: a stop comes at once

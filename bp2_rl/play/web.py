@@ -29,8 +29,8 @@ from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.readings import readings
 from bp2_rl.play.session import Session, Wish, wish_limits
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.model import SOLE_SITES
-from bp2_rl.robot.specs import LEGS
 
 CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
 NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which there is none

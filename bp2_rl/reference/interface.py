@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 from flax import struct
 from jaxtyping import Array, Float
 
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 
 
 class Reference(struct.PyTreeNode):

@@ -12,7 +12,6 @@ grows smoothly out of standing still. How the defaults were found is in docs/not
 """
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
@@ -21,23 +20,19 @@ from jaxtyping import Array, Float
 
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.stepping import STANDING, TROT, ground, nominal_feet, square_speed
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, conventions, kinematics
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.settings.reference import KinematicConfig
 
-FLEXION = np.array([0.0, 0.5, -1.0])  # of abad, hip, knee: draws the foot straight towards the hip
+FLEXION = np.array([0.0, -0.5, 1.0])  # of abad, hip, knee: draws the foot straight towards the hip
 AXIAL_SHARE = 0.78  # of a foot's force is along its spring; found on rails, where the ground then bears the weight
-
-
-# A foot is a sphere and its sole the point that is lowest when the lower leg is upright; as it leans by STAND_HIP or
-# so, the sole stays a little above the ground.
-SOLE_CLEARANCE = specs.FOOT_RADIUS * (1.0 - math.cos(specs.STAND_HIP))
 
 
 @dataclasses.dataclass(frozen=True)
 class KinematicGait(KinematicConfig):
     """The `ReferenceMotion` that the settings make of a robot."""
 
-    hardware: specs.HardwareSpec = specs.IDEAL
+    hardware: HardwareSpec = IDEAL
 
     def phase_rate(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Cycles per second at this command."""
@@ -100,7 +95,7 @@ class KinematicGait(KinematicConfig):
         """
         period = 1.0 / self.phase_rate(command)
         harmonic = 2.0 - 4.0 / 3.0 * (2.0 * self._stance_time(command) / period) ** 2
-        amplitude = self.stepping(command) * harmonic * specs.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
+        amplitude = self.stepping(command) * harmonic * conventions.GRAVITY * (period / (4.0 * jnp.pi)) ** 2
         return self._scale * self.height - amplitude * jnp.cos(4.0 * jnp.pi / period * tau)
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
@@ -127,7 +122,7 @@ class KinematicGait(KinematicConfig):
 
         nominal = jnp.asarray(nominal_feet(self.hardware), dtype=tau.dtype)
         seen_from_above = ground(nominal, command[..., :2], command[..., 2:], tau)
-        z = SOLE_CLEARANCE - self._height(command[..., None, :], tau)
+        z = jnp.asarray(self._sole_clearance, tau.dtype) - self._height(command[..., None, :], tau)
         feet = jnp.concatenate([seen_from_above, z[..., None]], axis=-1)
         return kinematics.joint_angles(feet, spring, self.hardware), spring
 
@@ -147,8 +142,9 @@ class KinematicGait(KinematicConfig):
         n, time = self.follow_through, self.swing_time
         mean = (end - start) / time - (out + back) / (n + 1)
         followed = time / (n + 1) * (out - back) / 2.0  # what the follow-through leaves in mid-swing
-        flexion = (self.stepping(command) * self.flexion)[..., None] + followed[..., 2]
-        flexion = flexion[..., None] * jnp.asarray(FLEXION, dtype=s.dtype)
+        bend = self.hardware.anatomy.geometry.bend
+        flexion = (self.stepping(command) * self.flexion)[..., None] - jnp.asarray(bend, s.dtype) * followed[..., 2]
+        flexion = flexion[..., None] * jnp.asarray(np.outer(bend, FLEXION), dtype=s.dtype)
         s = s[..., None]
         r = 1.0 - s
         q = start + time / (n + 1) * (out * (1.0 - r ** (n + 1)) + back * s ** (n + 1))
@@ -159,10 +155,18 @@ class KinematicGait(KinematicConfig):
     @property
     def _scale(self) -> float:
         """Size of the legs relative to BP2's."""
-        return self.hardware.leg_length / specs.THIGH_LENGTH
+        return self.hardware.anatomy.leg_length / bp2.THIGH_LENGTH
+
+    @property
+    def _sole_clearance(self) -> Float[np.ndarray, "4"]:
+        """Height of each sole over the ground, m: the sphere of a leg that leans touches elsewhere."""
+        anatomy = self.hardware.anatomy
+        lean = np.reshape(anatomy.stand, (4, 3))[:, 1:].sum(axis=1)
+        return anatomy.geometry.foot_radius * (1.0 - np.cos(lean))
 
     @property
     def _sag(self) -> float:
         """Compression of a spring that carries a quarter of the robot, m."""
-        weight = self.hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY
-        return AXIAL_SHARE * weight / 4.0 / self.hardware.spring_stiffness
+        if not self.hardware.anatomy.sprung:
+            return 0.0
+        return AXIAL_SHARE * self.hardware.mass * conventions.GRAVITY / 4.0 / self.hardware.spring_stiffness

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.kinematic_trot import KinematicGait
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 CYCLES_PER_SECOND = 3.0  # of the phase clock that the policy sees; a trot at 10 m/s takes about a third of a second
 

@@ -4,8 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bp2_rl.robot import kinematics, specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 
 TROT = np.array([0.5, 0.0, 0.0, 0.5])  # cycles by which FR, FL, RR, RL are ahead: FL goes with RR, FR with RL
 STANDING = 0.05  # a gait that steps by less than this share of its full steps counts no foot as lifted
@@ -13,8 +12,8 @@ STANDING = 0.05  # a gait that steps by less than this share of its full steps c
 
 def nominal_feet(hardware: HardwareSpec) -> Float[np.ndarray, "4 2"]:
     """Where the feet are set, seen from above, m: below the hips."""
-    outwards = np.stack([np.zeros(4), kinematics.SIDE * specs.THIGH_LATERAL], axis=-1)
-    return kinematics.leg_origins(hardware)[:, :2] + outwards
+    geometry = hardware.anatomy.geometry
+    return geometry.origins[:, :2] + np.stack([np.zeros(4), geometry.lateral], axis=-1)
 
 
 def square_speed(command: Float[Array, "... 3"], hardware: HardwareSpec) -> Float[Array, "..."]:

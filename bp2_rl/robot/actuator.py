@@ -25,7 +25,7 @@ import dataclasses
 from typing import Any
 
 from bp2_rl.base.arrays import Array, ArrayT, Number
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 ENDLESS = 1e9
 """W: more than any bus; computes better than infinity."""

@@ -71,12 +71,16 @@ class Leg:
 class Anatomy:
     """A trunk and four legs."""
 
+    name: str  # of the robot
     trunk: Link
     legs: tuple[Leg, Leg, Leg, Leg]
     stand: tuple[float, ...]  # rad, the twelve joints' angles in the standing pose
     trunk_size: Vector  # m, half extents of the box that the trunk fills, about its frame's origin
+    weighed_mass: float  # kg, of the robot as it is published; its links may add up to a little less
+    footprint: tuple[float, float]  # m, half length and half width of the body with its covers, seen from above
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
+    gear_ratio: float  # behind which the motors' torques and speeds are given
 
     @property
     def sprung(self) -> bool:
@@ -84,14 +88,25 @@ class Anatomy:
         return self.legs[0].toe is not None
 
     @property
+    def nq(self) -> int:
+        """Number of MuJoCo's coordinates; there is one velocity less."""
+        return 7 + sum(len(leg.links) for leg in self.legs)
+
+    @property
     def mass(self) -> float:
-        """Mass of the whole robot, kg."""
+        """Mass of all links, kg."""
         return self.trunk.mass + sum(link.mass for leg in self.legs for link in leg.links)
 
     @property
     def leg_length(self) -> float:
         """Half the length of a straight leg from hip axis to sole, in the mean over the legs, m."""
         return sum(leg.thigh_length + leg.lower_length for leg in self.legs) / (2.0 * len(self.legs))
+
+    @property
+    def beams(self) -> tuple[float, float, float]:
+        """Return radius, half length and distance from the middle, m, of the two capsules that stand for the trunk."""
+        length, width, radius = self.trunk_size
+        return radius, max(length - radius, 0.0), max(width - radius, 0.0)
 
     @functools.cached_property
     def geometry(self) -> "LegGeometry":

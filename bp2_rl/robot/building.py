@@ -12,21 +12,21 @@ import mujoco
 import numpy as np
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
-from bp2_rl.robot.specs import GRAVITY, LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES
 
-LENGTH = specs.THIGH_LENGTH + specs.SHANK_LENGTH + specs.SPRING_REST_LENGTH + specs.TOE_LENGTH
+LENGTH = bp2.THIGH_LENGTH + bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH + bp2.TOE_LENGTH
 """m, of BP2's straight leg, for which the cameras and the looks are drawn."""
-TUBES = specs.SHANK_REACH / specs.THIGH_LENGTH
-RODS = specs.RODS_BELOW_KNEE / specs.THIGH_LENGTH
+TUBES = bp2.SHANK_REACH / bp2.THIGH_LENGTH
+RODS = bp2.RODS_BELOW_KNEE / bp2.THIGH_LENGTH
 """Where a sprung leg's shank ends and its toe begins, over the length of the lower leg: as BP2's."""
 
 _Geom = mujoco.mjtGeom
 _Sensor = mujoco.mjtSensor
 
 
-def build_spec(anatomy: Anatomy, *, name: str = "robot", spring_stiffness: float = specs.SPRING_STIFFNESS) -> Any:
+def build_spec(anatomy: Anatomy, *, name: str = "robot", spring_stiffness: float = bp2.SPRING_STIFFNESS) -> Any:
     """Return the robot on BP2's ground as an `MjSpec`.
 
     Args:
@@ -49,7 +49,7 @@ def build_spec(anatomy: Anatomy, *, name: str = "robot", spring_stiffness: float
     return spec
 
 
-def standing(anatomy: Anatomy, spring_stiffness: float = specs.SPRING_STIFFNESS) -> np.ndarray:
+def standing(anatomy: Anatomy, spring_stiffness: float = bp2.SPRING_STIFFNESS) -> np.ndarray:
     """Return `qpos` with the trunk level, in the standing pose, the lowest sole on the ground and the springs loaded.
 
     A spring carries its share of what is above it, along the lower leg.
@@ -209,7 +209,9 @@ def _add_motors_and_sensors(spec: Any, anatomy: Anatomy) -> None:
     spec.add_sensor(name="imu_gyro", type=_Sensor.mjSENS_GYRO, **site)
     spec.add_sensor(name="imu_accelerometer", type=_Sensor.mjSENS_ACCELEROMETER, **site)
     spec.add_sensor(name="imu_quat", type=_Sensor.mjSENS_FRAMEQUAT, **site)
-    joints = [f"{leg}_{joint}" for leg in LEGS for joint in (*specs.JOINTS, *(["spring"] if anatomy.sprung else []))]
+    joints = [
+        f"{leg}_{joint}" for leg in LEGS for joint in (*conventions.JOINTS, *(["spring"] if anatomy.sprung else []))
+    ]
     for name in joints:
         spec.add_sensor(
             name=f"{name}_pos", type=_Sensor.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=name

@@ -13,13 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.arrays import Array
-from bp2_rl.robot import specs
-from bp2_rl.robot.kinematics import SIDE, foot_position, leg_origins
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
+from bp2_rl.robot.kinematics import foot_position
 
-_RADII = np.array([specs.THIGH_RADIUS, specs.LOWER_LEG_RADIUS, specs.FOOT_RADIUS])  # m
-_BEAM_STARTS = np.array([[specs.TRUNK_REACH, side * specs.TRUNK_LATERAL, 0.0] for side in (-1.0, 1.0)])  # m
-_BEAM_ENDS = _BEAM_STARTS * [-1.0, 1.0, 1.0]
 _FIRST, _SECOND = np.array(list(itertools.combinations(range(4), 2))).T  # the legs of each pair
 _SMALLEST = 1e-12  # m2, and m4: keeps segments that are points, and parallel ones, from dividing by zero
 
@@ -49,13 +45,17 @@ def clearance(
     """
     xp, dtype = joints.__array_namespace__(), joints.dtype
     starts, ends = _segments(xp, joints, compression, hardware)
-    beams = [xp.asarray(x.T.reshape(3, *[1] * joints.ndim, 2), dtype) for x in (_BEAM_STARTS, _BEAM_ENDS)]
+    anatomy = hardware.anatomy
+    thickness, reach, lateral = anatomy.beams
+    radii = np.stack([np.full(4, anatomy.thigh_radius), np.full(4, anatomy.lower_radius), anatomy.geometry.foot_radius])
+    beam = np.array([[reach, -lateral, 0.0], [reach, lateral, 0.0]])
+    beams = [xp.asarray(x.T.reshape(3, *[1] * joints.ndim, 2), dtype) for x in (beam, beam * [-1.0, 1.0, 1.0])]
     between_legs = segment_distance(
         *(x[..., _FIRST, :, None] for x in (starts, ends)), *(x[..., _SECOND, None, :] for x in (starts, ends))
     )
     to_beams = segment_distance(starts[..., None], ends[..., None], *beams)
-    legs = between_legs - xp.asarray(np.add.outer(_RADII, _RADII), dtype)
-    trunk = to_beams - xp.asarray(_RADII[:, None] + specs.TRUNK_RADIUS, dtype)
+    legs = between_legs - xp.asarray((radii[:, None, _FIRST] + radii[None, :, _SECOND]).transpose(2, 0, 1), dtype)
+    trunk = to_beams - xp.asarray(radii.T[:, :, None] + thickness, dtype)
     return Clearance(xp.min(legs, axis=(-3, -2, -1)), xp.min(trunk, axis=(-3, -2, -1)))
 
 
@@ -82,11 +82,13 @@ def _segments(
     xp: Any, joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec
 ) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
     """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m; coordinates in front."""
-    abad, outwards = joints[..., 0], xp.asarray(SIDE * specs.THIGH_LATERAL, dtype=joints.dtype)
-    hips = xp.stack([xp.zeros_like(abad), outwards * xp.cos(abad), outwards * xp.sin(abad)], axis=-1)
-    hips = hips + xp.asarray(leg_origins(hardware), dtype=joints.dtype)
-    knees = foot_position(joints, hardware.leg_length, hardware)  # a lower leg without length ends there
-    feet = foot_position(joints, compression + specs.FOOT_RADIUS, hardware)
+    geometry = type(hardware.anatomy.geometry)(*(xp.asarray(x, joints.dtype) for x in hardware.anatomy.geometry))
+    abad, outwards, drop = joints[..., 0], geometry.lateral, geometry.drop
+    cos, sin = xp.cos(abad), xp.sin(abad)
+    hips = xp.stack([xp.zeros_like(abad), outwards * cos + drop * sin, outwards * sin - drop * cos], axis=-1)
+    hips = hips + geometry.origins
+    knees = foot_position(joints, geometry.lower, hardware)  # a lower leg without length ends there
+    feet = foot_position(joints, compression + geometry.foot_radius, hardware)
     starts, ends = xp.stack([hips, knees, feet], axis=-2), xp.stack([knees, feet, feet], axis=-2)
     return xp.moveaxis(starts, -1, 0), xp.moveaxis(ends, -1, 0)
 

@@ -8,7 +8,7 @@ import math
 from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl.base.arrays import ArrayT
-from bp2_rl.robot.specs import CONTROL_STEP
+from bp2_rl.robot.conventions import CONTROL_STEP
 
 COMMAND_LIMITS = ("braking", "stopping_time", "launching", "launching_speed")
 """The names of the limits in settings and on a robot's computer."""

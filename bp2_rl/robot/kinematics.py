@@ -6,17 +6,15 @@ Everything is batched over leading axes, pure, and works on NumPy (float64 where
 arrays alike, in the caller's precision.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.arrays import Array, ArrayT
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
-
-FORE_AFT = np.array([1.0, 1.0, -1.0, -1.0]) * specs.HIP_FORE_AFT  # m, x of each leg's hip in the trunk frame
-SIDE = np.array([-1.0, 1.0, -1.0, 1.0])  # y of each leg's side: right, left, right, left
+from bp2_rl.robot.anatomy import LegGeometry
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside the joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
@@ -26,7 +24,7 @@ _SHORTEST_SQUARED = 1e-8  # m2
 
 def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
     """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk frame, m."""
-    return np.stack([FORE_AFT, np.array(hardware.hip_laterals), np.zeros(4)], axis=-1)
+    return hardware.anatomy.geometry.origins
 
 
 def foot_position(
@@ -39,18 +37,19 @@ def foot_position(
     Args:
         joints: rad, legs FR FL RR RL x (abad, hip, knee).
         compression: of each leg's spring along the lower leg, m.
-        hardware: the robot, by its leg length and its tracks.
+        hardware: the robot, by the lengths of its legs.
     """
     xp = joints.__array_namespace__()
+    legs = _geometry(xp, joints.dtype, hardware)
     abad, hip, knee = joints[..., 0], joints[..., 1], joints[..., 2]
-    leg_length = hardware.leg_length
-    lower = leg_length - compression
-    x = -leg_length * xp.sin(hip) - lower * xp.sin(hip + knee)
-    h = leg_length * xp.cos(hip) + lower * xp.cos(hip + knee)  # below the hip axis, in the leg's plane
-    d = _outwards(xp, joints.dtype)
+    lower, d = legs.lower - compression, legs.lateral
+    x = -legs.thigh * xp.sin(hip) - lower * xp.sin(hip + knee)
+    h = (
+        legs.drop + legs.thigh * xp.cos(hip) + lower * xp.cos(hip + knee)
+    )  # below the abduction axis, in the leg's plane
     y = d * xp.cos(abad) + h * xp.sin(abad)
     z = d * xp.sin(abad) - h * xp.cos(abad)
-    return xp.stack([x, y, z], axis=-1) + xp.asarray(leg_origins(hardware), dtype=joints.dtype)
+    return xp.stack([x, y, z], axis=-1) + legs.origins
 
 
 def joint_angles(
@@ -58,35 +57,37 @@ def joint_angles(
     compression: Float[Array, "... 4"] | float = 0.0,
     hardware: HardwareSpec = IDEAL,
 ) -> Float[Any, "... 4 3"]:
-    """Joint angles (abad, hip, knee) that put each sole at `feet`: knee bent backwards, foot below the hip.
+    """Joint angles (abad, hip, knee) that put each sole at `feet`, below the hip, with the knee bent as it is built.
 
     Exact inside reach. A foot out of reach is met in direction only, with the knee straight (or folded); the
     result and its derivatives stay finite for every finite foot position.
     """
     xp = feet.__array_namespace__()
-    p, leg_length = feet - xp.asarray(leg_origins(hardware), dtype=feet.dtype), hardware.leg_length
-    d = _outwards(xp, feet.dtype)
+    legs = _geometry(xp, feet.dtype, hardware)
+    p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
     # A foot on the abduction axis is moved below it, by more than it can be above.
     z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z)
-    h = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
-    abad = xp.atan2(d * z + h * y, d * y - h * z)
-    lower = leg_length - compression
-    cosine = (x * x + h * h - leg_length**2 - lower * lower) / (2.0 * leg_length * lower)
+    from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
+    abad = xp.atan2(d * z + from_abad * y, d * y - from_abad * z)
+    h, lower = from_abad - legs.drop, legs.lower - compression
+    cosine = (x * x + h * h - thigh * thigh - lower * lower) / (2.0 * thigh * lower)
     cosine = xp.clip(cosine, -1.0 + _COSINE_MARGIN, 1.0 - _COSINE_MARGIN)
-    sine = -xp.sqrt(1.0 - cosine * cosine)
+    sine = legs.bend * xp.sqrt(1.0 - cosine * cosine)
     knee = xp.atan2(sine, cosine)
-    hip = xp.atan2(-x, h) - xp.atan2(lower * sine, leg_length + lower * cosine)
+    hip = xp.atan2(-x, h) - xp.atan2(lower * sine, thigh + lower * cosine)
     return xp.stack([abad, hip, knee], axis=-1)
 
 
-def reach(compression: float = 0.0, *, leg_length: float = specs.THIGH_LENGTH) -> tuple[float, float]:
-    """Least and greatest distance of a sole from its hip axis, in the leg's plane, that the knee's range allows, m."""
-    lower = leg_length - compression
-    folded, straight = (
-        float(np.sqrt(leg_length**2 + lower**2 + 2.0 * leg_length * lower * np.cos(knee))) for knee in specs.KNEE_RANGE
-    )
-    return folded, straight
+def reach(compression: float = 0.0, hardware: HardwareSpec = IDEAL) -> tuple[float, float]:
+    """Least and greatest distance of a sole from its hip axis, in the leg's plane, that every leg's knee allows, m."""
+    folded, straight = [], []
+    for leg in hardware.anatomy.legs:
+        thigh, lower = leg.thigh_length, leg.lower_length - compression
+        ends = sorted(thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(knee) for knee in leg.ranges[2])
+        folded.append(math.sqrt(ends[0]))
+        straight.append(math.sqrt(ends[1]))
+    return max(folded), min(straight)
 
 
 def yaw_of(quaternion: ArrayT) -> ArrayT:
@@ -96,6 +97,6 @@ def yaw_of(quaternion: ArrayT) -> ArrayT:
     return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def _outwards(xp: Any, dtype: Any) -> Any:
-    """Signed offset of each leg's plane from its abduction axis, m."""
-    return xp.asarray(SIDE * specs.THIGH_LATERAL, dtype=dtype)
+def _geometry(xp: Any, dtype: Any, hardware: HardwareSpec) -> LegGeometry:
+    """The legs' lengths in the caller's precision."""
+    return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in hardware.anatomy.geometry))

@@ -16,10 +16,15 @@ feels (2 - e) tau, of which the motor gets the share 1 / (2 - e).
 import dataclasses
 from typing import Any
 
-from bp2_rl.base.arrays import Array, Number
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+import numpy as np
 
+from bp2_rl.base.arrays import Array, Number
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.coordinates import compression_rates, compressions, joint_velocities, with_legs
+from bp2_rl.robot.hardware import HardwareSpec
+
+SHARE_OF_SHANK = 0.25
+"""of a shank's inertia about the knee, which gives way at its other end"""
 LEAST_TOE = 0.2
 """kg: what a spring's coordinate weighs at the least, as the knee's end gives way too; 0.22 over the joints' ranges. A
 lighter toe's is less, at least in proportion; of a heavier one the knee's end gives way the more."""
@@ -43,21 +48,29 @@ class Resistance:
     def from_hardware(cls, hardware: HardwareSpec) -> "Resistance | None":
         """Return the resistance of this robot, or None where nothing resists."""
         losses = hardware.losses
-        least_toe = LEAST_TOE * min(hardware.toe_mass / specs.TOE_MASS, 1.0)
+        toe = hardware.anatomy.legs[0].toe
+        least_toe = LEAST_TOE * min(toe.mass / bp2.TOE_MASS, 1.0) if toe else 0.0
         resistance = cls(
-            drag=0.5 * specs.AIR_DENSITY * losses.drag_area,
+            drag=0.5 * conventions.AIR_DENSITY * losses.drag_area,
             headwind=losses.headwind,
             gear_loss=1.0 - losses.gear_efficiency,
             joint_friction=losses.joint_friction,
             joint_viscosity=losses.joint_viscosity,
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
-            joint_hold=hardware.reflected_inertia / specs.PHYSICS_STEP,
-            spring_hold=hardware.mass_scale * least_toe / specs.PHYSICS_STEP,
+            joint_hold=_least_inertia(hardware) / conventions.PHYSICS_STEP,
+            spring_hold=hardware.mass_scale * least_toe / conventions.PHYSICS_STEP,
         )
         r = resistance
         parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping
         return resistance if any(parts) else None
+
+
+def _least_inertia(hardware: HardwareSpec) -> float:
+    """Return what a joint turns at the least, kg m2: its rotor, or a share of the shank where rotors are lighter."""
+    shanks = [leg.shank for leg in hardware.anatomy.legs]
+    shank = min(link.inertia[1] + link.mass * (link.com[0] ** 2 + link.com[2] ** 2) for link in shanks)
+    return max(float(np.min(hardware.reflected_inertia)), SHARE_OF_SHANK * hardware.mass_scale * shank)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +85,9 @@ class Loss:
 
 
 def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Loss:
-    """The forces that resist in a state ("... 23" and "... 22", MuJoCo's) under the motors' torque ("... 12", Nm)."""
+    """The forces that resist in a state in MuJoCo's coordinates under the motors' torque ("... 12", Nm)."""
     r, xp = resistance, qvel.__array_namespace__()
-    legs = qvel[..., 6:].reshape(*qvel.shape[:-1], 4, 4)
-    compression = qpos[..., 7:].reshape(*qpos.shape[:-1], 4, 4)[..., 3]
-    qd, rate = legs[..., :3].reshape(*qvel.shape[:-1], 12), legs[..., 3]
+    qd, rate, compression = joint_velocities(qvel), compression_rates(qvel), compressions(qpos)
     wind = qvel[..., :3] * xp.asarray([1.0, 1.0, 0.0], dtype=qvel.dtype)
     wind = wind + xp.asarray([1.0, 0.0, 0.0], dtype=qvel.dtype) * r.headwind
     air = -r.drag * xp.sqrt(xp.sum(wind * wind, axis=-1, keepdims=True)) * wind
@@ -94,10 +105,8 @@ def loss(resistance: Resistance, qpos: Array, qvel: Array, torque: Array) -> Los
     )
 
 
-def generalized(loss: Loss) -> Any:
-    """The forces on MuJoCo's coordinates ("... 22"), N and Nm: `qfrc_applied`."""
+def generalized(loss: Loss, qvel: Array) -> Any:
+    """The forces on the coordinates of `qvel`, N and Nm: MuJoCo's `qfrc_applied`."""
     xp = loss.air.__array_namespace__()
-    batch = loss.air.shape[:-1]
-    joints = (loss.gear + loss.joint).reshape(*batch, 4, 3)
-    legs = xp.concat([joints, (loss.slide + loss.rebound)[..., None]], axis=-1).reshape(*batch, 16)
-    return xp.concat([loss.air, 0.0 * loss.air, legs], axis=-1)
+    trunk = xp.concat([loss.air, 0.0 * qvel[..., 3:]], axis=-1)
+    return with_legs(trunk, loss.gear + loss.joint, loss.slide + loss.rebound)

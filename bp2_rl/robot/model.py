@@ -16,8 +16,11 @@ from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError, one_line
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, LEGS, PHYSICS_STEP, HardwareSpec
+from bp2_rl.robot import bp2, building, conventions
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.bp2_body import BP2Body
+from bp2_rl.robot.conventions import LEGS, PHYSICS_STEP
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 NQ, NV, NU = 23, 22, 12
 SPRING_QPOS = np.array([10, 14, 18, 22])
@@ -81,10 +84,11 @@ def load_model(
         model = spec.compile()
     except ValueError as error:
         raise ModelError(f"{_scene(xml)} does not compile: {one_line(str(error))}") from error
-    if (model.nq, model.nv, model.nu) != (NQ, NV, NU):
+    nq = hardware.anatomy.nq
+    if (model.nq, model.nv, model.nu) != (nq, nq - 1, NU):
         raise ModelError(
-            f"{_scene(xml)} has nq, nv, nu = {model.nq}, {model.nv}, {model.nu}; BP2 has {NQ}, {NV}, {NU}: "
-            "4 legs of abad, hip, knee and spring under a free trunk, and 12 motors"
+            f"{_scene(xml)} has nq, nv, nu = {model.nq}, {model.nv}, {model.nu}; the robot has {nq}, {nq - 1}, {NU}: "
+            "4 legs of abad, hip and knee, with BP2 a spring as well, under a free trunk, and 12 motors"
         )
     return model
 
@@ -118,10 +122,16 @@ def let_converge(
 
 def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> mujoco.MjSpec:
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
-    spec = _packaged().copy() if xml is None else _parsed(xml)
-    _apply_masses(spec, hardware)
-    _apply_sizes(spec, hardware)
-    _apply_springs(spec, hardware)
+    spec = (
+        _packaged(hardware.body if isinstance(hardware.body, Anatomy) else BP2Body()).copy()
+        if xml is None
+        else _parsed(xml)
+    )
+    if isinstance(hardware.body, BP2Body):
+        _apply_body(spec, hardware.body)
+    _scale_masses(spec, hardware.mass_scale)
+    if hardware.anatomy.sprung:
+        _apply_springs(spec, hardware)
     _apply_motors(spec, hardware)
     _apply_contacts(spec, hardware)
     return spec
@@ -140,35 +150,32 @@ def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
     return data.sensordata.reshape(len(LEGS), 3)
 
 
-def _apply_masses(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
+def _apply_body(spec: mujoco.MjSpec, design: BP2Body) -> None:
+    """Give the links their masses, and move hips, knees and toes; links keep their mass at their upper ends."""
     trunk = _find(spec, "body", "trunk")
-    trunk.mass += len(LEGS) * (hardware.trunk_quarter_mass - specs.TRUNK_QUARTER_MASS)
-    trunk.inertia = np.asarray(trunk.inertia) * hardware.trunk_inertia_share
+    trunk.mass += len(LEGS) * (design.trunk_quarter_mass - bp2.TRUNK_QUARTER_MASS)
+    trunk.inertia = np.asarray(trunk.inertia) * design.trunk_inertia_share
     for leg in LEGS:
-        for link, share in (
-            ("thigh", hardware.thigh_mass / specs.THIGH_MASS),
-            ("toe", hardware.toe_mass / specs.TOE_MASS),
-        ):
+        for link, share in (("thigh", design.thigh_mass / bp2.THIGH_MASS), ("toe", design.toe_mass / bp2.TOE_MASS)):
             body = _find(spec, "body", f"{leg}_{link}")
             body.mass, body.inertia = share * body.mass, share * np.asarray(body.inertia)
-    for body in _all(spec, "bodies")[1:]:
-        body.mass *= hardware.mass_scale
-        body.inertia = np.asarray(body.inertia) * hardware.mass_scale
-
-
-def _apply_sizes(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    """Move hips, knees and toes; links keep their mass, which sits at their upper ends."""
-    thigh, toe = hardware.leg_length, hardware.leg_length - specs.TOE_LENGTH
-    for leg, lateral in zip(LEGS, hardware.hip_laterals, strict=True):
+    thigh, toe = design.leg_length, design.leg_length - bp2.TOE_LENGTH
+    for leg, lateral in zip(LEGS, design.hip_laterals, strict=True):
         _find(spec, "body", f"{leg}_abad").pos[1] = lateral
         _find(spec, "body", f"{leg}_shank").pos = (0.0, 0.0, -thigh)
         _find(spec, "body", f"{leg}_toe").pos = (0.0, 0.0, -toe)
         _find(spec, "geom", f"{leg}_solid_thigh").fromto[5] = -thigh
-        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - specs.RODS_BELOW_KNEE, specs.LOWER_LEG_RADIUS)
+        _find(spec, "geom", f"{leg}_solid_toe").fromto[5] = max(toe - bp2.RODS_BELOW_KNEE, bp2.LOWER_LEG_RADIUS)
     for key in _all(spec, "keys"):
         qpos = np.array(key.qpos)
-        qpos[2] += _leg_drop(qpos, hardware.leg_length) - _leg_drop(qpos, specs.THIGH_LENGTH)
+        qpos[2] += _leg_drop(qpos, design.leg_length) - _leg_drop(qpos, bp2.THIGH_LENGTH)
         key.qpos = qpos
+
+
+def _scale_masses(spec: mujoco.MjSpec, scale: float) -> None:
+    for body in _all(spec, "bodies")[1:]:
+        body.mass *= scale
+        body.inertia = np.asarray(body.inertia) * scale
 
 
 def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
@@ -187,10 +194,10 @@ def _apply_springs(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
 
 
 def _apply_motors(spec: mujoco.MjSpec, hardware: HardwareSpec) -> None:
-    for name in specs.MOTOR_NAMES:
+    motors = [np.broadcast_to(x, NU).tolist() for x in (hardware.reflected_inertia, hardware.joint_peak_torque)]
+    for name, armature, peak in zip(conventions.MOTOR_NAMES, *motors, strict=True):
         joint = _find(spec, "joint", name)
-        joint.armature, joint.solref_limit = hardware.reflected_inertia, (hardware.joint_stop_time, 1.0)
-        peak = hardware.joint_peak_torque
+        joint.armature, joint.solref_limit = armature, (hardware.joint_stop_time, 1.0)
         _find(spec, "actuator", name).forcerange = (-peak, peak)
 
 
@@ -206,7 +213,8 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
     for leg, bit in bits.items():
-        for name in (f"{leg}_foot", *(f"{leg}_solid_{part}" for part in SOLID_PARTS)):
+        parts = [f"{leg}_solid_{part}" for part in SOLID_PARTS if spec.geom(f"{leg}_solid_{part}") is not None]
+        for name in (f"{leg}_foot", *parts):
             geom = _find(spec, "geom", name)
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit
     for name in TRUNK_GEOMS:
@@ -241,7 +249,7 @@ def _leg_drop(qpos: np.ndarray, leg_length: float) -> float:
 def _find(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     element = getattr(spec, kind)(name)
     if element is None:
-        raise ModelError(f"the XML is not a model of BP2: it has no {kind} '{name}'")
+        raise ModelError(f"the XML is not a model of the robot: it has no {kind} '{name}'")
     return element
 
 
@@ -250,10 +258,10 @@ def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
     return [element for kind in kinds for element in getattr(spec, kind)]
 
 
-@functools.cache
-def _packaged() -> mujoco.MjSpec:
+@functools.lru_cache(maxsize=8)
+def _packaged(body: BP2Body | Anatomy) -> mujoco.MjSpec:
     """The robot as it comes: to read it takes a hundred times as long as to copy it."""
-    return _parsed(None)
+    return _parsed(None) if isinstance(body, BP2Body) else building.build_spec(body, name=body.name)
 
 
 def _parsed(xml: Path | None) -> mujoco.MjSpec:

@@ -19,7 +19,7 @@ from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
-from bp2_rl.robot.specs import JOINTS, LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
@@ -73,7 +73,6 @@ class SpringReading:
 class RobotReading:
     """A robot as its model has it."""
 
-    name: str
     anatomy: Anatomy
     joints: tuple[JointReading, ...]  # in the order of `MOTOR_NAMES`
     spring: SpringReading | None
@@ -143,16 +142,20 @@ def read_model(
     )
     if stand[1] == stand[2] == 0.0:
         stand = _assumed_stand(legs)
+    body, size = _merge(model, data, trunk, np.zeros(3), np.eye(3)), _trunk_size(model, data, trunk, legs)
     anatomy = Anatomy(
-        trunk=_merge(model, data, trunk, np.zeros(3), np.eye(3)),
+        name=model.names.split(b"\0")[0].decode(errors="replace") or "robot",
+        trunk=body,
         legs=legs,  # pyright: ignore[reportArgumentType]
         stand=stand,
-        trunk_size=_trunk_size(model, data, trunk, legs),
+        trunk_size=size,
+        weighed_mass=body.mass + sum(link.mass for leg in legs for link in leg.links),
+        footprint=(size[0], max(size[1], *(abs(leg.anchor[1] + leg.lateral) for leg in legs))),
         thigh_radius=_radius(model, [chain.bodies[1] for chain in chains], legs[0].thigh_length),
         lower_radius=_radius(model, [body for chain in chains for body in chain.bodies[2:]], legs[0].thigh_length),
+        gear_ratio=1.0,
     )
     return RobotReading(
-        name=model.names.split(b"\0")[0].decode(errors="replace") or "robot",
         anatomy=anatomy,
         joints=tuple(joint for one in found for joint in one.joints),
         spring=_spring(model, chains, notes),

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable
 
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 
 PARTS: dict[str, tuple[str, ...]] = {
     "air": ("losses.drag_area", "losses.headwind"),
@@ -20,7 +20,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "ground stiffness": ("contact_time", "contact_damping"),
     "rebound stop": ("rebound_stiffness", "rebound_damping"),
     "joint stops": ("joint_stop_time",),
-    "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
+    "solid legs, tracks": ("solid_legs", "body"),
 }
 """What tells a built robot from the ideal one: fields of `HardwareSpec` that belong together; `losses.x` is a loss."""
 

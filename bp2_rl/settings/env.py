@@ -8,7 +8,7 @@ import tyro
 
 from bp2_rl.base.bounds import Range, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig, KinematicConfig
 
 Amount = Annotated[float, Within(0.0, 1000.0)]

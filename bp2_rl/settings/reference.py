@@ -10,7 +10,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Bounded, Share, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import LARGEST_ARRAYS, BadFileError, read_bytes
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, kinematics
 
 LIBRARIES = "bp2_trot", "bp2_trot_slow"
 """Libraries that ship, in assets/reference_motions: as the optimiser found it, and with slow trots on the ground."""
@@ -22,7 +22,7 @@ Size = Annotated[float, Within(0.01, 10.0)]
 class KinematicConfig:
     """The kinematic gait's settings. Lengths are for BP2's own leg; they scale with the robot's."""
 
-    height: Size = specs.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
+    height: Size = bp2.STANDING_HEIGHT  # m, of the trunk's centre above the ground: mean over a stride
     slow_stance: Size = 0.22  # s, stance time at low speed
     sweep: Size = 0.70  # m, path of a foot during stance at high speed
     swing_time: Size = 0.28  # s

@@ -17,6 +17,8 @@ Stage = Literal["imitation", "relaxed"]
 Preset = Literal["smoke", "first", "cpu", "gpu"]
 
 Weights = Literal["ours", "paper"]
+RobotChoice = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
+"""A robot by its name or by the path of its robot file: `robot.named`."""
 Steps = Annotated[int, Within(1, 10**15)]
 CONFIG = "config.json"
 """In a run's folder: its settings."""

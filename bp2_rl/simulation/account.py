@@ -16,10 +16,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.robot import losses, specs
+from bp2_rl.robot import losses
 from bp2_rl.robot.actuator import Actuator, bus_voltage, torque_limits, winding_heat
+from bp2_rl.robot.coordinates import compression_rates, joint_velocities
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
+from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.metrics import Account, GroundMetrics, PowerMetrics
 from bp2_rl.simulation.simulator import CONVERGED
@@ -71,11 +72,11 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
     count = len(run) - 1
     change = np.diff(run.qvel, axis=0)
     names = "momentum", "bias", "spring", "damper", "ground", "legs", "stops"
-    force = {name: np.zeros((count, NV)) for name in names}
+    force = {name: np.zeros((count, model.nv)) for name in names}
     soles = SoleAccount(np.zeros((count, 4)), np.zeros((count, 4, 3)))
     energy, velocity = np.zeros(count), np.zeros(6)
     against = None if resistance is None else losses.loss(resistance, run.qpos, run.qvel, run.torque)
-    applied = np.zeros_like(run.qvel) if against is None else losses.generalized(against)
+    applied = np.zeros_like(run.qvel) if against is None else losses.generalized(against, run.qvel)
     for k in range(count):
         data.qpos[:], data.qvel[:], data.ctrl[:], data.qfrc_applied[:] = (
             run.qpos[k],
@@ -89,20 +90,20 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         force["bias"][k], force["spring"][k] = data.qfrc_bias, data.qfrc_spring
         force["damper"][k] = data.qfrc_damper - model.dof_damping * change[k]  # implicit, as the integrator has it
         split_constraints(model, data, floor, force["ground"][k], force["legs"][k], force["stops"][k])
-        soles.height[k] = data.geom_xpos[feet, 2] - specs.FOOT_RADIUS
+        soles.height[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
         for leg, geom in enumerate(feet):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
-            soles.velocity[k, leg] = velocity[3:] + np.cross(velocity[:3], (0.0, 0.0, -specs.FOOT_RADIUS))
+            soles.velocity[k, leg] = velocity[3:] + np.cross(velocity[:3], (0.0, 0.0, -model.geom_size[geom, 0]))
 
     mean = run.qvel[:-1] + 0.5 * change
     powers = {name: np.sum(value * mean, axis=-1) for name, value in force.items()}
-    qd, torque = mean[:, MOTOR_QVEL], run.torque[:-1]
+    qd, torque = joint_velocities(mean), run.torque[:-1]
     motors, copper = torque * qd, winding_heat(Actuator.from_hardware(run.hardware), torque)
     lost = {name: -powers[name] for name in ("ground", "stops", "legs")} | {
         "copper": np.sum(copper, axis=-1),
         "dampers": -powers["damper"],
     }
-    rate = mean[:, 6:].reshape(-1, 4, 4)[..., 3]
+    rate = compression_rates(mean)
     if against is not None:
         lost |= {
             "gears": -np.sum(against.gear[:-1] * qd, axis=-1),
@@ -191,7 +192,7 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     )
     compression, rate = run.spring_compression[:-1], run.spring_velocity[:-1]
     onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
-    limits = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE] * len(specs.LEGS))
+    limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
     over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
     sliding = (standing & touching).any()
     return GroundMetrics(

@@ -17,10 +17,10 @@ from jaxtyping import Float
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.observations import trunk_motion
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.coordinates import compressions, joint_positions
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.model import MOTOR_QPOS, SPRING_QPOS
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction
@@ -88,8 +88,8 @@ def rollout_batch(
         after: PipelineState = state.pipeline_state
         physics = after.physics
         speed = jax.vmap(trunk_motion)(physics.qpos, physics.qvel).velocity[:, 0]
-        joints = physics.qpos[:, MOTOR_QPOS].reshape(-1, 4, 3)
-        room = clearance(joints, physics.qpos[:, SPRING_QPOS], hardware).least
+        joints = joint_positions(physics.qpos).reshape(-1, 4, 3)
+        room = clearance(joints, compressions(physics.qpos), hardware).least
         return state, (speed, physics.qpos[:, 1], state.done, room)
 
     @jax.jit
@@ -100,7 +100,7 @@ def rollout_batch(
 
     drawn, (speed, offset, down, room) = jax.device_get(run(keys, jnp.asarray(commands, jnp.float32)))
     steps = len(commands) - 1
-    time = specs.CONTROL_STEP * np.arange(1, steps + 1)
+    time = conventions.CONTROL_STEP * np.arange(1, steps + 1)
     up = np.cumsum(down, axis=0) == 0
     return BatchRun(
         time=time,

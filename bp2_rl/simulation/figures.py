@@ -23,7 +23,7 @@ from bp2_rl.base.plotting import (
     moving_mean,
     styled,
 )
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.metrics import RIPPLE
@@ -94,7 +94,7 @@ def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     counts = [np.histogram2d(velocity[:, :, j].ravel(), torque[:, :, j].ravel(), bins=edges)[0] for j in range(3)]
     percent = [100.0 * count / (4 * len(run)) for count in counts]
     norm = LogNorm(100.0 / (4 * len(run)), max(float(np.max(p)) for p in percent))
-    for j, (axes, joint) in enumerate(zip(panels, specs.JOINTS, strict=True)):
+    for j, (axes, joint) in enumerate(zip(panels, conventions.JOINTS, strict=True)):
         axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
         shown = np.ma.masked_equal(percent[j].T, 0.0)
         axes.pcolormesh(*edges, shown, cmap=OFTEN, norm=norm, rasterized=True)
@@ -120,8 +120,8 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     smooth = moving_mean(force, round(SMOOTH / run.dt))
     figure = Figure(figsize=(width, 6.0), layout="constrained")
     rows = figure.subplots(4, 1, sharex=True, sharey=True)
-    weight = run.mass * specs.GRAVITY
-    for i, (axes, leg) in enumerate(zip(rows, specs.LEGS, strict=True)):
+    weight = run.mass * conventions.GRAVITY
+    for i, (axes, leg) in enumerate(zip(rows, conventions.LEGS, strict=True)):
         for start, length in _spells(strides, standing[:, i]):
             axes.axvspan(start, start + length, color=LEG_COLORS[leg], alpha=0.16, linewidth=0)
         axes.plot(strides.time, smooth[:, i], color=LEG_COLORS[leg], linewidth=1.6)
@@ -140,7 +140,7 @@ def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     figure = Figure(figsize=(width, 6.0), layout="constrained")
     hip, knee, spring = figure.subplots(3, 1, sharex=True)
     for leg in PAIR:
-        i, color = specs.LEGS.index(leg), LEG_COLORS[leg]
+        i, color = conventions.LEGS.index(leg), LEG_COLORS[leg]
         for axes, j in ((hip, 1), (knee, 2)):
             axes.plot(strides.time, angle[:, i, j], color=color, label=leg)
             axes.plot(strides.time, target[:, i, j], color=color, linewidth=0.8, linestyle=(0, (2, 1.5)), alpha=0.8)
@@ -192,5 +192,5 @@ def _duty_label(run: Trajectory, standing: np.ndarray, leg: int) -> str:
     """Leg name, with its share of stance where whole strides are in sight."""
     starts = touchdowns(standing[:, leg])
     if len(starts) < 2:
-        return specs.LEGS[leg]
-    return f"{specs.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"
+        return conventions.LEGS[leg]
+    return f"{conventions.LEGS[leg]}  {np.mean(standing[starts[0] : starts[-1], leg]):.0%}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import Clearance, clearance
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -33,7 +33,7 @@ class LegMetrics:
 
 def contacts(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     """Which feet stand, from their normal forces: with hysteresis, and without bounces and scuffs."""
-    weight = run.mass * specs.GRAVITY
+    weight = run.mass * conventions.GRAVITY
     force = run.foot_force[:, :, 2]
     decided = (force > TOUCH_FORCE * weight) | (force < LIFT_FORCE * weight)
     decided[0] = True
@@ -80,7 +80,7 @@ def leg_metrics(run: Trajectory, steady: Trajectory) -> tuple[LegMetrics, ...]:
     compression = np.max(run.spring_compression, axis=0)
     stop = on_stop(run)
     legs = []
-    for i, name in enumerate(specs.LEGS):
+    for i, name in enumerate(conventions.LEGS):
         starts = touchdowns(standing[:, i])
         strides = standing[starts[0] : starts[-1], i] if len(starts) > 1 else standing[:, i]
         frequency = (len(starts) - 1) / (len(strides) * run.dt) if len(starts) > 1 else None

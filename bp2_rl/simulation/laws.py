@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bp2_rl.robot import losses, specs
+from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import (
     ENDLESS,
     Actuator,
@@ -23,8 +23,8 @@ from bp2_rl.robot.actuator import (
     stall_torque,
     torque_limits,
 )
+from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import NQ, NV
 
 SIZES = 4, 24
 """Programs are compiled for these numbers of robots; fewer robots are filled up with copies of the last one."""
@@ -47,29 +47,29 @@ NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 
 def numbers_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> RobotNumbers:
     """A robot, whose motors' torques are computed anew after so many seconds."""
-    by_joint = [np.broadcast_to(np.float64(getattr(motors, name)), specs.NUM_MOTORS) for name in JOINT]
+    by_joint = [np.broadcast_to(np.float64(getattr(motors, name)), conventions.NUM_MOTORS) for name in JOINT]
     rest = (*_fields(motors.bus or NO_BUS), *_fields(resistance or NO_RESISTANCE), seconds)
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
-def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 34"]:
-    """Return the motors' torques (12, Nm) and the losses' generalised forces (22).
+def forces(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+    """Return the motors' torques (12, Nm) and the losses' generalised forces (nv).
 
     Args:
         rows: the robots' numbers, from `stacked`.
         arrays: torque before, qpos, qvel, target of joints and its rate.
     """
-    return _call(_compiled(_forces, (12, NQ, NV, 12, 12)), rows, arrays)
+    return _call(_compiled(_forces, tuple(x.shape[-1] for x in arrays)), rows, arrays)
 
 
-def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N 35"]:
-    """Return the torques (12) and forces (22) to try next, and the largest torque beyond the envelope at the end (1).
+def correct(rows: Float[Array, "P _"], *arrays: Float[np.ndarray, "N _"]) -> Float[np.ndarray, "N _"]:
+    """Return the torques (12) and forces (nv) to try next, and the largest torque beyond the envelope at the end (1).
 
     Args:
         rows: the robots' numbers, from `stacked`.
         arrays: torque tried, torque before, qpos, qvel, qvel at the end, mobility.
     """
-    return _call(_compiled(_correct, (12, 12, NQ, NV, NV, 12)), rows, arrays)
+    return _call(_compiled(_correct, tuple(x.shape[-1] for x in arrays)), rows, arrays)
 
 
 def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
@@ -105,8 +105,8 @@ def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> 
 
 
 def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
-    joints, rest = jnp.split(row, [len(JOINT) * specs.NUM_MOTORS])
-    named = dict(zip(JOINT, joints.reshape(len(JOINT), specs.NUM_MOTORS), strict=True))
+    joints, rest = jnp.split(row, [len(JOINT) * conventions.NUM_MOTORS])
+    named = dict(zip(JOINT, joints.reshape(len(JOINT), conventions.NUM_MOTORS), strict=True))
     bus = len(_fields(NO_BUS))
     return Actuator(**named, bus=Bus(*rest[:bus])), Resistance(*rest[bus:-1]), rest[-1]
 
@@ -115,9 +115,9 @@ def _forces(
     motors: Actuator, resistance: Resistance, seconds: Any, before: Array, qpos: Array, qvel: Array, q_target: Array,
     qd_target: Array,
 ) -> tuple[Array, ...]:  # fmt: skip
-    q, qd = _of_motors(qpos[7:]), _of_motors(qvel[6:])
+    q, qd = joint_positions(qpos), joint_velocities(qvel)
     torque = joint_torque(motors, before, q, qd, q_target, qd_target, seconds)
-    return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+    return torque, losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
 
 
 def _correct(
@@ -128,20 +128,15 @@ def _correct(
 
     Less torque changes the speed at the end, too, and the limit with it: this is Newton's step, joint by joint.
     """
-    qd = _of_motors(qvel[6:])
+    qd = joint_velocities(qvel)
     voltage = bus_voltage(motors, before, qd)
-    lower, upper = torque_limits(motors, _of_motors(qvel_after[6:]), voltage)
+    lower, upper = torque_limits(motors, joint_velocities(qvel_after), voltage)
     outside = torque - jnp.clip(torque, lower, upper)
     slope = stall_torque(motors.peak_torque, motors.corner_speed, motors.no_load_speed) / motors.no_load_speed
     less = torque - outside / (1.0 + slope * seconds * mobility)
     next_torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)  # with less torque more flows back
-    forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque))
+    forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque), qvel)
     return next_torque, forces, jnp.max(jnp.abs(outside), keepdims=True)
-
-
-def _of_motors(coordinates: Float[Array, "16"]) -> Float[Array, "12"]:
-    """The motors' of the legs' coordinates."""
-    return coordinates.reshape(4, 4)[:, :3].reshape(12)
 
 
 def _fields(part: Bus | Resistance) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from bp2_rl.robot import actuator, specs
+from bp2_rl.robot import actuator, bp2, conventions
 from bp2_rl.simulation.gait import LegMetrics, evenness, leg_metrics, leg_room, mean_stride_frequency, on_stop
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window, hold_phase, steady_window, window_means
@@ -156,7 +156,7 @@ def measure(run: Trajectory) -> RunMetrics:
     steady = steady_window(run)
     envelope = envelope_use(run)
     mechanical, electrical = mean_powers(steady)
-    weight = run.mass * specs.GRAVITY
+    weight = run.mass * conventions.GRAVITY
     travelled = float(np.sum(steady.ground_velocity[:, 0]) * run.dt)
     joules_per_watt = len(steady) * run.dt / (weight * travelled) if travelled > 0.1 else None
     legs = leg_metrics(run, steady)
@@ -233,13 +233,13 @@ def lateral_drift(run: Trajectory) -> float:
 
 def froude_number(speed: float) -> float:
     """v^2 / (g h) with BP2's standing height: 21.4 at the paper's 10.74 m/s."""
-    return speed**2 / (specs.GRAVITY * specs.STANDING_HEIGHT)
+    return speed**2 / (conventions.GRAVITY * bp2.STANDING_HEIGHT)
 
 
 def motor_demand(run: Trajectory, speed: float) -> float:
     """The `power_demand` of the robot that ran."""
     hardware = run.hardware
-    return power_demand(run.mass, specs.GRAVITY, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed)
+    return power_demand(run.mass, conventions.GRAVITY, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed)
 
 
 # --- Motors --------------------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ def motor_metrics(run: Trajectory, envelope: EnvelopeUse) -> tuple[MotorMetrics,
     near = np.mean(envelope.near, axis=0)
     return tuple(
         MotorMetrics(name, float(torque[i]), float(speed[i]), float(power[i]), float(near[i]))
-        for i, name in enumerate(specs.MOTOR_NAMES)
+        for i, name in enumerate(conventions.MOTOR_NAMES)
     )
 
 

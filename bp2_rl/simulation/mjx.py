@@ -15,10 +15,10 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import Controller, ControllerState, Targets, motors_of
 from bp2_rl.env.physics.mjx import MjxPhysics, Remembered
 from bp2_rl.env.termination import fall
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import NU, foot_forces, load_model
+from bp2_rl.robot.model import foot_forces, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, control_step, control_steps_behind
@@ -80,7 +80,7 @@ def _compiled_run(
     control = control_step(policy, config, config.randomization if noisy else None)
     late = control_steps_behind(hardware.losses.latency)
     behind, longest = jnp.array(late), max(late) + 1
-    before = Targets(jnp.array(specs.STAND_JOINTS), jnp.zeros(NU))
+    before = Targets(jnp.array(hardware.anatomy.stand), jnp.zeros(conventions.NUM_MOTORS))
 
     def control_period(carry: Any, inputs: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
         (state, command, robot, issued), (scheduled, *drawn) = carry, inputs

@@ -14,7 +14,7 @@ from bp2_rl.env.controller import Controller, ControllerState
 from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.physics.interface import newest_active, target_ages
 from bp2_rl.reference.interface import Reference
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.easing import eased
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
@@ -68,7 +68,7 @@ class PolicyRunner:
             start = Controller(config).init()
             self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0), start)
         depth = int(np.max(self._behind)) + 1
-        self.position = np.tile(np.array(specs.STAND_JOINTS), (robots, depth, 1))
+        self.position = np.tile(np.array(config.hardware.anatomy.stand), (robots, depth, 1))
         self.velocity = np.zeros_like(self.position)
         self.next_command = self.command = commands.astype(np.float32)
         self.reference: Reference | None = None
@@ -125,7 +125,7 @@ class PolicyRunner:
 
 def control_steps_behind(latency: float) -> list[int]:
     """Return how many control steps ago the target was issued that acts in each ms of a control step."""
-    longest = math.ceil(latency / specs.CONTROL_STEP - 1e-6) + 1
+    longest = math.ceil(latency / conventions.CONTROL_STEP - 1e-6) + 1
     return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
 
 

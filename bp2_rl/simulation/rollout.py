@@ -17,9 +17,8 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.model import NQ, NU, NV
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.laws import SIZES
@@ -161,16 +160,16 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
         commands=scheduled[:, 0],
         noise=config.randomization if noise else None,
     )
-    recording = Recording.empty(count, longest * specs.SUBSTEPS)
+    recording = Recording.empty(config.hardware.anatomy.nq, count, longest * conventions.SUBSTEPS)
     finish = np.array([request.finish for request in requests])
     pushed = [robot for robot, request in enumerate(requests) if request.world.pushes]
     watches = {robot: request.watch for robot, request in enumerate(requests) if request.watch is not None}
-    lasted, fell, ended = ticks * specs.SUBSTEPS, np.zeros(count, bool), ticks == 0
+    lasted, fell, ended = ticks * conventions.SUBSTEPS, np.zeros(count, bool), ticks == 0
     for k in range(longest):
         poses = zip(requests, simulator.qpos, strict=True)
-        sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * specs.CONTROL_STEP) for one, x in poses])
+        sensed = np.stack([sensed_pose(x, one.world, one.gyro_bias, k * conventions.CONTROL_STEP) for one, x in poses])
         targets = runner.tick(sensed, simulator.qvel, scheduled[:, k + 1], *(drawn[:, k] for drawn in noise))
-        for step, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
+        for step, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
             for robot in pushed:
                 if not ended[robot]:
                     requests[robot].world.push(simulator.data[robot], step)
@@ -214,8 +213,8 @@ def draw_sensor_noise(requests: Sequence[RunRequest], ticks: int) -> tuple[np.nd
 
 def sampled_commands(schedule: Schedule) -> Float[np.ndarray, "K 3"]:
     """Return the scheduled command at every control step and at the end of the last."""
-    steps = math.ceil(schedule.duration * specs.POLICY_RATE - 1e-9)
-    return np.stack([schedule.command(k * specs.CONTROL_STEP) for k in range(steps + 1)])
+    steps = math.ceil(schedule.duration * conventions.POLICY_RATE - 1e-9)
+    return np.stack([schedule.command(k * conventions.CONTROL_STEP) for k in range(steps + 1)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,9 +229,10 @@ class Recording:
     foot_force: np.ndarray
 
     @classmethod
-    def empty(cls, *shape: int) -> "Recording":
-        """Make room for so many runs and milliseconds."""
-        sizes = (NQ,), (NV,), (NU,), (NU,), (3,), (4, 3)
+    def empty(cls, nq: int, *shape: int) -> "Recording":
+        """Make room for so many runs and milliseconds of robots with `nq` coordinates."""
+        motors = (conventions.NUM_MOTORS,)
+        sizes = (nq,), (nq - 1,), motors, motors, (3,), (4, 3)
         return cls(*(np.zeros((*shape, *size)) for size in sizes))
 
     def of(self, run: int) -> "Recording":

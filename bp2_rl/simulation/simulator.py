@@ -5,6 +5,7 @@ by itself, so that robots may differ in hardware, ground and numerics. Compiled 
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import mujoco
@@ -12,16 +13,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bp2_rl.env.controller import motors_of
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.coordinates import joint_positions, motor_indices
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NV, foot_forces, let_converge, load_model
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.model import foot_forces, let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.world import LEVEL, World
 
-DT = specs.PHYSICS_STEP
+DT = conventions.PHYSICS_STEP
 SETTLING_TIME = 4.0  # s of standing before the clock starts
 SETTLING_DAMPING = 10.0  # 1/s, on everything that moves meanwhile: BP2's own sway takes half a minute to die away
 OUTSIDE = 0.1  # Nm, beyond the envelope at a step's end, that is not worth another trial
@@ -119,10 +121,10 @@ class Simulator:
         self._inputs = [(data.ctrl, data.qfrc_applied) for data in self.data]
         self._outputs = [(data.qpos, data.qvel, foot_forces(data)) for data in self.data]
         self._start = np.empty((len(robots), mujoco.mj_stateSize(self.models[0], STATE)))
-        self._mobility = np.zeros((len(robots), specs.NUM_MOTORS))
+        self._mobility = np.zeros((len(robots), conventions.NUM_MOTORS))
         self._everyone = np.arange(len(robots))
         self.qpos, self.qvel, self.foot_force = (np.stack(values) for values in zip(*self._outputs, strict=True))
-        self.torque = np.zeros((len(robots), specs.NUM_MOTORS))
+        self.torque = np.zeros((len(robots), conventions.NUM_MOTORS))
 
     def __len__(self) -> int:
         """Number of robots."""
@@ -159,7 +161,7 @@ class Simulator:
 
         The robots' sway is damped meanwhile.
         """
-        stand, still = self.qpos[:, MOTOR_QPOS].copy(), np.zeros((len(self), specs.NUM_MOTORS))
+        stand, still = joint_positions(self.qpos).copy(), np.zeros((len(self), conventions.NUM_MOTORS))
         for _ in range(round(SETTLING_TIME / DT)):
             self.millisecond(stand, still)
             for robot, data in enumerate(self.data):
@@ -221,7 +223,7 @@ class Simulator:
         self.torque = before.copy()
         self.torque[robots] = forces[robots, :12]
 
-    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N 34"]) -> None:
+    def _step(self, robots: Int[np.ndarray, " M"], forces: Float[np.ndarray, "N _"]) -> None:
         for robot in robots.tolist():
             (torque, force), (qpos, qvel, foot_force) = self._inputs[robot], self._outputs[robot]
             torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
@@ -254,11 +256,13 @@ _stands: dict[tuple[RobotSetup, float], np.ndarray] = {}
 
 def _mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "12"]:
     """Return the acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
-    answer = np.empty_like(_UNIT)
-    mujoco.mj_solveM(model, data, answer, _UNIT)
-    return answer[_EACH, MOTOR_QVEL]
+    unit = _unit(model.nv)
+    answer = np.empty_like(unit)
+    mujoco.mj_solveM(model, data, answer, unit)
+    return answer[unit > 0.0]
 
 
-_EACH = np.arange(specs.NUM_MOTORS)
-_UNIT = np.zeros((specs.NUM_MOTORS, NV))
-_UNIT[_EACH, MOTOR_QVEL] = 1.0
+@functools.cache
+def _unit(nv: int) -> Float[np.ndarray, "12 _"]:
+    """Return a unit torque on each motor, a row for each."""
+    return np.eye(nv)[motor_indices(nv)]

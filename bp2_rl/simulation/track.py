@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.robot import specs
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -48,20 +47,22 @@ def measure_lane(run: Trajectory) -> Lane:
 def trunk_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
     """Where the trunk's rightmost and leftmost corners are, m to the left of the line."""
     turned = run.heading - run.heading[0]
-    half = 0.5 * (specs.BODY_WIDTH * np.abs(np.cos(turned)) + specs.BODY_LENGTH * np.abs(np.sin(turned)))
+    half_length, half_width = run.hardware.anatomy.footprint
+    half = half_width * np.abs(np.cos(turned)) + half_length * np.abs(np.sin(turned))
     return track_position(run)[1][:, None] + half[:, None] * np.array([-1.0, 1.0])
 
 
 def foot_edges(run: Trajectory) -> Float[np.ndarray, "N 2"]:
     """Where the rightmost and leftmost edges of the feet's spheres are, m to the left of the line."""
     left = _on_track(run, foot_centres(run)[:, :, :2])[1]
-    return np.stack([np.min(left, axis=1) - specs.FOOT_RADIUS, np.max(left, axis=1) + specs.FOOT_RADIUS], axis=-1)
+    radius = run.hardware.anatomy.geometry.foot_radius
+    return np.stack([np.min(left - radius, axis=1), np.max(left + radius, axis=1)], axis=-1)
 
 
 def foot_centres(run: Trajectory) -> Float[np.ndarray, "N 4 3"]:
     """Centres of the feet's spheres in the world, m: a radius above the soles, up the lower legs."""
     joints = run.joint_position.reshape(-1, 4, 3)
-    feet = foot_position(joints, run.spring_compression + specs.FOOT_RADIUS, run.hardware)
+    feet = foot_position(joints, run.spring_compression + run.hardware.anatomy.geometry.foot_radius, run.hardware)
     w, v = run.qpos[:, None, 3:4], run.qpos[:, None, 4:7]
     turn = 2.0 * np.cross(v, feet)
     return run.qpos[:, None, :3] + feet + w * turn + np.cross(v, turn)

@@ -12,23 +12,23 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, parse_json, read_bytes, read_npz, write_npz
 from bp2_rl.base.serialization import from_json, to_json
+from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.specs import HardwareSpec
 
 if TYPE_CHECKING:
     from bp2_rl.simulation.metrics import RunMetrics
 
 FORMAT = "bp2_rl.trajectory/1"
 
-_ARRAYS = {  # field: shape of one sample
-    "time": (),
-    "qpos": (23,),
-    "qvel": (22,),
-    "torque": (12,),
-    "target": (12,),
-    "command": (3,),
-    "foot_force": (4, 3),
-}
+
+def _shapes(hardware: HardwareSpec) -> dict[str, tuple[int, ...]]:
+    """The shape of one sample of each array."""
+    nq = hardware.anatomy.nq
+    return {
+        "time": (), "qpos": (nq,), "qvel": (nq - 1,), "torque": (12,), "target": (12,), "command": (3,),
+        "foot_force": (4, 3),
+    }  # fmt: skip
 
 
 class TrajectoryError(UserError):
@@ -45,8 +45,8 @@ class Trajectory:
     """
 
     time: Float[np.ndarray, " N"]  # s, from 0 at the start of the command schedule
-    qpos: Float[np.ndarray, "N 23"]  # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
-    qvel: Float[np.ndarray, "N 22"]  # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
+    qpos: Float[np.ndarray, "N nq"]  # trunk position (m, world) and quaternion, then 4 x (3 joints rad, spring m)
+    qvel: Float[np.ndarray, "N nv"]  # trunk velocity (m/s, world) and rate (rad/s, body), then 4 x (3 rad/s, m/s)
     torque: Float[np.ndarray, "N 12"]  # Nm, applied at the joints
     target: Float[np.ndarray, "N 12"]  # rad, the policy's joint targets
     command: Float[np.ndarray, "N 3"]  # m/s forward, m/s to the left, rad/s yaw, as the policy was told
@@ -61,7 +61,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not belong together."""
-        for field, shape in _ARRAYS.items():
+        for field, shape in _shapes(self.hardware).items():
             expected = (len(self.time), *shape)
             if getattr(self, field).shape != expected:
                 raise ValueError(f"trajectory.{field} has shape {getattr(self, field).shape}, expected {expected}")
@@ -82,22 +82,22 @@ class Trajectory:
     @property
     def joint_position(self) -> Float[np.ndarray, "N 12"]:
         """Motor angles, rad."""
-        return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, :3].reshape(-1, 12)
+        return joint_positions(self.qpos)
 
     @property
     def joint_velocity(self) -> Float[np.ndarray, "N 12"]:
         """Motor speeds at the joint, rad/s."""
-        return self.qvel[:, 6:].reshape(-1, 4, 4)[:, :, :3].reshape(-1, 12)
+        return joint_velocities(self.qvel)
 
     @property
     def spring_compression(self) -> Float[np.ndarray, "N 4"]:
         """How far each leg's spring is pressed in, m."""
-        return self.qpos[:, 7:].reshape(-1, 4, 4)[:, :, 3]
+        return compressions(self.qpos)
 
     @property
     def spring_velocity(self) -> Float[np.ndarray, "N 4"]:
         """How fast each leg's spring is pressed in, m/s."""
-        return self.qvel[:, 6:].reshape(-1, 4, 4)[:, :, 3]
+        return compression_rates(self.qvel)
 
     @property
     def heading(self) -> Float[np.ndarray, " N"]:
@@ -115,13 +115,13 @@ class Trajectory:
         """The samples with start <= time < stop (s); `fell_at` is kept only if it lies inside."""
         inside = slice(*np.searchsorted(self.time, (start - 0.5 * self.dt, stop - 0.5 * self.dt)))
         fell = self.fell_at if self.fell_at is not None and start <= self.fell_at <= stop else None
-        samples = {field: getattr(self, field)[inside] for field in _ARRAYS}
+        samples = {field: getattr(self, field)[inside] for field in _shapes(self.hardware)}
         return dataclasses.replace(self, fell_at=fell, **samples)
 
     def save(self, path: Path) -> None:
         """Write one .npz (never a pickle), whole or not at all."""
         facts = _Facts(**{field.name: getattr(self, field.name) for field in dataclasses.fields(_Facts)})
-        arrays = {field: getattr(self, field) for field in _ARRAYS}
+        arrays = {field: getattr(self, field) for field in _shapes(self.hardware)}
         write_npz(path, {"format": np.array(FORMAT), "facts": np.array(json.dumps(to_json(facts))), **arrays})
 
     @classmethod
@@ -136,7 +136,7 @@ class Trajectory:
             if str(told["format"]) != FORMAT:
                 raise TrajectoryError(f"{path} is of format {told['format']}, this version reads {FORMAT}")
             facts = from_json(_Facts, parse_json(str(told["facts"]), "facts"))
-            wanted = {field: ArraySpec(np.floating, ("N", *shape)) for field, shape in _ARRAYS.items()}
+            wanted = {field: ArraySpec(np.floating, ("N", *shape)) for field, shape in _shapes(facts.hardware).items()}
             arrays = read_npz(path, wanted, content=content, largest=len(content))
             return cls(**arrays, **{field.name: getattr(facts, field.name) for field in dataclasses.fields(_Facts)})
         except TrajectoryError:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.kinematics import yaw_of
 
 LENGTH, BREADTH = 130.0, 12.0  # m, of the rough ground: from 5 m behind the start, to both sides of it
@@ -48,12 +48,12 @@ class World(Bounded, path="world."):
     def tilt(self, model: mujoco.MjModel) -> None:
         """Let gravity pull as on the slope."""
         if self.slope != 0.0:
-            model.opt.gravity[:] = specs.GRAVITY * np.array([-np.sin(self.slope), 0.0, -np.cos(self.slope)])
+            model.opt.gravity[:] = conventions.GRAVITY * np.array([-np.sin(self.slope), 0.0, -np.cos(self.slope)])
 
     def push(self, data: mujoco.MjData, step: int) -> None:
         """Shove the robot if it is to be shoved at the beginning of this ms."""
         for push in self.pushes:
-            if round(push.time / specs.PHYSICS_STEP) == step:
+            if round(push.time / conventions.PHYSICS_STEP) == step:
                 shove(data, push.forward, push.left)
 
     def heights(self) -> Float[np.ndarray, "rows columns"]:

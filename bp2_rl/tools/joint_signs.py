@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FRONT, QUIET, WIDTH, save_figure, styled
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, kinematics
+from bp2_rl.robot.hardware import IDEAL
 
 TURN = 0.4  # rad, by which a joint is turned
 SIDEWAYS, LENGTHWAYS = (1, -1.0), (0, 1.0)  # the horizontal axis of a view from behind, and of one from the right
@@ -25,7 +26,7 @@ VIEWS = (
 def draw() -> Figure:
     """Draw each joint in the standing pose, and turned by `TURN`."""
     figure, axes = plt.subplots(1, len(VIEWS), figsize=(WIDTH, 3.2), layout="constrained")
-    stand = np.reshape(specs.STAND_JOINTS, (4, 3))
+    stand = np.reshape(bp2.STAND_JOINTS, (4, 3))
     for ax, (title, joint, legs, view, words) in zip(axes, VIEWS, strict=True):
         turned = stand.copy()
         turned[:, joint] += TURN
@@ -45,7 +46,7 @@ def draw() -> Figure:
 
 def _draw_leg(ax: Axes, joints: np.ndarray, leg: int, view: tuple[int, float], color: str) -> np.ndarray:
     """Draw a leg, abduction axis to foot, and return where its foot is in the picture."""
-    length = specs.IDEAL.leg_length
+    length = IDEAL.anatomy.leg_length
     knee_and_foot = [kinematics.foot_position(joints, compression)[leg] for compression in (length, 0.0)]
     # A leg with neither thigh nor lower leg ends at its hip.
     flat = joints * (1.0, 0.0, 0.0)

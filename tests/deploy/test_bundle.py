@@ -15,7 +15,7 @@ from bp2_rl.deploy.bundle import describe, write_bundle
 from bp2_rl.deploy.onboard.controller import OBSERVATION
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.learning.policy import Policy, save_policy
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.settings.env import EnvConfig
 
 ALONE = """
@@ -63,12 +63,12 @@ def test_its_settings_say_what_a_robot_needs(bundle, shipped):
     settings = json.loads((bundle / "deploy.json").read_text())
     env = shipped.card.env
     assert settings["observation"] == [list(entry) for entry in shipped.card.observation_layout]
-    assert settings["joints"] == list(specs.MOTOR_NAMES)
+    assert settings["joints"] == list(conventions.MOTOR_NAMES)
     assert settings["rates"] == {"policy": 200.0, "drives": 1000.0}
     assert settings["gains"] == {"stiffness": env.control.stiffness, "damping": env.control.damping}
     assert settings["command"]["most"][0] == env.commands.max_forward
     assert settings["policy"]["weights_sha256"] == shipped.card.weights_sha256
-    assert settings["joint_range"][2] == list(specs.KNEE_RANGE)
+    assert settings["joint_range"][2] == list(bp2.KNEE_RANGE)
     assert set(settings["robots"]) >= {"built", "ideal"}
 
 

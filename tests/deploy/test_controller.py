@@ -12,8 +12,8 @@ from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.watchdog import SensorReading
 from bp2_rl.env.controller import Controller as Trained
 from bp2_rl.env.observations import Measurement as Seen
+from bp2_rl.robot.bp2 import ABAD_RANGE, HIP_RANGE, KNEE_RANGE
 from bp2_rl.robot.easing import eased
-from bp2_rl.robot.specs import ABAD_RANGE, HIP_RANGE, KNEE_RANGE
 
 TICKS = 2000
 DT = 0.005

@@ -10,7 +10,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motion_of
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
 
 MOMENTS = 600

@@ -8,8 +8,8 @@ import pytest
 from plain_simulation import PlainRobot
 
 from bp2_rl.robot.actuator import bus_power
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
-from bp2_rl.robot.specs import BUILT, IDEAL
 from bp2_rl.simulation.simulator import RobotSetup
 
 STAND = np.array([0.0, 0.62, -1.24] * 4)

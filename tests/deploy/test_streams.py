@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bp2_rl.robot.specs import ABAD_RANGE, HIP_RANGE, KNEE_RANGE
+from bp2_rl.robot.bp2 import ABAD_RANGE, HIP_RANGE, KNEE_RANGE
 
 DT = 0.005
 TICKS = 320

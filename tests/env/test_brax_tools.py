@@ -13,7 +13,7 @@ from brax.io import json as brax_json
 import bp2_rl.env
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.named import CONFIGS
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env import commands
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import motion_of
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.easing import eased
-from bp2_rl.robot.specs import HardwareSpec, Losses
+from bp2_rl.robot.hardware import HardwareSpec, Losses
 from bp2_rl.settings.env import CommandConfig, ControlConfig, CurriculumConfig, EnvConfig, TrackingShape
 
 CONFIG = CommandConfig(max_forward=10.0, max_backward=1.0)
@@ -86,7 +86,7 @@ def run_fleet(tracking, seconds, robots=32, config=RISING):
     def one(seed):
         key = jax.random.PRNGKey(seed)
         start = commands.draw(key, None, jnp.array(config.curriculum.start_speed), config.commands)
-        steps = round(seconds / specs.CONTROL_STEP)
+        steps = round(seconds / conventions.CONTROL_STEP)
         return run(start, jnp.array(0.0), tracking, steps, seed, config)
 
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(robots)))
@@ -133,15 +133,15 @@ def test_the_hold_time_counts_from_reaching_the_target():
     forward = np.asarray(currents)[:, 0]
     there = np.flatnonzero(forward == np.float32(2.7))
     # Each side of the interval may be off by the step in which the float32 sum of increments gets there.
-    assert there[0] == pytest.approx(2.7 / specs.CONTROL_STEP, abs=2)
-    assert there[-1] - there[0] == pytest.approx(0.1 / specs.CONTROL_STEP, abs=2)
+    assert there[0] == pytest.approx(2.7 / conventions.CONTROL_STEP, abs=2)
+    assert there[-1] - there[0] == pytest.approx(0.1 / conventions.CONTROL_STEP, abs=2)
 
 
 def test_commands_move_no_faster_than_their_rates():
     start = commands.draw(KEY, jnp.zeros(3), jnp.array(10.0), CONFIG)
     _, currents = run(start, jnp.array(1.0), lambda v: v, 1500)
     currents = np.asarray(currents)
-    rates = np.abs(np.diff(currents, axis=0)) / specs.CONTROL_STEP
+    rates = np.abs(np.diff(currents, axis=0)) / conventions.CONTROL_STEP
     assert np.all(rates[:, 0] <= CONFIG.acceleration[1] * 1.001)
     assert np.all(rates[:, 1:] <= CONFIG.turn_acceleration * 1.001)
     assert np.ptp(currents[:, 0]) > 1.0  # it did move
@@ -154,7 +154,7 @@ def told(asked, start, control=GENTLY, seconds=6.0):
         after = eased(command, jnp.array([asked, 0.1, 0.2]), control)
         return after, after
 
-    steps = round(seconds / specs.CONTROL_STEP)
+    steps = round(seconds / conventions.CONTROL_STEP)
     seen = np.asarray(jax.lax.scan(step, jnp.array([start, 0.0, 0.0]), length=steps)[1])
     assert np.all(seen[:, 1:] == np.array([0.1, 0.2], np.float32))
     return np.append(start, seen[:, 0]).astype(np.float32)
@@ -163,7 +163,7 @@ def told(asked, start, control=GENTLY, seconds=6.0):
 def test_a_stop_is_a_ramp_and_then_an_exponential():
     """From 10 m/s at 4 m/s2 to 3.1 m/s, as (3.1 + 0.5) / 0.9 s is 4 m/s2; from there 0.5 + v = 3.6 exp(-t / 0.9)."""
     forward = told(0.0, 10.0)
-    time = specs.CONTROL_STEP * np.arange(len(forward))
+    time = conventions.CONTROL_STEP * np.arange(len(forward))
     ramp, end = 6.9 / 4.0, 0.9 * np.log(3.6 / 0.5)
     law = np.where(time < ramp, 10.0 - 4.0 * time, 3.6 * np.exp(-(time - ramp) / 0.9) - 0.5)
     # Euler's steps of 5 ms in a time constant of 0.9 s are 0.3 % of a speed off, at most.
@@ -178,14 +178,14 @@ def test_only_what_takes_speed_from_a_robot_on_its_way_forward_is_eased():
     assert told(9.99, 10.0)[1] == np.float32(9.99)  # slower than it may be
     assert told(0.0, 10.0, AT_ONCE)[1] == 0.0
     back = told(-1.0, 1.0)
-    assert np.all(back[back > 0.0][1:] >= back[back > 0.0][:-1] - 4.0 * specs.CONTROL_STEP)
+    assert np.all(back[back > 0.0][1:] >= back[back > 0.0][:-1] - 4.0 * conventions.CONTROL_STEP)
     assert back[-1] == -1.0
 
 
 def test_a_launch_is_an_exponential():
     """At 6 m/s2 from a stand, and towards 18 m/s: v = 18 (1 - exp(-6 t / 18))."""
     forward = told(12.0, 0.0, LAUNCHED)
-    law = 18.0 * (1.0 - np.exp(-specs.CONTROL_STEP * np.arange(len(forward)) / 3.0))
+    law = 18.0 * (1.0 - np.exp(-conventions.CONTROL_STEP * np.arange(len(forward)) / 3.0))
     np.testing.assert_allclose(forward, np.minimum(law, 12.0), atol=0.011)  # Euler's steps, as above
     assert forward[-1] == 12.0
     constant = told(12.0, 0.0, ControlConfig(launching=6.0))
@@ -211,7 +211,7 @@ def test_in_training_commands_are_eased_likewise():
     rates = []
     for control in (AT_ONCE, GENTLY):
         forward = told_in_training(control)
-        falls = -np.diff(forward)[forward[:-1] > 0.0] / specs.CONTROL_STEP
+        falls = -np.diff(forward)[forward[:-1] > 0.0] / conventions.CONTROL_STEP
         rates.append((falls.max(), (falls - (forward[:-1][forward[:-1] > 0.0] + 0.5) / 0.9).max()))
     (fastest, too_fast), (eased, within) = rates
     assert fastest > 6.0
@@ -224,7 +224,7 @@ def test_in_training_commands_are_launched_likewise():
     beyond = []
     for control in (AT_ONCE, LAUNCHED):
         forward = told_in_training(control)
-        rises, now = np.diff(forward) / specs.CONTROL_STEP, forward[:-1]
+        rises, now = np.diff(forward) / conventions.CONTROL_STEP, forward[:-1]
         beyond.append((rises - 6.0 * (1.0 - now / 18.0))[now >= 0.0].max())
     assert beyond[0] > 1.0
     assert beyond[1] <= 1e-2
@@ -244,7 +244,9 @@ def segment(target: float, hold: float = 0.1) -> commands.CommandState:
 )  # fmt: skip
 def test_a_level_rises_only_when_commands_near_its_limit_were_tracked_for_long_enough(target, hold, lag, raised):
     # Until shortly after the hold, so that what was drawn next does not count.
-    levels, _ = run(segment(target, hold), jnp.array(0.0), lambda v: v - lag, round(hold / specs.CONTROL_STEP) + 5)
+    levels, _ = run(
+        segment(target, hold), jnp.array(0.0), lambda v: v - lag, round(hold / conventions.CONTROL_STEP) + 5
+    )
     assert levels[-1] == pytest.approx(CURRICULUM.raise_by if raised else 0.0)
 
 

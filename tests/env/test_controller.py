@@ -10,8 +10,8 @@ from bp2_rl.env.observations import Measurement, layout_of
 from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 COMMAND = jnp.array([6.0, 0.0, 0.0])
@@ -45,7 +45,7 @@ def test_the_reference_has_the_hardware_of_the_robot():
 def test_without_a_reference_the_robot_is_asked_to_stand_and_its_phase_goes_on():
     config = EnvConfig(reference="none")
     state, target, reference = targets(config)
-    assert np.allclose(target.position, specs.STAND_JOINTS, atol=0.1)  # a pose with the soles below the hips
+    assert np.allclose(target.position, bp2.STAND_JOINTS, atol=0.1)  # a pose with the soles below the hips
     assert np.all(target.velocity == 0.0)
     assert float(state.phase) > 0.2
     assert np.allclose(reference.velocity, COMMAND)

@@ -18,10 +18,10 @@ from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.rewards import ROWS
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import (
     CommandConfig,
     ControlConfig,
@@ -143,9 +143,9 @@ def test_standing_starts_may_have_to_wait_for_their_first_command():
 
     keys = jax.random.split(KEYS[1], 200)
     forward = jax.vmap(lambda state: jax.lax.scan(step, state, keys)[1])(start.command)
-    waited = np.argmax(np.asarray(forward) > 0.0, axis=1) * specs.CONTROL_STEP
+    waited = np.argmax(np.asarray(forward) > 0.0, axis=1) * conventions.CONTROL_STEP
     assert np.quantile(waited, [1 / 3, 2 / 3]) == pytest.approx([1 / 3, 2 / 3], abs=0.04)
-    assert 0.9 < waited.max() <= 1.0 + 3 * specs.CONTROL_STEP
+    assert 0.9 < waited.max() <= 1.0 + 3 * conventions.CONTROL_STEP
 
 
 def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
@@ -163,10 +163,8 @@ def test_soles_are_where_mujoco_has_them_and_move_as_there(env):
         for leg, geom in enumerate(foot_geom_ids(env.mj_model)):
             mujoco.mj_objectVelocity(env.mj_model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, motion, 0)
             # A sole is a point of the leg's axis, as far below the foot's middle as its radius.
-            assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= specs.FOOT_RADIUS
-            assert soles.rate[leg] == pytest.approx(
-                motion[5], abs=specs.FOOT_RADIUS * float(np.linalg.norm(motion[:3]))
-            )
+            assert abs(soles.height[leg] - data.geom_xpos[geom, 2]) <= bp2.FOOT_RADIUS
+            assert soles.rate[leg] == pytest.approx(motion[5], abs=bp2.FOOT_RADIUS * float(np.linalg.norm(motion[:3])))
 
 
 def test_standing_starts_put_the_feet_on_the_ground():
@@ -174,7 +172,7 @@ def test_standing_starts_put_the_feet_on_the_ground():
     data = mujoco.MjData(env.mj_model)
     data.qpos[:] = np.asarray(jax.jit(env.reset)(KEYS[0]).pipeline_state.physics.qpos)
     mujoco.mj_kinematics(env.mj_model, data)
-    height = data.geom_xpos[foot_geom_ids(env.mj_model), 2] - specs.FOOT_RADIUS
+    height = data.geom_xpos[foot_geom_ids(env.mj_model), 2] - bp2.FOOT_RADIUS
     np.testing.assert_allclose(height, 0.0, atol=1e-3)
 
 
@@ -190,14 +188,14 @@ def test_a_standing_robot_without_commands_stays_up(env, step):
         state = step(state, ZERO)
         assert not np.any(np.asarray(state.done))
     heights = np.asarray(physics(state).qpos[:, 2])
-    assert np.all(np.abs(heights - specs.STANDING_HEIGHT) < 0.05)
+    assert np.all(np.abs(heights - bp2.STANDING_HEIGHT) < 0.05)
 
 
 def test_randomisation_is_drawn_anew_for_each_robot_and_each_reset(start, reset):
     again = reset(jax.random.split(jax.random.PRNGKey(1), ROBOTS))
     draws = np.concatenate([np.asarray(s.pipeline_state.randomization.friction) for s in (start, again)])
     assert len(np.unique(draws)) == 2 * ROBOTS
-    low, high = np.array(RandomizationConfig().friction) * specs.FOOT_FRICTION
+    low, high = np.array(RandomizationConfig().friction) * bp2.FOOT_FRICTION
     assert np.all((draws >= low) & (draws <= high))
 
 
@@ -317,7 +315,7 @@ def test_fallen_robots_are_counted_by_cause(start, step, change, cause):
 def test_no_episode_begins_with_legs_in_each_other():
     """Noise of 0.5 rad would put some robots' there; they have their legs below their hips instead."""
     config = EnvConfig(
-        hardware=HardwareSpec(hind_track=0.28, solid_legs=True),
+        hardware=IDEAL.changed(hind_track=0.28, solid_legs=True),
         reset=ResetConfig(joint_noise=0.5, standing_fraction=0.0),
         termination=TerminationConfig(max_overlap=0.0),
     )
@@ -358,7 +356,7 @@ def test_every_torque_of_a_random_policy_is_inside_the_envelope(start, step, env
         key, sub = jax.random.split(key)
         state = step(state, jax.random.normal(sub, (ROBOTS, 12)))
         torque = np.abs(np.asarray(physics(state).torque))
-        assert np.all(torque <= specs.PEAK_TORQUE * (1 + 1e-6))
+        assert np.all(torque <= bp2.PEAK_TORQUE * (1 + 1e-6))
         strongest = max(strongest, torque.max())
     lo, hi = torque_limits(motors_of(env.config), jnp.zeros(12))
     assert strongest > 0.9 * float(hi[0])

@@ -7,8 +7,8 @@ import pytest
 from bp2_rl.env import observations, randomization
 from bp2_rl.env.controller import motion_of
 from bp2_rl.env.mirror import ACTION, JOINTS, LEG, Mirror, mirror_of
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BUILT
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 
 WORLD = np.array([1.0, -1.0, 1.0])  # what a mirror on the x-z plane does to a vector; to a rotation the opposite
@@ -48,8 +48,9 @@ def test_the_image_of_an_observation_is_what_the_mirrored_robot_observes(state):
         qpos, qvel = map(jnp.asarray, state)
         drawn = robot.replace(strength=jnp.asarray(strength), com_offset=jnp.asarray(com))
         seen = observations.actor_observation(
-            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action)
-        )
+            jnp.asarray(command), jnp.asarray(phase), observations.sense(qpos, qvel), jnp.asarray(action),
+            np.array(BUILT.anatomy.stand),
+        )  # fmt: skip
         privileged = observations.Privileged(
             observations.trunk_motion(qpos, qvel).velocity, qpos[2], qpos[SPRING_QPOS], qvel[SPRING_QVEL],
             jnp.asarray(feet), jnp.asarray(target), drawn.friction, drawn.mass[1], drawn.com_offset, drawn.strength,

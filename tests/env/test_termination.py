@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.env.termination import fall, fall_in_training, self_collision
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, TerminationConfig
 
 CONFIG = TerminationConfig()

@@ -15,7 +15,7 @@ from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import load_policy, save_policy
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
 

@@ -9,13 +9,14 @@ import numpy as np
 from mujoco import mjx
 
 from bp2_rl.robot import actuator as act
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.kinematics import SIDE, joint_angles, leg_origins
+from bp2_rl.robot.hardware import IDEAL
+from bp2_rl.robot.kinematics import joint_angles, leg_origins
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, foot_geom_ids, load_model
 
 MOTOR = Actuator.from_hardware(stiffness=250.0, damping=3.0)
-DT = specs.PHYSICS_STEP
+DT = conventions.PHYSICS_STEP
 
 
 def converged(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -39,19 +40,17 @@ def random_states(
         spread = 10.0 ** rng.uniform(-3.0, -0.5)  # rad: from all four feet level to all over the place
         roll, pitch = spread * rng.normal(size=2) / 4
         q[3:7] = np.array([1.0, roll / 2, pitch / 2, 0.0]) / np.linalg.norm([1.0, roll / 2, pitch / 2])
-        q[MOTOR_QPOS] = specs.STAND_JOINTS + spread * rng.normal(size=12)
+        q[MOTOR_QPOS] = bp2.STAND_JOINTS + spread * rng.normal(size=12)
         q[SPRING_QPOS] = rng.uniform(-0.005, 0.14) + spread * rng.uniform(-0.02, 0.02, 4)
         if rng.random() < 0.3:
             q[rng.choice(MOTOR_QPOS[2::3])] -= 0.3
         if rng.random() < 0.2:
-            q[rng.choice(MOTOR_QPOS[2::3])] = specs.KNEE_RANGE[1] + 0.05
+            q[rng.choice(MOTOR_QPOS[2::3])] = bp2.KNEE_RANGE[1] + 0.05
         if rng.random() < thrown:
             q[MOTOR_QPOS[1::3]], q[MOTOR_QPOS[2::3]] = 2.2, -0.3
         data.qpos = q
         mujoco.mj_kinematics(model, data)
-        lowest = min(
-            *(data.geom_xpos[foot_geom_ids(model), 2] - specs.FOOT_RADIUS), -0.07
-        )  # 0.07: the trunk's capsules
+        lowest = min(*(data.geom_xpos[foot_geom_ids(model), 2] - bp2.FOOT_RADIUS), -0.07)  # 0.07: the trunk's capsules
         q[2] = rng.uniform(-0.008, 0.008) - lowest
     return qpos, qvel, rng.uniform(-120.0, 120.0, (number, 12))
 
@@ -67,7 +66,7 @@ def trot_targets(steps: int) -> tuple[np.ndarray, np.ndarray]:
         back = reach - speed * period * phase  # stance; then a cubic with the same speed at both ends
         forth = (4 * reach + 2 * swing) * (1.5 * s**2 - s**3) - swing * s - reach
         x = np.where(phase < duty, back, forth)
-        y = np.broadcast_to(SIDE * specs.THIGH_LATERAL, x.shape)
+        y = np.broadcast_to(IDEAL.anatomy.geometry.lateral, x.shape)
         z = np.where(phase < duty, 0.0, lift * np.sin(np.pi * s) ** 2) - height
         return joint_angles(leg_origins() + np.stack([x, y, z], axis=-1)).reshape(-1, 12)
 
@@ -96,7 +95,7 @@ def landing(robots: int) -> Landing:
     for q in qpos:
         data.qpos = q
         mujoco.mj_kinematics(model, data)
-        q[2] = 0.002 + specs.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].min()
+        q[2] = 0.002 + bp2.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].min()
     return Landing(qpos, qvel, targets)
 
 

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from bp2_rl.robot.building import build_spec
+from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.reading import RobotReading
-from bp2_rl.robot.specs import LEGS, MOTOR_NAMES
 
 
 def anymal_like() -> str:

@@ -10,10 +10,10 @@ from bp2_rl.env.controller import Controller, motors_of
 from bp2_rl.env.termination import fall
 from bp2_rl.robot import losses
 from bp2_rl.robot.actuator import bus_voltage, joint_torque, share_bus, stall_torque, torque_limits
+from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces
-from bp2_rl.robot.specs import STAND_JOINTS
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.policy_runner import control_step, control_steps_behind
 from bp2_rl.simulation.simulator import CONVERGED, OUTSIDE, TRIALS, RobotSetup
@@ -62,7 +62,9 @@ class PlainRobot:
             mujoco.mj_setState(self.model, data, start, STATE)
             data.ctrl[:] = torque
             if self.resistance is not None:
-                data.qfrc_applied[:] = losses.generalized(losses.loss(self.resistance, data.qpos, data.qvel, torque))
+                data.qfrc_applied[:] = losses.generalized(
+                    losses.loss(self.resistance, data.qpos, data.qvel, torque), data.qvel
+                )
             mujoco.mj_step(self.model, data, nstep=steps)
             lower, upper = torque_limits(motors, data.qvel[MOTOR_QVEL], voltage)
             outside = torque - np.clip(torque, lower, upper)

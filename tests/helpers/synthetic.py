@@ -9,7 +9,8 @@ from rich.console import Console
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.evaluation.report import terminal
 from bp2_rl.learning.policy import Policy, PolicyCard
-from bp2_rl.robot.specs import GRAVITY, IDEAL
+from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.trajectory import Trajectory
 

@@ -18,7 +18,7 @@ from bp2_rl.optimiser.problem import STRIDES, CostWeights, Problem, motor_coordi
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.solution import Motion, NotSolved, is_saved, load_solution, resample, sample, save_solution
 from bp2_rl.optimiser.transcription import SolveOptions
-from bp2_rl.robot.specs import IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 TROT, TWO_LEG = STRIDES["trot"], STRIDES["two-leg"]
 

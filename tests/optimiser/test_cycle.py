@@ -17,7 +17,8 @@ from bp2_rl.optimiser.cycle import (
 from bp2_rl.optimiser.guess import cold_guess
 from bp2_rl.optimiser.problem import Gait, Problem, Scheme
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import IDEAL
 
 
 def guess(gait: Gait = "trot", scheme: Scheme = "hermite-simpson") -> Solution:
@@ -69,34 +70,34 @@ def test_the_quadrature_is_exact_to_its_schemes_degree(scheme, degree):
 
 
 def test_soles_are_the_models_point_feet():
-    hardware = dataclasses.replace(specs.IDEAL, leg_length=0.4)
-    model = sagittal.build_model(specs.LEGS, hardware, 0.0)
+    hardware = IDEAL.changed(leg_length=0.4)
+    model = sagittal.build_model(conventions.LEGS, hardware, 0.0)
     for q in coordinates()[0]:
         phi = np.array(model.contact(q, sagittal.design_vector(hardware))).reshape(4, 2)
         # Two ways to the same sum, in double precision.
-        np.testing.assert_allclose(leg_points(q, specs.LEGS, hardware)[:, 2], phi, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(leg_points(q, conventions.LEGS, hardware)[:, 2], phi, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("change", [{}, {"mass_scale": 1.7}, {"thigh_mass": 4.0, "toe_mass": 1.0}])
 def test_mass_times_the_centres_velocity_is_the_models_momentum(change):
     problem = Problem().on(**change)
-    model = sagittal.build_model(specs.LEGS, problem.hardware)
+    model = sagittal.build_model(conventions.LEGS, problem.hardware)
     for q, v in zip(*coordinates(), strict=True):
         momentum = (np.array(model.mass(q, sagittal.design_vector(problem.hardware))) @ v)[:2]
-        velocity = center_of_mass_velocity(q, v, specs.LEGS, problem.hardware)
+        velocity = center_of_mass_velocity(q, v, conventions.LEGS, problem.hardware)
         # Sums of some thirty products, in double precision.
         np.testing.assert_allclose(robot_mass(problem) * velocity, momentum, rtol=0, atol=1e-12)
 
 
 def test_a_straight_legs_centre_of_mass_is_table_s3s():
     moment = (
-        specs.THIGH_MASS * specs.THIGH_COM
-        + specs.SHANK_MASS * (0.35 + specs.SHANK_LENGTH + specs.SHANK_COM)
-        + specs.TOE_MASS * (0.70 + specs.TOE_COM)
+        bp2.THIGH_MASS * bp2.THIGH_COM
+        + bp2.SHANK_MASS * (0.35 + bp2.SHANK_LENGTH + bp2.SHANK_COM)
+        + bp2.TOE_MASS * (0.70 + bp2.TOE_COM)
     )
     # A quarter is 6.15 kg of trunk and 2.8 kg of leg.
     expected = [0.0, -moment / 8.95]
-    np.testing.assert_allclose(center_of_mass(np.zeros(15), specs.LEGS, specs.IDEAL), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(center_of_mass(np.zeros(15), conventions.LEGS, IDEAL), expected, rtol=0, atol=1e-12)
 
 
 def test_only_positive_work_costs_transport():

@@ -17,8 +17,9 @@ from bp2_rl.optimiser.solution import Solution, load_solution, save_solution
 from bp2_rl.optimiser.transcription import transcribe
 from bp2_rl.optimiser.verify import LIMITS, _over_stride, failures, verify
 from bp2_rl.paper.trajectories.variants import loss_variants
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec, Losses
+from bp2_rl.robot import bp2
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
 from bp2_rl.robot.variants import PARTS
 
 MOTORS = motor_coordinates(LEGS)
@@ -37,7 +38,7 @@ PAYING = {
     "bus power": robot(bus_power_out=2.5e3, bus_power_in=0.5e3),
     "bus sag": robot(bus_sag=0.1),
     "rebound stop": HardwareSpec(rebound_stiffness=80e3, rebound_damping=100.0),
-    "braking limit": HardwareSpec(braking_speed=specs.NO_LOAD_SPEED),
+    "braking limit": HardwareSpec(braking_speed=bp2.NO_LOAD_SPEED),
 }
 
 

@@ -10,10 +10,11 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser import sagittal, verifier_laws
 from bp2_rl.optimiser.planar import STOP_ROUNDING, PlanarModel
 from bp2_rl.optimiser.problem import Problem
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, NQ, NV, SPRING_QPOS, SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BUILT, IDEAL, LEGS, HardwareSpec
 
-CHANGED = HardwareSpec(
+CHANGED = IDEAL.changed(
     gear_ratio=7.0, leg_length=0.33, spring_stiffness=4500.0, spring_travel=0.1, mass_scale=1.1, thigh_mass=3.1,
     toe_mass=0.3, trunk_inertia=1.7,
 )  # fmt: skip

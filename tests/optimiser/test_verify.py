@@ -11,7 +11,7 @@ from bp2_rl.optimiser.planar import PlanarModel
 from bp2_rl.optimiser.problem import Problem, contact_rows
 from bp2_rl.optimiser.solution import Motion, Solution
 from bp2_rl.optimiser.verify import LATER, LIMITS, UNITS, failures, resimulate, summarise, verify
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_every_figure_has_a_unit_and_every_limit_a_figure(figures):
 
 def test_a_smooth_trot_is_sound(figures):
     assert failures(figures) == []
-    assert figures["joint_speed_max"] <= 1.01 * specs.NO_LOAD_SPEED  # between the points a speed is a cubic
+    assert figures["joint_speed_max"] <= 1.01 * bp2.NO_LOAD_SPEED  # between the points a speed is a cubic
 
 
 def test_what_the_program_makes_zero_is_zero_in_the_other_model_of_bp2_as_well(trot):
@@ -77,8 +77,8 @@ def test_a_foot_that_dips_into_the_ground_is_found(smooth):
     q = smooth.motion.q.copy()
     middle = q.shape[1] // 2
     q[1, middle, [3, 4, 5]] = 0.0, -0.1, -0.02
-    L, radius, pitch = specs.THIGH_LENGTH, smooth.problem.foot_radius, q[1, middle, 2]
-    hip = q[1, middle, 1] - specs.HIP_FORE_AFT * np.sin(pitch)
+    L, radius, pitch = bp2.THIGH_LENGTH, smooth.problem.foot_radius, q[1, middle, 2]
+    hip = q[1, middle, 1] - bp2.HIP_FORE_AFT * np.sin(pitch)
     sole = hip - L * np.cos(pitch) - (L + 0.02 - radius) * np.cos(pitch - 0.1) - radius
     assert sole < -0.01
     dipped = verify(tamper(smooth, q=q))
@@ -88,7 +88,7 @@ def test_a_foot_that_dips_into_the_ground_is_found(smooth):
 
 def test_a_force_that_is_missing_leaves_weight_uncarried(smooth):
     force, T = smooth.motion.force.copy(), smooth.motion.durations
-    row = contact_rows(specs.LEGS, ("RR",))[1]
+    row = contact_rows(conventions.LEGS, ("RR",))[1]
     missing = force[0, :, row].copy()
     force[0, :, row] = 0.0
     simpson = np.full(len(missing), 2.0)
@@ -103,9 +103,9 @@ def test_a_force_that_is_missing_leaves_weight_uncarried(smooth):
 
 
 def test_friction_in_use_is_a_share_of_the_cone(smooth):
-    force, down = smooth.motion.force.copy(), contact_rows(specs.LEGS, ("FL",))[1]
+    force, down = smooth.motion.force.copy(), contact_rows(conventions.LEGS, ("FL",))[1]
     middle = force.shape[1] // 2
-    force[0, middle, down - 1] = -3.0 * specs.FOOT_FRICTION * force[0, middle, down]
+    force[0, middle, down - 1] = -3.0 * bp2.FOOT_FRICTION * force[0, middle, down]
     bad = verify(tamper(smooth, force=force))
     assert bad["friction_use"] >= 3.0 - 1e-9
     assert "friction_use" in failing(bad)
@@ -115,8 +115,8 @@ def test_what_is_wrong_at_one_point_alone_is_found(smooth):
     """A foot that pulls, a torque beyond the envelope, a harder landing, and a speed that jumps at lift-off."""
     motion = smooth.motion
     force, tau, v = motion.force.copy(), motion.tau.copy(), motion.v.copy()
-    force[0, 3, contact_rows(specs.LEGS, ("FL",))[1]] = -50.0
-    tau[0, 4, 2] = specs.PEAK_TORQUE + 30.0
+    force[0, 3, contact_rows(conventions.LEGS, ("FL",))[1]] = -50.0
+    tau[0, 4, 2] = bp2.PEAK_TORQUE + 30.0
     v[1, 0, 3] += 0.1
     bad = verify(tamper(smooth, force=force, tau=tau, v=v, impulse=1.01 * motion.impulse))
     assert bad["stance_force_min"] <= -50.0 + 1e-9
@@ -143,12 +143,12 @@ def test_the_simulation_flies_in_a_parabola_and_keeps_its_feet(smooth):
     """In flight the centre of mass falls by g t^2 / 2, whatever the legs do; in stance phi stays as it was."""
     q, v = resimulate(smooth)
     model = PlanarModel.of(smooth.problem)
-    mass = model.weight / specs.GRAVITY
+    mass = model.weight / conventions.GRAVITY
     momentum = np.array([(model.terms(x, rate).mass @ rate)[:2] for x, rate in zip(q[1], v[1], strict=True)])
     t = smooth.motion.durations[1] * smooth.problem.points
-    drop = np.stack([np.zeros_like(t), -specs.GRAVITY * t], axis=1)
+    drop = np.stack([np.zeros_like(t), -conventions.GRAVITY * t], axis=1)
     np.testing.assert_allclose(momentum / mass - momentum[0] / mass, drop, atol=1e-6)  # the integrator's own error
-    rows = contact_rows(specs.LEGS, ("FL", "RR"))
+    rows = contact_rows(conventions.LEGS, ("FL", "RR"))
     feet = np.array([model.terms(x, rate).contact[rows] for x, rate in zip(q[0], v[0], strict=True)])
     np.testing.assert_allclose(feet, np.broadcast_to(feet[0], feet.shape), atol=1e-6)
 

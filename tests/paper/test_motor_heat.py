@@ -20,7 +20,7 @@ from bp2_rl.paper.motor_heat import (
 )
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque, torque_limits, winding_heat
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 
 MOTOR = MotorHeat()
 COOLED = Network.from_spec(MOTOR, winding_to_case=0.8)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.paper.robots import PAPER_GRAVITY, power_demand, read_mammals, read_robots, speed_law
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 
 
 def test_the_law_is_that_of_the_source():
@@ -36,10 +36,10 @@ def test_table_s1_is_whole():
 
 
 def test_bp2_is_the_one_that_is_built_here():
-    bp2 = next(robot for robot in read_robots() if robot.robot == "BP2")
-    assert bp2.mass == specs.TOTAL_MASS
-    assert (bp2.peak_torque, bp2.no_load_speed) == (specs.PEAK_TORQUE, specs.NO_LOAD_SPEED)
-    assert bp2.top_speed == specs.OUTDOOR_TOP_SPEED
+    published = next(robot for robot in read_robots() if robot.robot == "BP2")
+    assert published.mass == bp2.TOTAL_MASS
+    assert (published.peak_torque, published.no_load_speed) == (bp2.PEAK_TORQUE, bp2.NO_LOAD_SPEED)
+    assert published.top_speed == bp2.OUTDOOR_TOP_SPEED
 
 
 def test_the_papers_ratio_needs_its_own_gravity():

@@ -77,7 +77,7 @@ def test_without_a_gl_library_pictures_are_refused_in_one_line():
     program = """
 from bp2_rl.base.errors import UserError
 from bp2_rl.peers.gymnasium_env import Photographer
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 for mode in ("rgb_array", "human"):
     try:
         Photographer(BUILT, mode)

@@ -7,7 +7,7 @@ import pytest
 from bp2_rl.base.assets import asset_path
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.play.session import Session
-from bp2_rl.robot.specs import IDEAL
+from bp2_rl.robot.hardware import IDEAL
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bp2_rl.robot.actuator import Actuator
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import BUILT, IDEAL, LEGS
 
 pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"')
 

@@ -12,8 +12,8 @@ from runs import run_one
 from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.readings import readings
 from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Wish
+from bp2_rl.robot.conventions import CONTROL_STEP
 from bp2_rl.robot.easing import eased
-from bp2_rl.robot.specs import CONTROL_STEP
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall

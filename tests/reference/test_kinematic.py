@@ -12,10 +12,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.reference.kinematic_trot import AXIAL_SHARE, SOLE_CLEARANCE, KinematicGait
+from bp2_rl.reference.kinematic_trot import AXIAL_SHARE, KinematicGait
 from bp2_rl.reference.stepping import TROT
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, conventions, kinematics
+from bp2_rl.robot.hardware import IDEAL
 
+SOLE_CLEARANCE = bp2.FOOT_RADIUS * (1.0 - np.cos(bp2.STAND_HIP))  # m, of a leaning leg's sole
 GAIT = KinematicGait()
 
 commands = st.tuples(st.floats(-2.0, 13.2), st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
@@ -47,7 +49,7 @@ def rate(command, gait=GAIT):
     return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
 
 
-def soles(reference, hardware=specs.IDEAL):
+def soles(reference, hardware=IDEAL):
     return kinematics.foot_position(reference.joint_position, reference.spring_compression, hardware)
 
 
@@ -62,9 +64,9 @@ def stance_time(command, gait=GAIT):
     "gait",
     [
         GAIT,
-        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, leg_length=0.42)),
-        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, fore_track=0.45, hind_track=0.24)),
-        KinematicGait(hardware=dataclasses.replace(specs.IDEAL, spring_stiffness=3000.0)),
+        KinematicGait(hardware=IDEAL.changed(leg_length=0.42)),
+        KinematicGait(hardware=IDEAL.changed(fore_track=0.45, hind_track=0.24)),
+        KinematicGait(hardware=dataclasses.replace(IDEAL, spring_stiffness=3000.0)),
     ],
 )
 def test_a_stance_foot_moves_with_the_ground(gait):
@@ -95,7 +97,7 @@ def test_feet_pass_below_the_hips_in_the_middle_of_stance():
     for leg in range(4):
         middle = 0.5 * stance_time(COMMANDS) * rate(COMMANDS) - TROT[leg]
         sole = soles(sample(COMMANDS, middle))[:, leg]
-        nominal = kinematics.leg_origins()[leg] + np.array([0.0, kinematics.SIDE[leg] * specs.THIGH_LATERAL, 0.0])
+        nominal = kinematics.leg_origins()[leg] + np.array([0.0, IDEAL.anatomy.geometry.lateral[leg], 0.0])
         np.testing.assert_allclose(sole[:, :2], np.tile(nominal[:2], (len(sole), 1)), atol=1e-9)
 
 
@@ -103,8 +105,8 @@ def test_the_springs_carry_the_weight():
     """Mean spring force over a stride = weight x AXIAL_SHARE, to the 1 % that the soft limit at the stop takes."""
     for speed in (0.0, 3.0, 6.0, 10.0):
         phase = np.linspace(0.0, 1.0, 4000, endpoint=False)
-        force = specs.SPRING_STIFFNESS * sample([speed, 0.0, 0.0], phase).spring_compression.sum(axis=1).mean()
-        assert force == pytest.approx(AXIAL_SHARE * specs.TOTAL_MASS * specs.GRAVITY, rel=0.01)
+        force = bp2.SPRING_STIFFNESS * sample([speed, 0.0, 0.0], phase).spring_compression.sum(axis=1).mean()
+        assert force == pytest.approx(AXIAL_SHARE * bp2.TOTAL_MASS * conventions.GRAVITY, rel=0.01)
 
 
 # --- Time --------------------------------------------------------------------------------------------------------
@@ -195,11 +197,11 @@ def test_no_command_exceeds_reach_or_ranges_or_gives_nan(command, phase):
     reference = sample(command, phase)
     for name, leaf in vars(reference).items():
         assert np.isfinite(leaf).all(), name
-    for joint, (low, high) in enumerate((specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE)):
+    for joint, (low, high) in enumerate((bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)):
         angle = reference.joint_position[:, joint]
         assert low < angle.min() <= angle.max() < high
     assert reference.spring_compression.min() >= 0.0
-    assert reference.spring_compression.max() < specs.SPRING_TRAVEL
+    assert reference.spring_compression.max() < bp2.SPRING_TRAVEL
     extension = leg_extension(soles(reference))
     for leg, compression in enumerate(reference.spring_compression):
         nearest, farthest = kinematics.reach(compression)
@@ -226,12 +228,12 @@ def test_at_zero_command_the_robot_stands(phase):
     reference = sample((0.0, 0.0, 0.0), phase)
     np.testing.assert_array_equal(reference.joint_velocity, 0.0)
     np.testing.assert_array_equal(reference.contact, 1.0)
-    assert reference.height == pytest.approx(specs.STANDING_HEIGHT, abs=1e-12)
+    assert reference.height == pytest.approx(bp2.STANDING_HEIGHT, abs=1e-12)
     nominal = kinematics.foot_position(np.zeros((4, 3)))[:, :2]
     np.testing.assert_allclose(soles(reference)[:, :2], nominal, atol=1e-12)
-    weight = specs.TOTAL_MASS * specs.GRAVITY
+    weight = bp2.TOTAL_MASS * conventions.GRAVITY
     np.testing.assert_allclose(
-        4 * reference.spring_compression * specs.SPRING_STIFFNESS, AXIAL_SHARE * weight, rtol=1e-12
+        4 * reference.spring_compression * bp2.SPRING_STIFFNESS, AXIAL_SHARE * weight, rtol=1e-12
     )
 
 
@@ -284,8 +286,8 @@ def test_joint_speeds_stay_inside_the_motors(speed, hip, knee):
     """Bounds just above what was found (docs/notes/kinematic_gait.md); the no-load speed is 21.4 rad/s."""
     peak = np.abs(sample([speed, 0.0, 0.0], np.linspace(0.0, 1.0, 2001)).joint_velocity).max(axis=(0, 1))
     assert peak[0] < 1e-9
-    assert peak[1] < hip < specs.NO_LOAD_SPEED
-    assert peak[2] < knee < specs.NO_LOAD_SPEED
+    assert peak[1] < hip < bp2.NO_LOAD_SPEED
+    assert peak[2] < knee < bp2.NO_LOAD_SPEED
 
 
 def test_single_precision_gives_the_same_motion():
@@ -316,11 +318,11 @@ def test_single_precision_gives_the_same_motion():
     ],
 )
 def test_other_hardware_is_within_its_own_reach(change):
-    hardware = dataclasses.replace(specs.IDEAL, **change)
+    hardware = IDEAL.changed(**change)
     gait = KinematicGait(hardware=hardware)
     reference = sample(COMMANDS, np.linspace(0.0, 1.0, 101)[:, None], gait)
     assert np.isfinite(reference.joint_velocity).all()
-    assert reference.joint_position[..., 2].max() < specs.KNEE_RANGE[1]
+    assert reference.joint_position[..., 2].max() < bp2.KNEE_RANGE[1]
     assert reference.spring_compression.max() < 1.25 * hardware.spring_travel
     clearance = soles(reference, hardware)[..., 2] + reference.height[..., None] - SOLE_CLEARANCE
     assert clearance.min() > -1e-12

@@ -18,7 +18,8 @@ import pytest
 
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.kinematic_trot import KinematicGait
-from bp2_rl.robot import actuator, model, specs
+from bp2_rl.robot import actuator, bp2, conventions, model
+from bp2_rl.robot.hardware import IDEAL
 
 GAIN, RATE_GAIN = 0.12, 0.04  # of the correction, per rad and per rad/s of error
 LEAD = 10  # physics steps by which a correction precedes the error that it answers
@@ -49,7 +50,7 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
     robot.opt.iterations, robot.opt.ls_iterations = 30, 20
     data = mujoco.MjData(robot)
     motors = actuator.Actuator.from_hardware(gait.hardware)
-    reference = sample_stride(gait, speed, specs.PHYSICS_STEP)
+    reference = sample_stride(gait, speed, conventions.PHYSICS_STEP)
     q_ref, qd_ref = reference.joint_position, reference.joint_velocity
     steps = len(q_ref)
 
@@ -64,9 +65,9 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
             data.qvel[:6] = speed, 0.0, reference.height_velocity[k], 0.0, 0.0, 0.0
             q, qd = data.qpos[model.MOTOR_QPOS], data.qvel[model.MOTOR_QVEL]
             error[k], error_rate[k] = q_ref[k] - q, qd_ref[k] - qd
-            if k % specs.SUBSTEPS == 0:
+            if k % conventions.SUBSTEPS == 0:
                 target, target_rate = q_ref[k] + offset[k], qd_ref[k]
-            torque = actuator.joint_torque(motors, torque, q, qd, target, target_rate, specs.PHYSICS_STEP)
+            torque = actuator.joint_torque(motors, torque, q, qd, target, target_rate, conventions.PHYSICS_STEP)
             data.ctrl[:] = torque
             mujoco.mj_step(robot, data)
             if stride >= STRIDES - MEASURED:
@@ -82,7 +83,7 @@ def run_on_rails(gait: KinematicGait, speed: float) -> Run:
     _, hip_speed, knee_speed = _peaks(qd)
     _, hip_torque, knee_torque = _peaks(tau)
     lift, thrust = force[:, 2].mean(), force[:, 0].mean()
-    weight = float(np.sum(robot.body_mass)) * specs.GRAVITY
+    weight = float(np.sum(robot.body_mass)) * conventions.GRAVITY
     return Run(
         position_error=_rms(e[:, LEGS]),
         velocity_error=_rms(ed[:, LEGS]),
@@ -129,14 +130,14 @@ def test_the_motors_can_follow_and_the_ground_bears_the_weight(speed):
     assert run.position_error < 0.01
     assert run.velocity_error < 1.8
     assert run.saturated < 0.001
-    assert max(run.hip_speed, run.knee_speed) < specs.NO_LOAD_SPEED
-    assert run.compression < specs.SPRING_TRAVEL
+    assert max(run.hip_speed, run.knee_speed) < bp2.NO_LOAD_SPEED
+    assert run.compression < bp2.SPRING_TRAVEL
     assert run.lift == pytest.approx(1.0, abs=0.04)
     assert run.thrust == pytest.approx(0.0, abs=0.06)
 
 
 def print_reference_speeds() -> None:
-    rigid = dataclasses.replace(specs.IDEAL, spring_stiffness=1e7)
+    rigid = dataclasses.replace(IDEAL, spring_stiffness=1e7)
     print("| m/s | period s | duty | hip | knee | abad (turning 2 rad/s) | hip, gentle landing | hip, rigid leg |")
     print("| ---: " * 8 + "|")
     for speed in (3.0, 6.0, 8.0, 10.0, 11.0, 13.0):

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bp2_rl.robot import actuator as act
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator
-from bp2_rl.robot.specs import HardwareSpec, Losses
+from bp2_rl.robot.hardware import HardwareSpec, Losses
 
 BP2_MOTOR = Actuator.from_hardware()
 STRAIGHT_LINE = Actuator.from_hardware(HardwareSpec(corner_speed=0.0))
@@ -76,13 +76,13 @@ def test_limits_at_the_points_that_define_them():
     ids=["corner at 14.7 rad/s: Fig. 5E", "straight back-EMF line"],
 )
 def test_peak_power(motor, power):
-    w = np.linspace(0.0, specs.NO_LOAD_SPEED, 20001)
+    w = np.linspace(0.0, bp2.NO_LOAD_SPEED, 20001)
     _, upper = act.torque_limits(motor, w)
     assert np.max(upper * w) == pytest.approx(power, rel=1e-3)  # the paper rounds the corner to 14.7
 
 
 def test_gear_trades_speed_for_torque():
-    motor = Actuator.from_hardware(HardwareSpec(gear_ratio=2 * specs.GEAR_RATIO))
+    motor = Actuator.from_hardware(HardwareSpec(gear_ratio=2 * bp2.GEAR_RATIO))
     assert motor.peak_torque == pytest.approx(240.0)
     assert (motor.corner_speed, motor.no_load_speed) == pytest.approx((7.35, 10.7))
 
@@ -128,7 +128,7 @@ def test_torque_rate_is_limited_both_ways():
 def test_the_envelope_wins_over_the_rate_limit():
     """A joint that outruns its motor loses its torque at once: the supply has no voltage left."""
     motor = Actuator.from_hardware(torque_rate=1000.0)
-    fast = np.array([specs.NO_LOAD_SPEED])
+    fast = np.array([bp2.NO_LOAD_SPEED])
     torque = act.joint_torque(motor, np.array([120.0]), np.zeros(1), fast, np.array([1.0]), fast, 1e-3)
     np.testing.assert_allclose(torque, 0.0, atol=1e-9)
 

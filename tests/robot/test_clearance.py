@@ -6,20 +6,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.clearance import clearance, segment_distance
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.robot.model import FOOT_GEOMS, MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, TRUNK_GEOMS, let_converge, load_model
-from bp2_rl.robot.specs import LEGS, HardwareSpec
 
-SOLID = HardwareSpec(solid_legs=True, hind_track=0.26, leg_length=0.36)
+SOLID = IDEAL.changed(solid_legs=True, hind_track=0.26, leg_length=0.36)
 FAR = 10.0  # m, up to which MuJoCo measures
 
 
 def postures(number: int, hardware: HardwareSpec = SOLID) -> tuple[np.ndarray, np.ndarray]:
     """Joint angles all over their ranges, and compressions from topped out to on the stop: from apart to crossed."""
     rng = np.random.default_rng(0)
-    ranges = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE])
+    ranges = np.array([bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE])
     joints = rng.uniform(ranges[:, 0], ranges[:, 1], (number, 4, 3))
     return joints, rng.uniform(-0.01, hardware.spring_travel + 0.01, (number, 4))
 

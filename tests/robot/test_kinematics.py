@@ -10,10 +10,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bp2_rl.robot import kinematics, model, specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, kinematics, model
+from bp2_rl.robot.hardware import IDEAL
 
-RANGES = np.array([specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE])
+RANGES = np.array([bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE])
 
 
 def legs(limits):
@@ -21,13 +21,13 @@ def legs(limits):
 
 
 @st.composite
-def postures(draw, leg_length=specs.THIGH_LENGTH):
+def postures(draw, leg_length=bp2.THIGH_LENGTH):
     """Joint angles within their ranges, soles below the hip axes, and spring compressions within their travel."""
     joints = np.stack([draw(legs(limits)) for limits in RANGES], axis=-1)
-    compression = draw(legs((0.0, specs.SPRING_TRAVEL)))
+    compression = draw(legs((0.0, bp2.SPRING_TRAVEL)))
     hip, shin = joints[:, 1], joints[:, 1] + joints[:, 2]
     drop = leg_length * np.cos(hip) + (leg_length - compression) * np.cos(shin)
-    joints[drop < 0.01] = 0.0, specs.STAND_HIP, specs.STAND_KNEE
+    joints[drop < 0.01] = 0.0, bp2.STAND_HIP, bp2.STAND_KNEE
     return joints, compression
 
 
@@ -49,16 +49,16 @@ def test_positive_angles_swing_the_leg_the_documented_way():
 
 def test_compression_shortens_the_leg():
     compression = np.array([0.0, 0.01, 0.05, 0.13])
-    feet = kinematics.foot_position(np.zeros((4, 3)), compression, HardwareSpec(leg_length=0.4))
+    feet = kinematics.foot_position(np.zeros((4, 3)), compression, IDEAL.changed(leg_length=0.4))
     assert feet[:, 2] == pytest.approx(-0.8 + compression, abs=1e-15)
 
 
-@pytest.mark.parametrize("leg_length", [0.30, specs.THIGH_LENGTH, 0.45])
+@pytest.mark.parametrize("leg_length", [0.30, bp2.THIGH_LENGTH, 0.45])
 @given(data=st.data())
 def test_joint_angles_invert_foot_positions(leg_length, data):
     """Float64; 1e-9 rad because the knee loses digits towards its straight end (cosine 0.995)."""
     joints, compression = data.draw(postures(leg_length))
-    hardware = HardwareSpec(leg_length=leg_length)
+    hardware = IDEAL.changed(leg_length=leg_length)
     feet = kinematics.foot_position(joints, compression, hardware)
     found = kinematics.joint_angles(feet, compression, hardware)
     np.testing.assert_allclose(found, joints, rtol=0, atol=1e-9)
@@ -80,7 +80,7 @@ def test_foot_positions_invert_joint_angles(posture):
 def test_jax_and_numpy_agree():
     rng = np.random.default_rng(0)
     joints = rng.uniform(RANGES[:, 0], RANGES[:, 1], (1000, 4, 3)).astype(np.float32)
-    compression = rng.uniform(0.0, specs.SPRING_TRAVEL, (1000, 4)).astype(np.float32)
+    compression = rng.uniform(0.0, bp2.SPRING_TRAVEL, (1000, 4)).astype(np.float32)
     feet = kinematics.foot_position(joints, compression)
     np.testing.assert_allclose(
         jax.jit(kinematics.foot_position)(jnp.asarray(joints), jnp.asarray(compression)), feet, atol=1e-6
@@ -94,7 +94,7 @@ def test_jax_and_numpy_agree():
 def test_soles_are_where_mujoco_has_them(seed, robot):
     rng = np.random.default_rng(seed)
     joints = rng.uniform(RANGES[:, 0], RANGES[:, 1], (4, 3))
-    compression = rng.uniform(0.0, specs.SPRING_TRAVEL, 4)
+    compression = rng.uniform(0.0, bp2.SPRING_TRAVEL, 4)
     data = mujoco.MjData(robot)
     data.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     data.qpos[model.MOTOR_QPOS], data.qpos[model.SPRING_QPOS] = joints.ravel(), compression
@@ -124,7 +124,7 @@ def _angles_and_gradient(feet, compression):
 
 def test_a_foot_out_of_reach_is_met_in_direction():
     feet = kinematics.leg_origins() + np.array([0.0, 0.0, -2.0])
-    feet[:, 1] += kinematics.SIDE * specs.THIGH_LATERAL
+    feet[:, 1] += IDEAL.anatomy.geometry.lateral
     feet[:, 0] += [2.0, 1.0, -1.0, 0.0]
     found = kinematics.foot_position(kinematics.joint_angles(feet)) - kinematics.leg_origins()
     np.testing.assert_allclose(found[:, 0] / found[:, 2], [-1.0, -0.5, 0.5, 0.0], atol=1e-9)
@@ -138,7 +138,7 @@ def test_reach_bounds_every_posture_within_the_knee_range(posture):
     for leg in range(4):
         nearest, farthest = kinematics.reach(compression[leg])
         assert nearest - 1e-12 <= extension[leg] <= farthest + 1e-12
-    straight = np.tile([0.3, 0.2, specs.KNEE_RANGE[1]], (4, 1))
+    straight = np.tile([0.3, 0.2, bp2.KNEE_RANGE[1]], (4, 1))
     assert leg_extension(kinematics.foot_position(straight)) == pytest.approx(kinematics.reach()[1])
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bp2_rl.robot import losses, specs
+from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import (
     Actuator,
     bus_power,
@@ -18,9 +18,9 @@ from bp2_rl.robot.actuator import (
     stall_torque,
     torque_limits,
 )
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
 from bp2_rl.robot.losses import Resistance, generalized, loss
 from bp2_rl.robot.model import SPRING_QVEL, load_model
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec, Losses
 
 STANDING = np.r_[0.0, 0.0, 0.6, 1.0, 0.0, 0.0, 0.0, np.tile([0.0, 0.6, -1.2, 0.01], 4)]
 STILL, NO_TORQUE = np.zeros(22), np.zeros(12)
@@ -53,7 +53,7 @@ def test_drag_is_half_rho_cda_v_squared_against_the_relative_wind():
     found = loss(air, STANDING, qvel, NO_TORQUE).air
     speed = math.hypot(13.0, 4.0)
     np.testing.assert_allclose(found, [-0.12 * speed * 13.0, -0.12 * speed * 4.0, 0.0], rtol=1e-12)
-    assert generalized(loss(air, STANDING, qvel, NO_TORQUE))[:3] == pytest.approx(found)
+    assert generalized(loss(air, STANDING, qvel, NO_TORQUE), qvel)[:3] == pytest.approx(found)
 
 
 def test_joints_rub_by_coulomb_and_viscosity_against_their_motion():
@@ -68,7 +68,7 @@ def test_friction_never_turns_a_rotor_round_within_a_step(speed):
     """Nothing a joint moves is lighter than its rotor."""
     rub = resist(Losses(joint_friction=50.0, gear_efficiency=0.5))
     found = loss(rub, STANDING, joint_rates(np.full(12, speed)), np.full(12, 100.0))
-    after = speed + specs.PHYSICS_STEP * (found.joint + found.gear) / IDEAL.reflected_inertia
+    after = speed + conventions.PHYSICS_STEP * (found.joint + found.gear) / IDEAL.reflected_inertia
     assert np.all(after * speed >= -1e-12)
     assert np.all(np.abs(after) <= abs(speed))
 
@@ -116,7 +116,7 @@ def test_slides_rub_and_the_rebound_stop_damps_only_where_it_is_met():
 )
 def test_a_slide_at_rest_stays_at_rest_whatever_hangs_on_it(change):
     """Without gravity, from a rate of 0.05 m/s in every leg; the legs' postures are drawn over the joints' ranges."""
-    hardware = dataclasses.replace(BUILT, **change)
+    hardware = BUILT.changed(**change)
     resistance = Resistance.from_hardware(hardware)
     assert resistance is not None
     model = load_model(hardware, visual=False)
@@ -131,7 +131,7 @@ def test_a_slide_at_rest_stays_at_rest_whatever_hangs_on_it(change):
         mujoco.mj_solveM(model, data, answer, unit)
         mobility = answer[np.arange(4), SPRING_QVEL]
         # Half of what would turn it round for ever: a step that is stable, with every slide rubbing at once.
-        assert np.all(resistance.spring_hold * specs.PHYSICS_STEP * mobility < 1.5)
+        assert np.all(resistance.spring_hold * conventions.PHYSICS_STEP * mobility < 1.5)
 
 
 def test_numpy_and_jax_lose_the_same():
@@ -141,8 +141,8 @@ def test_numpy_and_jax_lose_the_same():
     torque = rng.normal(0.0, 60.0, (7, 12))
     resistance = Resistance.from_hardware(BUILT)
     assert resistance is not None
-    ours = generalized(loss(resistance, qpos, qvel, torque))
-    theirs = generalized(loss(resistance, jnp.asarray(qpos), jnp.asarray(qvel), jnp.asarray(torque)))
+    ours = generalized(loss(resistance, qpos, qvel, torque), qvel)
+    theirs = generalized(loss(resistance, jnp.asarray(qpos), jnp.asarray(qvel), jnp.asarray(torque)), jnp.asarray(qvel))
     np.testing.assert_allclose(theirs, ours, rtol=1e-4, atol=1e-3)  # float32
     assert np.all(np.sum(ours * qvel, axis=-1) < 0.0)  # all of it against the motion
 

@@ -12,7 +12,9 @@ from mujoco import mjx
 from bp2_rl.base import assets
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot import actuator as act
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.robot.model import (
     FOOT_GEOMS,
@@ -27,7 +29,6 @@ from bp2_rl.robot.model import (
     load_model,
     load_spec,
 )
-from bp2_rl.robot.specs import LEGS, MOTOR_NAMES, HardwareSpec
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def standing() -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
     model = converged(load_model())
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
-    target, torque = np.array(specs.STAND_JOINTS), np.zeros(12)
+    target, torque = np.array(bp2.STAND_JOINTS), np.zeros(12)
     for _ in range(3000):
         q, qd = data.qpos[MOTOR_QPOS], data.qvel[MOTOR_QVEL]
         torque = data.ctrl[:] = act.joint_torque(MOTOR, torque, q, qd, target, np.zeros(12), DT)
@@ -89,7 +90,7 @@ def legless(spec: mujoco.MjSpec) -> np.ndarray:
 
 def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
     inertia = legless(mujoco.MjSpec.from_file(str(asset_path("bp2_mjcf/bp2.xml"))))
-    assert inertia[4, 4] == pytest.approx(specs.TRUNK_PITCH_INERTIA, rel=1e-9)
+    assert inertia[4, 4] == pytest.approx(bp2.TRUNK_PITCH_INERTIA, rel=1e-9)
     assert inertia[4, 4] == pytest.approx(1.94, abs=0.005)
 
 
@@ -97,10 +98,10 @@ def test_trunk_pitch_inertia_is_four_quarters_about_the_centre():
     "change", [{"thigh_mass": 3.0, "toe_mass": 0.2}, {"trunk_inertia": 0.5}, {"thigh_mass": 1.0, "trunk_inertia": 40.0}]
 )
 def test_a_changed_trunks_inertia_is_the_planar_models(change):
-    hardware = HardwareSpec(**change)
+    hardware = IDEAL.changed(**change)
     inertia = legless(load_spec(hardware))
-    assert inertia[4, 4] == pytest.approx(hardware.trunk_pitch_inertia, rel=1e-9)
-    assert inertia[0, 0] == pytest.approx(4.0 * hardware.trunk_quarter_mass, rel=1e-9)
+    assert inertia[4, 4] == pytest.approx(hardware.bp2.trunk_pitch_inertia, rel=1e-9)
+    assert inertia[0, 0] == pytest.approx(4.0 * hardware.bp2.trunk_quarter_mass, rel=1e-9)
 
 
 def test_front_track_is_wider_than_the_hind():
@@ -122,17 +123,17 @@ def test_only_feet_and_trunk_collide_and_only_with_the_floor():
 
 
 def test_keyframe_stand_has_its_soles_on_the_floor_and_run_is_in_flight():
-    for hardware in (HardwareSpec(), HardwareSpec(leg_length=0.33)):
+    for hardware in (HardwareSpec(), IDEAL.changed(leg_length=0.33)):
         model = load_model(hardware)
         data = mujoco.MjData(model)
         feet = foot_geom_ids(model)
         mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
         mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(data.geom_xpos[feet, 2], specs.FOOT_RADIUS, atol=1e-3)
-        np.testing.assert_allclose(data.qpos[MOTOR_QPOS], specs.STAND_JOINTS, atol=1e-12)
+        np.testing.assert_allclose(data.geom_xpos[feet, 2], bp2.FOOT_RADIUS, atol=1e-3)
+        np.testing.assert_allclose(data.qpos[MOTOR_QPOS], bp2.STAND_JOINTS, atol=1e-12)
         mujoco.mj_resetDataKeyframe(model, data, model.key("run").id)
         mujoco.mj_kinematics(model, data)
-        assert data.geom_xpos[feet, 2].min() > specs.FOOT_RADIUS + 0.02
+        assert data.geom_xpos[feet, 2].min() > bp2.FOOT_RADIUS + 0.02
         assert data.qvel[0] == 10.0
 
 
@@ -146,7 +147,7 @@ def test_sensors_measure_the_imu_and_the_joints():
     np.testing.assert_allclose(data.sensor("imu_gyro").data, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(data.sensor("imu_quat").data, [1, 0, 0, 0])
     np.testing.assert_allclose(data.sensor("imu_accelerometer").data, data.qacc[:3] + np.array([0, 0, 9.81]), atol=1e-9)
-    for name, q in zip(MOTOR_NAMES, specs.STAND_JOINTS, strict=True):
+    for name, q in zip(MOTOR_NAMES, bp2.STAND_JOINTS, strict=True):
         assert data.sensor(f"{name}_pos").data[0] == q
 
 
@@ -155,14 +156,14 @@ def test_sensors_measure_the_imu_and_the_joints():
 
 def test_settles_at_its_standing_height(standing):
     _, data, _ = standing
-    assert data.qpos[2] == pytest.approx(specs.STANDING_HEIGHT, abs=0.015)
+    assert data.qpos[2] == pytest.approx(bp2.STANDING_HEIGHT, abs=0.015)
     assert abs(data.qvel).max() < 0.05
     assert data.qpos[3] > 0.9999
 
 
 def test_floor_carries_the_weight_at_rest(standing):
     model, _, forces = standing
-    assert forces[:, 2].sum() == pytest.approx(mujoco.mj_getTotalmass(model) * specs.GRAVITY, rel=1e-2)
+    assert forces[:, 2].sum() == pytest.approx(mujoco.mj_getTotalmass(model) * conventions.GRAVITY, rel=1e-2)
 
 
 def test_springs_carry_the_axial_part_of_the_foot_force_at_rest(standing):
@@ -170,8 +171,8 @@ def test_springs_carry_the_axial_part_of_the_foot_force_at_rest(standing):
     model, data, forces = standing
     for i, leg in enumerate(LEGS):
         axis = data.body(f"{leg}_toe").xmat.reshape(3, 3)[:, 2]
-        toe_weight = model.body(f"{leg}_toe").mass[0] * specs.GRAVITY * axis[2]
-        spring_force = specs.SPRING_STIFFNESS * data.qpos[SPRING_QPOS[i]]
+        toe_weight = model.body(f"{leg}_toe").mass[0] * conventions.GRAVITY * axis[2]
+        spring_force = bp2.SPRING_STIFFNESS * data.qpos[SPRING_QPOS[i]]
         assert spring_force == pytest.approx(forces[i] @ axis - toe_weight, rel=0.02)
         assert spring_force == pytest.approx(forces[i] @ axis, rel=0.07)  # the toe weighs 6 % of a standing leg's load
 
@@ -249,7 +250,7 @@ def test_mjx_and_mujoco_agree_on_a_touchdown_at_10_m_per_s(feet_only):
     start = landing(robots=16)
     on_mjx = land_on_mjx(load_model(visual=False, feet_only=feet_only), start)
     on_mujoco = land_on_mujoco(converged(load_model(visual=False)), start)
-    depth = specs.FOOT_RADIUS - on_mujoco[:, :, 1:, 2]
+    depth = bp2.FOOT_RADIUS - on_mujoco[:, :, 1:, 2]
     assert (depth.max(axis=1) > 0.0).mean() > 0.9  # nearly every foot lands, one diagonal after the other
     np.testing.assert_allclose(on_mjx, on_mujoco, atol=1e-4, rtol=0)
 
@@ -279,7 +280,7 @@ def test_touchdown_softness(softness, sinks, pushes):
     depth, force = [], []
     for _ in range(50):
         mujoco.mj_step(model, data)
-        depth.append(specs.FOOT_RADIUS - data.geom_xpos[feet, 2].min())
+        depth.append(bp2.FOOT_RADIUS - data.geom_xpos[feet, 2].min())
         force.append(foot_forces(model, data)[:, 2].max())
     assert max(depth) == pytest.approx(sinks, rel=0.05)
     assert max(force) == pytest.approx(pushes, rel=0.05)
@@ -297,12 +298,12 @@ def test_loaded_feet_creep_slowly():
     data.qpos[SPRING_QPOS] = 0.1
     velocity, depth, forces = [], [], []
     for i in range(3000):
-        weight = mujoco.mj_getTotalmass(model) * specs.GRAVITY
+        weight = mujoco.mj_getTotalmass(model) * conventions.GRAVITY
         data.xfrc_applied[1] = [4 * 300.0, 0, weight - 4 * 700.0, 0, -4 * 300.0 * data.qpos[2], 0]
         mujoco.mj_step(model, data)
         if i >= 2000:
             velocity.append(data.qvel[0])
-            depth.append(specs.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].mean())
+            depth.append(bp2.FOOT_RADIUS - data.geom_xpos[foot_geom_ids(model), 2].mean())
             forces.append(foot_forces(model, data))
     np.testing.assert_allclose(np.mean(forces, axis=(0, 1))[[0, 2]], [-300.0, 700.0], rtol=0.02)
     assert 0.0 < np.mean(velocity) < 0.2
@@ -313,7 +314,7 @@ def test_loaded_feet_creep_slowly():
 
 
 def test_changed_hardware_changes_the_robot():
-    changed = HardwareSpec(
+    changed = IDEAL.changed(
         gear_ratio=9.0,
         leg_length=0.33,
         spring_stiffness=5000.0,
@@ -339,7 +340,7 @@ def test_changed_hardware_changes_the_robot():
 
 def test_mass_moves_between_trunk_and_legs():
     """And inertias with it; the whole weighs what it did."""
-    model, published = load_model(HardwareSpec(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)), load_model()
+    model, published = load_model(IDEAL.changed(thigh_mass=4.4, toe_mass=0.25, trunk_inertia=2.0)), load_model()
     assert np.sum(model.body_mass) == pytest.approx(np.sum(published.body_mass), rel=1e-12)
     for body in range(1, model.nbody):
         name = model.body(body).name
@@ -352,7 +353,7 @@ def test_mass_moves_between_trunk_and_legs():
 
 
 def test_soles_are_where_the_kinematics_say():
-    hardware = HardwareSpec(leg_length=0.37, fore_track=0.40, hind_track=0.26)
+    hardware = IDEAL.changed(leg_length=0.37, fore_track=0.40, hind_track=0.26)
     model = load_model(hardware)
     data = mujoco.MjData(model)
     data.qpos[:3] = 0.0

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.robot.specs import ROBOTS
+from bp2_rl.robot.hardware import ROBOTS
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.presets.rewards import PAPER
 from bp2_rl.settings.presets.robots import on_robot, ranges_of
@@ -30,7 +30,7 @@ def test_a_preset_has_the_stage_the_robot_and_the_rewards_that_are_asked_for(sta
     config = make_config(stage, preset, weights, robot)
     assert config.stage == stage
     assert config.env.hardware == ROBOTS[robot]
-    assert config.env.randomization.losses == ranges_of(robot).losses
+    assert config.env.randomization.losses == ranges_of(ROBOTS[robot]).losses
     assert (config.env.reward == PAPER[stage]) == (weights == "paper")
     others = make_config(stage, preset, "paper" if weights == "ours" else "ours", robot)
     assert config.env.reward != others.env.reward
@@ -58,4 +58,4 @@ def test_the_gpu_preset_launches_alike_in_both_stages():
 def test_a_relaxed_training_draws_what_its_robot_is_drawn_from_elsewhere():
     for robot in ROBOTS:
         env = make_config("relaxed", "gpu", robot=robot).env
-        assert on_robot(make_config("relaxed", "gpu").env, robot) == env
+        assert on_robot(make_config("relaxed", "gpu").env, ROBOTS[robot]) == env

@@ -10,8 +10,8 @@ from runs import no_action, run_one
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot.actuator import bus_power, torque_limits
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.account import CAUSES, account, before_contact, beyond_envelope, replay
 from bp2_rl.simulation.schedule import Ramp

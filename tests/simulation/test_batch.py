@@ -9,7 +9,7 @@ from runs import kick, no_action, run_one
 
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Controller
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation import policy_runner, simulator
 from bp2_rl.simulation.batch import rollout_batch
@@ -47,7 +47,7 @@ def test_a_robot_as_designed_runs_as_it_does_alone(alone):
     assert fleet.steady_from == pytest.approx(1.0 / 2.4)
     np.testing.assert_allclose(fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time])
     assert {name: float(values[0]) for name, values in fleet.robots.items()} == pytest.approx(
-        {"friction": specs.FOOT_FRICTION, "latency": 0.0, "mass": alone.mass, "strength": 1.0}
+        {"friction": bp2.FOOT_FRICTION, "latency": 0.0, "mass": alone.mass, "strength": 1.0}
     )
 
 
@@ -67,9 +67,9 @@ def test_fallen_robots_are_known_by_the_time_of_their_fall(falling):
 def test_robots_are_drawn_from_the_ranges_of_training(falling):
     drawn = RandomizationConfig()
     for name, low, high in (
-        ("friction", *(specs.FOOT_FRICTION * factor for factor in drawn.friction)),
+        ("friction", *(bp2.FOOT_FRICTION * factor for factor in drawn.friction)),
         ("latency", *drawn.latency),
-        ("mass", *(specs.TOTAL_MASS * factor for factor in drawn.mass)),
+        ("mass", *(bp2.TOTAL_MASS * factor for factor in drawn.mass)),
         ("strength", *drawn.strength),
     ):
         values = falling.robots[name]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import MOTOR_QVEL
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.simulation import gait, metrics
 from bp2_rl.simulation.metrics import RunMetrics, measure
 
@@ -119,7 +119,7 @@ def test_power_of_torque_and_speed_in_phase(make_run):
     assert m.mechanical_power == pytest.approx(torque * speed / 2, rel=1e-6)
     copper = torque**2 / 2 * 21.4 / STALL_TORQUE
     assert m.electrical_power == pytest.approx(torque * speed / 2 + copper, rel=1e-6)
-    weight_speed = 36.0 * specs.GRAVITY * 5.0
+    weight_speed = 36.0 * conventions.GRAVITY * 5.0
     assert m.mechanical_cost_of_transport == pytest.approx(torque * speed / 2 / weight_speed, rel=1e-6)
     assert m.electrical_cost_of_transport == pytest.approx((torque * speed / 2 + copper) / weight_speed, rel=1e-6)
     motor = m.motors[4]
@@ -222,7 +222,7 @@ def test_left_and_right_are_half_a_cycle_apart_and_push_alike(make_run):
 
 def test_contact_needs_more_force_to_begin_than_to_last(make_run):
     run = make_run(duration=0.4)
-    weight = 36.0 * specs.GRAVITY
+    weight = 36.0 * conventions.GRAVITY
     force = np.zeros((400, 4, 3))
     force[50:, :, 2] = 0.04 * weight  # between the thresholds: not yet
     force[150:, :, 2] = 0.5 * weight  # on the ground
@@ -234,7 +234,7 @@ def test_contact_needs_more_force_to_begin_than_to_last(make_run):
 
 def test_a_standing_robot_has_duty_one_and_no_stride(make_run):
     force = np.zeros((8000, 4, 3))
-    force[:, :, 2] = 36.0 * specs.GRAVITY / 4
+    force[:, :, 2] = 36.0 * conventions.GRAVITY / 4
     m = measure(make_run(foot_force=force))
     assert [leg.duty_factor for leg in m.legs] == [1.0] * 4
     assert [leg.stride_frequency for leg in m.legs] == [None] * 4

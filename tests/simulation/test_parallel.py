@@ -7,7 +7,7 @@ import signal
 
 import numpy as np
 
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.simulation import parallel, policy_runner
 from bp2_rl.simulation.parallel import in_parallel, keep_workers, shares_of, simulate_all
 from bp2_rl.simulation.rollout import RunRequest

@@ -13,9 +13,11 @@ from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.actuator import joint_torque
+from bp2_rl.robot.bp2 import STAND_JOINTS
+from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.hardware import HardwareSpec, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
-from bp2_rl.robot.specs import GRAVITY, STAND_JOINTS, HardwareSpec, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
 from bp2_rl.simulation.metrics import envelope_use, measure
 from bp2_rl.simulation.operator import HeadingHold

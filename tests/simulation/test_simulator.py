@@ -7,8 +7,9 @@ import pytest
 from plain_simulation import PlainRobot, plain_run
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.robot.bp2 import STAND_JOINTS
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QVEL
-from bp2_rl.robot.specs import BUILT, IDEAL, STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate

@@ -7,7 +7,7 @@ import pytest
 from damage import flipped_bits, strange_json
 
 from bp2_rl.base.files import write_npz
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.trajectory import Trajectory, TrajectoryError
 
 

@@ -11,9 +11,11 @@ from runs import no_action, run_one
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.observations import sense
+from bp2_rl.robot.bp2 import STAND_JOINTS
+from bp2_rl.robot.conventions import GRAVITY
+from bp2_rl.robot.hardware import IDEAL, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import GRAVITY, IDEAL, STAND_JOINTS, Losses
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp

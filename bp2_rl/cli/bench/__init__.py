@@ -11,10 +11,9 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
 from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, TrainConfig
+from bp2_rl.settings.training import Preset, RobotChoice, TrainConfig
 
 Size = Annotated[int, Within(1, 2**24)]
 OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
@@ -30,7 +29,7 @@ class BenchArguments(Bounded, path="--"):
 
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu"""
-    robot: RobotName | None = None
+    robot: RobotChoice | None = None
     """which is simulated, as for train.py; by default built"""
     impl: Impl = "jax"
     """the physics' implementation, as for train.py"""

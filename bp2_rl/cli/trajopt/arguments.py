@@ -9,7 +9,8 @@ import tyro
 
 from bp2_rl.base.bounds import Within
 from bp2_rl.cli import app
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.named import find_robot
+from bp2_rl.settings.training import RobotChoice
 
 Command = TypeVar("Command")
 
@@ -18,7 +19,7 @@ Flat = tyro.conf.arg(name="")
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 Workers = Annotated[int, Within(1, 256)]
 Robot = Annotated[
-    RobotName,
+    RobotChoice,
     tyro.conf.arg(
         help="whose hardware holds where no --hardware flag says otherwise; the model in the plane has no solid legs, "
         "no soft ground, no lag and no latency"
@@ -34,6 +35,6 @@ class _Named:
 def parse_on_robot(arguments: type[Command], argv: Sequence[str] | None, prog: str) -> Command:
     """The arguments of a command with a `problem`, on the robot that `--robot` names where no flag says otherwise."""
     default: Any = arguments()
-    robot = ROBOTS[app.parse(_Named, argv, prog, part=True).robot]
+    robot = find_robot(app.parse(_Named, argv, prog, part=True).robot)
     problem = dataclasses.replace(default.problem, hardware=robot)
     return app.parse(arguments, argv, prog, dataclasses.replace(default, problem=problem))

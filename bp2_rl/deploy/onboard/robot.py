@@ -72,5 +72,5 @@ class SimulatedRobot:
         q, qd = data.qpos[self._q], data.qvel[self._qd]
         data.ctrl[:] = joint_torque(self.motors, data.ctrl.copy(), q, qd, position, velocity, DT)
         if self.resistance is not None:
-            data.qfrc_applied[:] = generalized(loss(self.resistance, data.qpos, data.qvel, data.ctrl))
+            data.qfrc_applied[:] = generalized(loss(self.resistance, data.qpos, data.qvel, data.ctrl), data.qvel)
         mujoco.mj_step(self.model, data)

@@ -17,12 +17,14 @@ from jaxtyping import Array, Float, Int
 
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 
 
 def target_ages(targets: int) -> Float[np.ndarray, "5 targets"]:
     """Return how long ago each of the last targets was issued when a physics step begins, s, newest first."""
-    return np.add.outer(specs.PHYSICS_STEP * np.arange(specs.SUBSTEPS), specs.CONTROL_STEP * np.arange(targets))
+    return np.add.outer(
+        conventions.PHYSICS_STEP * np.arange(conventions.SUBSTEPS), conventions.CONTROL_STEP * np.arange(targets)
+    )
 
 
 TARGET_AGES = target_ages(3)

@@ -12,12 +12,13 @@ from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import losses, specs
+from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.coordinates import joint_positions, joint_velocities, with_legs
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.step import MuJoCoState, step
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
+from bp2_rl.robot.model import foot_geom_ids
 
 
 class KernelPhysics:
@@ -34,6 +35,7 @@ class KernelPhysics:
 
     def __init__(self, model: mujoco.MjModel, motors: Actuator, resistance: Resistance | None):
         self.design = Design.of(model)
+        self._foot_radius = model.geom_size[foot_geom_ids(model), 0]
         self.motors, self.resistance = motors, resistance
         self._one = custom_vmap(self._single)
         self._one.def_vmap(self._batched)
@@ -76,11 +78,13 @@ class KernelPhysics:
             now = newest_active(ages, robot.latency)
             issued = jax.tree.map(lambda x: _choose(now, x), history)
             qpos, qvel = state.moving.qpos.T, state.moving.qvel.T
-            q, qd = qpos[:, MOTOR_QPOS], qvel[:, MOTOR_QVEL]
-            torque = joint_torque(motors, state.torque, q, qd, issued.position, issued.velocity, specs.PHYSICS_STEP)
-            applied = _of_the_motors(torque)
+            q, qd = joint_positions(qpos), joint_velocities(qvel)
+            torque = joint_torque(
+                motors, state.torque, q, qd, issued.position, issued.velocity, conventions.PHYSICS_STEP
+            )
+            applied = with_legs(jnp.zeros_like(qvel), torque, jnp.zeros_like(torque[:, :4]))
             if resistance is not None:
-                applied += losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+                applied += losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
             moving, heights = step(robots, state.moving, applied.T)
             return _State(moving, torque), (torque, torque * qd, heights)
 
@@ -88,7 +92,7 @@ class KernelPhysics:
         after, (torques, powers, heights) = jax.lax.scan(
             physics_step, _State(before, physics.torque), jnp.asarray(TARGET_AGES)
         )
-        touching = (heights[-1].T <= specs.FOOT_RADIUS).astype(jnp.float32)
+        touching = (self._foot_radius >= heights[-1].T).astype(jnp.float32)
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         moved = jax.tree.map(lambda x: x.T, after.moving)
         return Physics(*moved, torque=after.torque, targets=remembered), effort, touching
@@ -107,9 +111,3 @@ def _choose(which: Array, among: Float[Array, "N 3 12"]) -> Float[Array, "N 12"]
     for i in reversed(range(among.shape[1] - 1)):
         chosen = jnp.where((which == i)[:, None], among[:, i], chosen)
     return chosen
-
-
-def _of_the_motors(torque: Float[Array, "N 12"]) -> Float[Array, "N 22"]:
-    """Return the motors' torques as forces on MuJoCo's coordinates."""
-    legs = jnp.pad(torque.reshape(-1, 4, 3), ((0, 0), (0, 0), (0, 1)))
-    return jnp.pad(legs.reshape(-1, 16), ((0, 0), (6, 0)))

@@ -13,11 +13,12 @@ from bp2_rl.env import randomization
 from bp2_rl.env.controller import Targets
 from bp2_rl.env.physics.interface import TARGET_AGES, Effort, Physics, newest_active, target_history
 from bp2_rl.env.randomization import Randomization
-from bp2_rl.robot import losses, specs
+from bp2_rl.robot import conventions, losses
 from bp2_rl.robot.actuator import Actuator, joint_torque
+from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.mjx import mjx
-from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_geom_ids
+from bp2_rl.robot.model import foot_geom_ids
 
 SOLVER_LIMITS = 1 << 9 | 1 << 10
 """MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS, without importing what only the extra `warp` brings."""
@@ -63,6 +64,7 @@ class MjxPhysics:
         self.motors, self.resistance = motors, resistance
         self._trunk = int(model.body("trunk").id)
         self._feet = foot_geom_ids(model)
+        self._foot_radius = model.geom_size[self._feet, 0]
 
     def __call__(
         self, physics: Physics, targets: Targets, robot: Randomization
@@ -79,12 +81,12 @@ class MjxPhysics:
             after, height = self.physics_step(
                 model, motors, resistance, state, Targets(history.position[now], history.velocity[now])
             )
-            torque, qd = after.torque, state.qvel[MOTOR_QVEL]
+            torque, qd = after.torque, joint_velocities(state.qvel)
             return after, (torque, torque * qd, height)
 
         before = Remembered(physics.qpos, physics.qvel, physics.qacc_warmstart, physics.torque)
         after, (torques, powers, heights) = jax.lax.scan(substep, before, jnp.asarray(TARGET_AGES))
-        touching = heights[-1] <= specs.FOOT_RADIUS
+        touching = heights[-1] <= self._foot_radius
         effort = Effort(torque=jnp.mean(torques, axis=0), power=jnp.mean(powers, axis=0))
         return Physics(*after, targets=remembered), effort, touching.astype(jnp.float32)
 
@@ -93,11 +95,11 @@ class MjxPhysics:
     ) -> tuple[Remembered, Float[Array, "4"]]:
         """Take one physics step; return the state afterwards and the heights of the feet's centres, m."""
         qpos, qvel, warmstart, torque = state
-        q, qd = qpos[MOTOR_QPOS], qvel[MOTOR_QVEL]
-        torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, specs.PHYSICS_STEP)
+        q, qd = joint_positions(qpos), joint_velocities(qvel)
+        torque = joint_torque(motors, torque, q, qd, targets.position, targets.velocity, conventions.PHYSICS_STEP)
         data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=torque)
         if resistance is not None:
-            data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque)))
+            data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel))
         data = mjx.step(model, data)
         return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
 
@@ -111,7 +113,7 @@ def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robo
         raise not_installed("--impl warp", "warp-lang", "warp", ", or use --impl jax")
     if jax.default_backend() != "gpu":
         raise UserError(f"--impl warp needs an NVIDIA GPU, and JAX sees only {jax.default_backend()}: use --impl jax")
-    feet, limits = len(specs.LEGS), specs.NUM_MOTORS
+    feet, limits = len(conventions.LEGS), conventions.NUM_MOTORS
     rows = 4 * feet + limits  # a pyramidal contact has four
     data = mjx.make_data(model, impl="warp", device=device, naconmax=num_robots * feet, njmax=rows)
     device_model: Any = mjx.put_model(model, impl="warp", device=device)

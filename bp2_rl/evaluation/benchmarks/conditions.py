@@ -5,11 +5,14 @@ import math
 import jax
 import mujoco
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import EASE
-from bp2_rl.robot.specs import BUILT, IDEAL, ROBOTS, HardwareSpec, robot_name
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
@@ -47,7 +50,10 @@ def robot_of(policy: Policy, setup: Setup) -> HardwareSpec:
     own = policy.card.env.hardware
     if setup.robot is None:
         return BUILT if robot_name(own) else own
-    return ROBOTS[setup.robot]
+    chosen = find_robot(setup.robot)
+    if chosen.anatomy.name != own.anatomy.name:
+        raise UserError(f"--robot {setup.robot}: the policy was trained for {own.anatomy.name}, another robot")
+    return chosen
 
 
 def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> dict[str, str]:
@@ -76,7 +82,7 @@ def describe(policy: Policy) -> str:
 def describe_subject(policy: Policy, setup: Setup) -> str:
     """Return what runs, for titles: without the commanded speed, which a reader would take for the speed run."""
     noisy = ", noisy sensors" if setup.sensor_noise else ""
-    return f"{policy.card.stage} policy, {robot_name(robot_of(policy, setup)) or UNNAMED} robot{noisy}"
+    return f"{policy.card.stage} policy, {title_of(robot_of(policy, setup))}{noisy}"
 
 
 def describe_robot(hardware: HardwareSpec) -> str:
@@ -90,7 +96,14 @@ def describe_robot(hardware: HardwareSpec) -> str:
         f"{1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in with {losses.bus_sag:.2%} "
         f"sag a kW, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, friction "
         f"{hardware.friction:g}, solid legs",
-    }.get(robot_name(hardware) or "", f"{UNNAMED}: config {config_hash(hardware)}")
+    }.get(robot_name(hardware) or "", f"{title_of(hardware)}: config {config_hash(hardware)}")
+
+
+def title_of(hardware: HardwareSpec) -> str:
+    """Return what a title calls the robot."""
+    if not isinstance(hardware.body, BP2Body):
+        return hardware.body.name
+    return f"{robot_name(hardware) or UNNAMED} robot"
 
 
 def describe_limits(hardware: HardwareSpec) -> str:

@@ -25,8 +25,8 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import IDEAL, robot_name
 from bp2_rl.robot.variants import PARTS, differing, with_parts
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.parallel import simulate_all
@@ -82,7 +82,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     different = list(dict.fromkeys(robots))
     ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
-    found = greatest_speeds() if specs.robot_name(built) else {}
+    found = greatest_speeds() if robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
@@ -142,7 +142,7 @@ def verdict(metrics: LossesMetrics) -> str:
     for name, tried in (("ideal", metrics.ideal), ("built", metrics.built)):
         if tried.fell_at is not None:
             return f"The {name} robot fell at {tried.fell_at:.2f} s."
-    ran = f"BP2: {specs.TREADMILL_TOP_SPEED:g} and {specs.OUTDOOR_TOP_SPEED:g} m/s"
+    ran = f"BP2: {bp2.TREADMILL_TOP_SPEED:g} and {bp2.OUTDOOR_TOP_SPEED:g} m/s"
     return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s; {ran}."
 
 
@@ -155,8 +155,8 @@ def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
         Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
         Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "mean while held"),
         Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
-        Row("Over the treadmill", _signed(metrics.built.speed - specs.TREADMILL_TOP_SPEED), rest),
-        Row("Over outdoors", _signed(metrics.built.speed - specs.OUTDOOR_TOP_SPEED), rest),
+        Row("Over the treadmill", _signed(metrics.built.speed - bp2.TREADMILL_TOP_SPEED), rest),
+        Row("Over outdoors", _signed(metrics.built.speed - bp2.OUTDOOR_TOP_SPEED), rest),
         Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
         Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "greatest speed of its stride"),
     )
@@ -246,14 +246,14 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         before = after
     end = len(metrics.losses) + 1
     _draw_total(axes, end, metrics.built.speed, FRONT)
-    for place, speed in ((end + 1, specs.TREADMILL_TOP_SPEED), (end + 2, specs.OUTDOOR_TOP_SPEED)):
+    for place, speed in ((end + 1, bp2.TREADMILL_TOP_SPEED), (end + 2, bp2.OUTDOOR_TOP_SPEED)):
         _draw_total(axes, place, speed, INK)
         gap = metrics.built.speed - speed
         axes.barh(place, gap, left=speed, height=0.62, color="none", edgecolor=QUIET, hatch="////", linewidth=0.8)
         axes.text(max(speed, metrics.built.speed) + 0.08, place, f"unexplained {gap:+.2f}", va="center", fontsize=8.5)
     axes.plot([], [], "o", ms=5, mfc="white", mec=INK, label="that loss alone, on the ideal robot")
     axes.legend(loc="center left", frameon=False)
-    speeds = [metrics.ideal.speed, specs.OUTDOOR_TOP_SPEED, *(loss.added.speed for loss in metrics.losses)]
+    speeds = [metrics.ideal.speed, bp2.OUTDOOR_TOP_SPEED, *(loss.added.speed for loss in metrics.losses)]
     axes.set(
         yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6), xlabel="Mean speed held [m/s]",
         xlim=(min(speeds) - 2.2, max(speeds) + 1.2), title="From the ideal robot to the built one, and to BP2",

@@ -4,8 +4,7 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.robot.specs import RobotName
-from bp2_rl.settings.training import LARGEST_SEED
+from bp2_rl.settings.training import LARGEST_SEED, RobotChoice
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
@@ -17,7 +16,7 @@ class Setup(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     backend: Backend = "mujoco"
-    robot: RobotName | None = None
+    robot: RobotChoice | None = None
     speed: Annotated[float, Within(0.01, 100.0)] | None = None  # m/s
     acceleration: Annotated[float, Within(0.05, 1000.0)] | None = None  # m/s2
     hold: Annotated[float, Within(LEAST_HOLD, 600.0)] | None = None  # s

@@ -15,13 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.benchmarks.conditions import UNNAMED, conditions, describe_ramp, describe_sensors, robot_of
+from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, describe_sensors, robot_of, title_of
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun, rollout_batch
@@ -29,7 +29,7 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.schedule import Ramp
 
 NUM_ROBOTS = 200
-SPEED = specs.OUTDOOR_TOP_SPEED
+SPEED = bp2.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
 GOOD = (
@@ -84,8 +84,7 @@ class RobustnessMetrics:
 def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
     robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
-    name = specs.robot_name(robot)
-    drawn = on_robot(EnvConfig(), name).randomization if name else RandomizationConfig()
+    drawn = on_robot(EnvConfig(), robot).randomization
     run = rollout_batch(
         policy,
         ramp,
@@ -100,7 +99,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
-        subject=f"{robots} {name or UNNAMED} robots, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
+        subject=f"{robots} of the {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend="MJX" if setup.backend == "mjx" else "BP2's kernel",
         conditions=said
         | {
@@ -307,7 +306,7 @@ def fleet_figure(run: BatchRun) -> Figure:
     """Quantile bands of the speed over time."""
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes: Axes = figure.subplots()
-    speed = moving_mean(run.speed, round(RIPPLE / specs.CONTROL_STEP))
+    speed = moving_mean(run.speed, round(RIPPLE / conventions.CONTROL_STEP))
     standing = run.time[:, None] < run.fell_at - RIPPLE / 2
     standing[0] = True
     last = int(np.sum(np.any(standing, axis=1)))

@@ -22,7 +22,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -40,14 +40,12 @@ TILES = "Without a fall", "Lowest best speed", "Highest best speed", "Fastest 10
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """The robot that the policy is for, and others, each with one property changed."""
 
-    def changed(**properties: Any) -> HardwareSpec:
-        return dataclasses.replace(assumed, **properties)
-
+    changed = assumed.changed
     other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
 
     def stops(factor: float) -> HardwareSpec:
         compression, rebound = factor * assumed.spring_stop_stiffness, factor * assumed.rebound_stiffness
-        return dataclasses.replace(assumed, spring_stop_stiffness=compression, rebound_stiffness=rebound)
+        return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
 
     others = {
         "friction 0.6": changed(friction=0.6),
@@ -65,15 +63,15 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "joint stops 5 ms": changed(joint_stop_time=0.005),
         "no braking at 30 rad/s": changed(braking_speed=30.0),
         "braking as driving": changed(braking_speed=assumed.no_load_speed),
-        "rotor inertia x 0.5": changed(rotor_inertia=0.5 * assumed.rotor_inertia),
-        "rotor inertia x 2": changed(rotor_inertia=2.0 * assumed.rotor_inertia),
+        "rotor inertia x 0.5": changed(rotor_inertia=0.5 * assumed.parameter("rotor_inertia")),
+        "rotor inertia x 2": changed(rotor_inertia=2.0 * assumed.parameter("rotor_inertia")),
         "peak torque 100 Nm": changed(peak_torque=100.0),
         "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
         other_legs: changed(solid_legs=not assumed.solid_legs),
-        "hind track -20 mm": changed(hind_track=assumed.hind_track - 0.020),
-        "hind track +20 mm": changed(hind_track=assumed.hind_track + 0.020),
-        "fore track +10 mm": changed(fore_track=assumed.fore_track + 0.010),
+        "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
+        "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
+        "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
     }
     return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
 

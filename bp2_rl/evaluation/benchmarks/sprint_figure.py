@@ -17,7 +17,7 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.track import LANE_WIDTH, foot_edges, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
@@ -48,7 +48,7 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
     axes.plot(along, moving_mean(forward, round(RIPPLE / run.dt)), color=FRONT, linewidth=2.0, label=POLICY)
     middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
     axes.plot(middles, means, "o", ms=5, color=LEG_COLORS["FL"], label="Bolt 2009, mean of each 10 m")
-    mark_level(axes, specs.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {specs.OUTDOOR_TOP_SPEED:g} m/s")
+    mark_level(axes, bp2.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s")
     axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
     axes.tick_params(axis="x", labelbottom=False)
     legend_above(axes)

@@ -9,7 +9,7 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.published.table import ColumnHeading, read_table
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 
 TABLE_S2 = "published/standards.csv"
 TRACK = 100.0  # m
@@ -29,10 +29,10 @@ TIMES = {  # s over 100 m
     BOLT: BOLT_SPLITS[-1],
     LYLES: 9.78,
     TRAINED: TRAINED_TIME,
-    PAPER_BP2: specs.SPRINT_100M_TIME,
+    PAPER_BP2: bp2.SPRINT_100M_TIME,
     UNTRAINED: UNTRAINED_TIME,
 }
-PUBLISHED_ACCELERATIONS = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: specs.LAUNCH_ACCELERATION}
+PUBLISHED_ACCELERATIONS = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: bp2.LAUNCH_ACCELERATION}
 """Mean acceleration over the first 5 m, m/s2; the paper gives the figures of the people, too."""
 
 

@@ -11,7 +11,7 @@ from bp2_rl.optimiser.family import family_of
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.reference.library.file import load_library
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.parallel import simulate_all

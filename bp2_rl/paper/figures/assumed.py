@@ -6,8 +6,8 @@ import math
 from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.paper.thermal_specs import MotorHeat
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import BUILT
 
 BODY_WEIGHT = CostWeights().force  # N
 
@@ -42,14 +42,14 @@ def _foot_radius(problem: Problem, factor: float) -> Problem:
 _LOSSES, _MOTOR = BUILT.losses, MotorHeat()
 MECHANICAL = (
     Assumed("F bar", "N", BODY_WEIGHT, BODY_WEIGHT, 3.0 * BODY_WEIGHT, _force_scale),
-    Assumed("peak torque", "Nm", 100.0, specs.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),  # the text, and Table S1
-    Assumed("corner speed", "rad/s", specs.CORNER_SPEED, specs.CORNER_SPEED, 18.0, LIMITS["corner speed"]),
-    Assumed("rotor inertia", "kg m2", 1e-4, specs.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]),
-    Assumed("leg length", "m", 0.32, specs.THIGH_LENGTH, 0.38, LIMITS["leg length"]),  # for the spring's rest length
-    Assumed("spring travel", "m", 0.10, specs.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]),
-    Assumed("stops' stiffness", "N/m", 15e3, specs.SPRING_STOP_STIFFNESS, 60e3, LIMITS["stops' stiffness"]),
-    Assumed("foot radius", "m", 0.01, specs.FOOT_RADIUS, 0.04, _foot_radius),
-    Assumed("friction", "-", 0.6, specs.FOOT_FRICTION, 1.2, LIMITS["friction"]),
+    Assumed("peak torque", "Nm", 100.0, bp2.PEAK_TORQUE, 120.0, LIMITS["peak torque"]),  # the text, and Table S1
+    Assumed("corner speed", "rad/s", bp2.CORNER_SPEED, bp2.CORNER_SPEED, 18.0, LIMITS["corner speed"]),
+    Assumed("rotor inertia", "kg m2", 1e-4, bp2.ROTOR_INERTIA, 4e-4, LIMITS["rotor inertia"]),
+    Assumed("leg length", "m", 0.32, bp2.THIGH_LENGTH, 0.38, LIMITS["leg length"]),  # for the spring's rest length
+    Assumed("spring travel", "m", 0.10, bp2.SPRING_TRAVEL, 0.15, LIMITS["spring travel"]),
+    Assumed("stops' stiffness", "N/m", 15e3, bp2.SPRING_STOP_STIFFNESS, 60e3, LIMITS["stops' stiffness"]),
+    Assumed("foot radius", "m", 0.01, bp2.FOOT_RADIUS, 0.04, _foot_radius),
+    Assumed("friction", "-", 0.6, bp2.FOOT_FRICTION, 1.2, LIMITS["friction"]),
 )
 """Of the robot and of the objective."""
 

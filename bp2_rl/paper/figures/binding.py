@@ -21,8 +21,9 @@ from bp2_rl.paper.figures.runs import read_runs
 from bp2_rl.paper.figures.settings import BindingSettings
 from bp2_rl.paper.trajectories.gait_summary import GaitSummary, running_cost, summarise_gait
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, Change, ShadowPrices, find_shadow_prices
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import IDEAL, LEGS, ROBOTS
+from bp2_rl.robot import bp2
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import IDEAL, ROBOTS
 from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.trajectory import Trajectory
@@ -186,7 +187,7 @@ def compare(numbers: BindingNumbers) -> tuple[Comparison, ...]:
     more = f"; {MORE:.0%} more of each: {gains}" if top.gait is not None else " or more: no greatest speed was found"
     return (
         Comparison(
-            f"the motors' envelopes bound the speed, {specs.TREADMILL_TOP_SPEED:g} m/s",
+            f"the motors' envelopes bound the speed, {bp2.TREADMILL_TOP_SPEED:g} m/s",
             f"the optimiser's {numbers.robot} robot reaches {top.speed:.1f} m/s{more}",
             "not comparable",
             "in the plane, without feedback: an upper bound, and a local optimum",

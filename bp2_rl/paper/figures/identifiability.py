@@ -20,7 +20,7 @@ from bp2_rl.paper.figures.identifiability_numbers import (
     measure,
 )
 from bp2_rl.paper.figures.settings import IdentifiabilitySettings
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 
 NAMED = 0.25  # of a combination's length: parts that are named
 LINEAR = 0.1  # units: below, the map's colours are linear
@@ -61,7 +61,7 @@ def compare(numbers: IdentifiabilityNumbers) -> tuple[Comparison, ...]:
             f"a launch of {by_name[LAUNCH].printed:g} m/s2",
             f"needs a friction of {numbers.grip:.2f} and, on two legs, {numbers.launch_torque:.0f} Nm of a hip",
             "not comparable",
-            f"friction of {specs.FOOT_FRICTION:g} and {specs.PEAK_TORQUE:g} Nm leave room: it is control's, and pins "
+            f"friction of {bp2.FOOT_FRICTION:g} and {bp2.PEAK_TORQUE:g} Nm leave room: it is control's, and pins "
             "nothing assumed",
         ),
     )

@@ -28,9 +28,9 @@ from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
 from bp2_rl.paper.trajectories.decomposition import decompose, peak_velocity_force
 from bp2_rl.paper.trajectories.shadow_prices import find_shadow_prices
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import copper_loss, stall_torque
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 
 SHARE = 0.1  # of a unit, by which an assumption is changed to either side
 TORQUE, VELOCITY_FORCE, REVERSAL, POWERS = "main torque", "C_z", "thigh reverses", "lesser power"
@@ -53,13 +53,13 @@ PRINTED = (
     Printed(TORQUE, 250.0, "Nm", 5.0, "Fig. 4 B"),
     Printed(VELOCITY_FORCE, 1.19, "m g", 0.005, "Fig. 4 A"),
     Printed(REVERSAL, 0.21, "T", 0.005, "Fig. 4 B"),
-    Printed(POWERS, specs.HIND_PEAK_POWERS[0], "W", 0.5, "Fig. 5 E"),
-    Printed(GREATEST, specs.HIND_PEAK_POWERS[1], "W", 0.5, "Fig. 5 E"),
-    Printed(BELT, specs.TREADMILL_TOP_SPEED, "m/s", 0.05, "Results"),
-    Printed(OUTDOORS, specs.OUTDOOR_TOP_SPEED, "m/s", 0.005, "Abstract"),
-    Printed(SPRINT, specs.SPRINT_100M_TIME, "s", 0.05, "Abstract"),
-    Printed(LAUNCH, specs.LAUNCH_ACCELERATION, "m/s2", 0.005, "Results"),
-    Printed(HEATING, specs.HEATING_RATE, "K/s", 0.05, "Fig. 7"),
+    Printed(POWERS, bp2.HIND_PEAK_POWERS[0], "W", 0.5, "Fig. 5 E"),
+    Printed(GREATEST, bp2.HIND_PEAK_POWERS[1], "W", 0.5, "Fig. 5 E"),
+    Printed(BELT, bp2.TREADMILL_TOP_SPEED, "m/s", 0.05, "Results"),
+    Printed(OUTDOORS, bp2.OUTDOOR_TOP_SPEED, "m/s", 0.005, "Abstract"),
+    Printed(SPRINT, bp2.SPRINT_100M_TIME, "s", 0.05, "Abstract"),
+    Printed(LAUNCH, bp2.LAUNCH_ACCELERATION, "m/s2", 0.005, "Results"),
+    Printed(HEATING, bp2.HEATING_RATE, "K/s", 0.05, "Fig. 7"),
 )
 
 
@@ -107,9 +107,9 @@ def measure(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
     ours, slopes, bends = _analysed(cruise)
     for name, speed, gains in _greatest(cruise):
         ours[name], slopes[name] = speed, gains
-    ours[GREATEST] = specs.PEAK_TORQUE * specs.CORNER_SPEED
+    ours[GREATEST] = bp2.PEAK_TORQUE * bp2.CORNER_SPEED
     slopes[GREATEST] = {"peak torque": 1.0, "corner speed": 1.0}
-    v, a = specs.OUTDOOR_TOP_SPEED, specs.LAUNCH_ACCELERATION
+    v, a = bp2.OUTDOOR_TOP_SPEED, bp2.LAUNCH_ACCELERATION
     ours[SPRINT] = sprint(v, a)
     share = v * (0.5 / a - TRACK / v**2) / ours[SPRINT]  # d ln t / d ln v
     slopes[SPRINT] = {name: share * slope for name, slope in slopes[OUTDOORS].items()}
@@ -137,8 +137,8 @@ def measure(settings: IdentifiabilitySettings) -> IdentifiabilityNumbers:
         by_rounding=int(np.sum(np.linalg.svd(exact, compute_uv=False) >= 1.0)),
         assumptions=len(ASSUMED),
         left=dict(zip([one.name for one in ASSUMED], map(float, left_of_range(J)), strict=True)),
-        grip=a / specs.GRAVITY,
-        launch_torque=specs.TOTAL_MASS * a * specs.STANDING_HEIGHT / 2.0,
+        grip=a / conventions.GRAVITY,
+        launch_torque=bp2.TOTAL_MASS * a * bp2.STANDING_HEIGHT / 2.0,
     )
 
 
@@ -176,7 +176,7 @@ def left_of_range(J: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, " c
 def _analysed(cruise: Solution) -> tuple[dict[str, float], dict[str, dict[str, float]], dict[str, float]]:
     """Fig. 4's numbers and a hip's heat, how they move, and how much the slopes to either side differ."""
     network = Network.from_spec(MotorHeat(), next(one.value for one in HEAT if one.heat == "winding_to_case"))
-    found: Any = brentq(lambda heat: heating_rate(network, heat) - specs.HEATING_RATE, 1.0, 5e3)
+    found: Any = brentq(lambda heat: heating_rate(network, heat) - bp2.HEATING_RATE, 1.0, 5e3)
     power = float(found)
     base, cool = _figures(cruise), hip_heat(cruise)
 
@@ -279,6 +279,6 @@ def hip_heat(solution: Solution) -> float:
 def heating_rate(network: Network, cold_heat: float) -> float:
     """Mean rise of a winding over the paper's 86 s under a constant torque, K/s."""
     temperatures = Temperatures.uniform(AMBIENT, (1,))
-    for _ in range(round(specs.ENDURANCE_TIME / STEP)):
+    for _ in range(round(bp2.ENDURANCE_TIME / STEP)):
         temperatures = advance(network, temperatures, np.array([cold_heat]), STEP)
-    return float(temperatures.winding[0] - AMBIENT) / specs.ENDURANCE_TIME
+    return float(temperatures.winding[0] - AMBIENT) / bp2.ENDURANCE_TIME

@@ -13,7 +13,7 @@ from bp2_rl.learning.exports import read_judge_results
 from bp2_rl.learning.monitor import run_began
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.settings import LearningSettings
-from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
+from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
 
 LETTERS, SAMPLE = 100, 8  # letters that a line of the legend has room for, and of those a line's sample takes
 COLORS = (*LEG_COLORS.values(), FALL, INK, QUIET)

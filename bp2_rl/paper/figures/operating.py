@@ -17,9 +17,9 @@ from bp2_rl.paper.figures.runs import CYCLES, cycles, read_runs
 from bp2_rl.paper.figures.settings import OperatingSettings
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.paper.thermal_specs import AMBIENT, MotorHeat
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.simulation.metrics import envelope_use
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import steady_window
@@ -124,7 +124,7 @@ def compare(numbers: OperatingNumbers) -> tuple[Comparison, ...]:
     used = {kind.name: kind.on_envelope for kind in first.kinds}
     same = set(first.fullest) == set(FULL) and min(used[name] for name in FULL) >= USED
     hind = ", ".join(f"{kind.name} {kind.driving:.0f} W" for kind in first.kinds if kind.name.startswith("hind"))
-    paper = " and ".join(f"{power:g}" for power in specs.HIND_PEAK_POWERS)
+    paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
     beyond = ", ".join(f"{kind.name} {kind.brakes:.0%}" for kind in first.kinds)
     at = f"at {first.speed:.2f} m/s"
     return (
@@ -202,7 +202,7 @@ def operating_figure(parts: list[Trajectory], numbers: OperatingNumbers) -> Figu
     for axes in panels[-1]:
         axes.set_xlabel("Joint speed [rad/s]")
     handles = [Line2D([], [], color=color, linewidth=3, label=leg) for leg, color in LEG_COLORS.items()]
-    paper = " and ".join(f"{power:g}" for power in specs.HIND_PEAK_POWERS)
+    paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
     handles += [
         Line2D([], [], color=INK, label="envelope"),
         Line2D([], [], color=FALL, linestyle=DASHED, label=f"winding at {numbers.winding:g} °C"),
@@ -222,7 +222,7 @@ def _draw_limits(axes: Axes, speeds: Float[np.ndarray, " N"], cold: Actuator, ho
         axes.plot(speeds, limit, color=INK, linewidth=1.0)
     for limit in torque_limits(hot, speeds):
         axes.plot(speeds, limit, color=FALL, linewidth=0.9, linestyle=DASHED)
-    for power in specs.HIND_PEAK_POWERS:
+    for power in bp2.HIND_PEAK_POWERS:
         for side in (-1.0, 1.0):
             same = speeds[side * speeds > 0.0]
             axes.plot(same, power / same, color=QUIET, linewidth=0.9, linestyle=DASHED)

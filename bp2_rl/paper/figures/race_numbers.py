@@ -15,7 +15,7 @@ from bp2_rl.evaluation.published import sprints
 from bp2_rl.evaluation.published.sprints import TRACK, Athlete, read_standards
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import RaceSettings
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -105,7 +105,7 @@ def published() -> tuple[Athlete, ...]:
         Athlete(sprints.BOLT, sprints.BOLT_SPLITS[-1], sprints.BOLT_REACTION, sprints.MARKS, sprints.BOLT_SPLITS),
         Athlete(sprints.LYLES, sprints.LYLES_TIME, sprints.LYLES_REACTION),
         Athlete(sprints.TRAINED, sprints.TRAINED_TIME, None),
-        Athlete(sprints.PAPER_BP2, specs.SPRINT_100M_TIME, None),
+        Athlete(sprints.PAPER_BP2, bp2.SPRINT_100M_TIME, None),
         Athlete(sprints.UNTRAINED, sprints.UNTRAINED_TIME, None),
     )
 
@@ -217,12 +217,12 @@ def exponential(time_constant: float, speed: float, duration: float) -> Profile:
 
 def paper_profile() -> Profile:
     """BP2's race by the paper's speed and time alone: an exponential rise to 10.74 m/s, and 100 m after 12.2 s."""
-    return exponential(solve_time_constant(), specs.OUTDOOR_TOP_SPEED, specs.SPRINT_100M_TIME)
+    return exponential(solve_time_constant(), bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME)
 
 
 def solve_time_constant() -> float:
     """Return the time constant, s, of an exponential rise to 10.74 m/s that covers 100 m in 12.2 s."""
-    speed, time = specs.OUTDOOR_TOP_SPEED, specs.SPRINT_100M_TIME
+    speed, time = bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME
 
     def missing(time_constant: float) -> float:
         return speed * (time + time_constant * math.expm1(-time / time_constant)) - TRACK
@@ -232,7 +232,7 @@ def solve_time_constant() -> float:
 
 def check_paper() -> PaperRace:
     """What the paper's numbers of the race say together."""
-    speed, time, said = specs.OUTDOOR_TOP_SPEED, specs.SPRINT_100M_TIME, specs.LAUNCH_ACCELERATION
+    speed, time, said = bp2.OUTDOOR_TOP_SPEED, bp2.SPRINT_100M_TIME, bp2.LAUNCH_ACCELERATION
     profile, time_constant = paper_profile(), solve_time_constant()
     start = measure_start(profile)
     assert start is not None  # it goes on to 100 m
@@ -261,7 +261,7 @@ FAST = 12.0  # m/s, which the paper has Bolt and Lyles exceed
 
 def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bolt, lyles, bp2 = (numbers.find(name) for name in (sprints.BOLT, sprints.LYLES, sprints.PAPER_BP2))
+    bolt, lyles, ours = (numbers.find(name) for name in (sprints.BOLT, sprints.LYLES, sprints.PAPER_BP2))
     paper = numbers.paper
     return (
         _greatest(bolt),
@@ -273,12 +273,12 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
             "same",
         ),
         Comparison(
-            f"{specs.SPRINT_100M_TIME:g} s meets China's National Level II",
+            f"{bp2.SPRINT_100M_TIME:g} s meets China's National Level II",
             f"Table S2's level 2 is {_standard('male', 2):g} s of men and {_standard('female', 2):g} s of women: "
-            f"{specs.SPRINT_100M_TIME:g} s is {levels(bp2)}",
+            f"{bp2.SPRINT_100M_TIME:g} s is {levels(ours)}",
             "differs",
             "of men it misses level 2 by "
-            f"{specs.SPRINT_100M_TIME - _standard('male', 2):.2f} s; of women it meets more than level 2",
+            f"{bp2.SPRINT_100M_TIME - _standard('male', 2):.2f} s; of women it meets more than level 2",
         ),
         Comparison(
             "mean accelerations over 5 m: 2.38, trained 4.8, untrained 2.8 m/s²; so a deficit of nearly 1 s at 5 m",
@@ -305,7 +305,7 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
             "not comparable",
             "their splits are not published",
         ),
-        *(_ours(run, bp2) for run in numbers.runs),
+        *(_ours(run, ours) for run in numbers.runs),
     )
 
 
@@ -330,8 +330,8 @@ def _standard(category: str, level: int) -> float:
     return next(s.time for s in read_standards() if (s.category, s.level) == (category, level))
 
 
-def _ours(run: Racer, bp2: Racer) -> Comparison:
-    said = f"BP2: {bp2.time:g} s, {bp2.said_acceleration:g} m/s² over 5 m, minimal decay"
+def _ours(run: Racer, published: Racer) -> Comparison:
+    said = f"BP2: {published.time:g} s, {published.said_acceleration:g} m/s² over 5 m, minimal decay"
     if run.time is None or run.start is None or run.fade is None:
         return Comparison(said, f"{run.name}: did not arrive", "differs", "it fell, or was too slow")
     return Comparison(

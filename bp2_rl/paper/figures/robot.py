@@ -12,9 +12,9 @@ from bp2_rl.evaluation.benchmarks.outcome import Table
 from bp2_rl.paper.figures.drawn import Comparison, Drawn, Verdict
 from bp2_rl.paper.figures.settings import RobotSettings
 from bp2_rl.paper.figures.silhouette import draw, extent, outlines
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import ROBOTS, HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
@@ -39,7 +39,9 @@ def robot(settings: RobotSettings) -> Drawn:
     """The figure, Table S3, and what comes of the paper's dimensions."""
     hardware = ROBOTS[settings.robot]
     numbers = measure(hardware)
-    rows = [(p.symbol, f"{p.value:g}", p.unit, p.source) for p in specs.PROVENANCE if p.source.startswith(TABLE_S3)]
+    rows = [
+        (p.symbol, f"{p.value:g}", p.unit, p.source) for p in conventions.PROVENANCE if p.source.startswith(TABLE_S3)
+    ]
     table = Table("Table S3, as the model has it", ("Symbol", "Value", "Unit", "Source"), rows, words=True)
     return Drawn(numbers, (table,), compare(numbers), {"robot": robot_figure(hardware, numbers)})
 
@@ -59,7 +61,7 @@ def measure(hardware: HardwareSpec) -> RobotNumbers:
         length=float(reach - least),
         width=float(high[0] - low[0]),
         mass=float(np.sum(model.body_mass)),
-        parameters={p.symbol: p.value for p in specs.PROVENANCE if p.source.startswith(TABLE_S3)},
+        parameters={p.symbol: p.value for p in conventions.PROVENANCE if p.source.startswith(TABLE_S3)},
     )
 
 
@@ -81,10 +83,10 @@ def compare(numbers: RobotNumbers) -> tuple[Comparison, ...]:
 
     n = numbers
     return (
-        said("standing height", specs.STANDING_HEIGHT, n.standing_height, HEIGHT_OFF, "m", "ours is the hips' axes'"),
-        said("body length", specs.BODY_LENGTH, n.length, SIZE_OFF, "m", ""),
-        said("width", specs.BODY_WIDTH, n.width, SIZE_OFF, "m", "over the legs' covers"),
-        said("mass", specs.TOTAL_MASS, n.mass, MASS_OFF, "kg", "Table S3 adds up to 35.8 kg"),
+        said("standing height", bp2.STANDING_HEIGHT, n.standing_height, HEIGHT_OFF, "m", "ours is the hips' axes'"),
+        said("body length", bp2.BODY_LENGTH, n.length, SIZE_OFF, "m", ""),
+        said("width", bp2.BODY_WIDTH, n.width, SIZE_OFF, "m", "over the legs' covers"),
+        said("mass", bp2.TOTAL_MASS, n.mass, MASS_OFF, "kg", "Table S3 adds up to 35.8 kg"),
     )
 
 

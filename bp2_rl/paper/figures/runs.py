@@ -9,7 +9,7 @@ import numpy as np
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report, read_report
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window

@@ -14,7 +14,7 @@ from bp2_rl.paper.figures.labels import label
 from bp2_rl.paper.figures.scaling_numbers import BAND, BP2, ComparedRobot, ScalingNumbers, compare, measure
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import PAPER_GRAVITY, speed_law
-from bp2_rl.robot.specs import GRAVITY
+from bp2_rl.robot.conventions import GRAVITY
 
 PAPER, SIMULATED, WHEELED = FALL, FRONT, LEG_COLORS["RR"]  # colours of BP2, of ours, and of robots on wheels
 MASSES = np.geomspace(1e-2, 1e4, 400)  # kg, of the law

@@ -12,7 +12,7 @@ from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import ScalingSettings
 from bp2_rl.paper.robots import KMH, PAPER_GRAVITY, Mammal, PublishedRobot, read_mammals, read_robots, speed_law
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.simulation.metrics import froude_number
 
 BENCHMARK = "topspeed"
@@ -89,11 +89,11 @@ class ScalingNumbers:
 def measure(settings: ScalingSettings) -> ScalingNumbers:
     """Read the tables and the reports, and place what is in them."""
     robots = read_robots()
-    bp2 = next(robot for robot in robots if robot.robot == BP2)
-    treadmill = dataclasses.replace(bp2, robot=TREADMILL, top_speed=specs.TREADMILL_TOP_SPEED)
+    published = next(robot for robot in robots if robot.robot == BP2)
+    treadmill = dataclasses.replace(published, robot=TREADMILL, top_speed=bp2.TREADMILL_TOP_SPEED)
     simulated = read_reports(settings.runs) if settings.runs else shipped()
     mammals = read_mammals(settings.mammals) if settings.mammals else ()
-    own = dataclasses.replace(bp2, mass=4.0 * specs.QUARTER_MASS).demand()
+    own = dataclasses.replace(published, mass=4.0 * bp2.QUARTER_MASS).demand()
     assert own is not None  # it has motors
     return ScalingNumbers(
         robots=tuple(map(place, robots)),
@@ -101,9 +101,9 @@ def measure(settings: ScalingSettings) -> ScalingNumbers:
         simulated=tuple(map(place, simulated)),
         mammals=tuple(map(place_mammal, mammals)),
         spread=count([robot for robot in robots if robot.robot != BP2]),
-        froude=froude_number(bp2.top_speed),
+        froude=froude_number(published.top_speed),
         demand_of_table_s3=own,
-        corner_power=specs.PEAK_TORQUE * specs.CORNER_SPEED,
+        corner_power=bp2.PEAK_TORQUE * bp2.CORNER_SPEED,
     )
 
 
@@ -160,7 +160,7 @@ def shipped() -> tuple[PublishedRobot, ...]:
     card = load_policy(asset_path("policies/built")).card
     speed = card.results.get(BENCHMARK, {}).get("best_speed")
     name = card.results.get(BENCHMARK, {}).get("robot", "").partition(":")[0]
-    return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * specs.QUARTER_MASS, speed),)
+    return () if not speed else (_simulated(f"simulated, {name or 'own'} robot", 4.0 * bp2.QUARTER_MASS, speed),)
 
 
 def read_reports(folders: Sequence[Path]) -> tuple[PublishedRobot, ...]:
@@ -185,8 +185,8 @@ def _simulated(
     name: str,
     mass: float,
     speed: float,
-    peak_torque: float = specs.PEAK_TORQUE,
-    no_load_speed: float = specs.NO_LOAD_SPEED,
+    peak_torque: float = bp2.PEAK_TORQUE,
+    no_load_speed: float = bp2.NO_LOAD_SPEED,
 ) -> PublishedRobot:
     return PublishedRobot(name, mass, peak_torque, no_load_speed, speed, wheels=False, source="simulation")
 
@@ -196,30 +196,30 @@ def _simulated(
 
 def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bp2, spread = numbers.bp2, numbers.spread
+    own, spread = numbers.bp2, numbers.spread
     raibo2, hound, wildcat = (find(numbers.robots, name) for name in (DEMANDING, HOUND, RUNNER_UP))
-    assert bp2.demand is not None  # these two have motor data
-    assert bp2.demand_as_printed is not None
+    assert own.demand is not None  # these two have motor data
+    assert own.demand_as_printed is not None
     assert raibo2.demand_as_printed is not None
     least = min(robot.demand_as_printed for robot in numbers.robots if robot.demand_as_printed)
     fastest = max((r for r in numbers.robots if r.name not in (BP2, RUNNER_UP)), key=lambda r: r.share)
     return (
         Comparison(
             "the law is 25.5 m^0.26 (1 - exp(-22 m^-0.6)), without a unit",
-            f"{bp2.law_speed:.2f} m/s at {bp2.mass:g} kg, {wildcat.law_speed:.2f} m/s at {wildcat.mass:g} kg",
+            f"{own.law_speed:.2f} m/s at {own.mass:g} kg, {wildcat.law_speed:.2f} m/s at {wildcat.mass:g} kg",
             "same",
             "it is in km/h in its source; read as m/s it would be 3.6 times as much",
         ),
         Comparison(
             "robots run significantly slower than animals",
-            f"BP2 at {bp2.share:.2f} of the law outdoors, {numbers.treadmill.share:.2f} on the treadmill; "
+            f"BP2 at {own.share:.2f} of the law outdoors, {numbers.treadmill.share:.2f} on the treadmill; "
             f"{wildcat.name} {wildcat.share:.2f}, then {fastest.name} {fastest.share:.2f}",
             "same",
         ),
         Comparison(
             f"BP2's ratio is {PAPER_DEMAND:g}",
-            f"{bp2.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {bp2.demand:.3f} with {specs.GRAVITY:g}, "
-            f"{numbers.demand_of_table_s3:.3f} with the {4.0 * specs.QUARTER_MASS:g} kg of Table S3",
+            f"{own.demand_as_printed:.3f} with g = {PAPER_GRAVITY:g}, {own.demand:.3f} with {conventions.GRAVITY:g}, "
+            f"{numbers.demand_of_table_s3:.3f} with the {4.0 * bp2.QUARTER_MASS:g} kg of Table S3",
             "same",
         ),
         Comparison(
@@ -235,12 +235,12 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             "BP2's ratio is markedly higher than any other",
-            f"{bp2.demand_as_printed / raibo2.demand_as_printed:.2f} times the next",
+            f"{own.demand_as_printed / raibo2.demand_as_printed:.2f} times the next",
             "same",
         ),
         Comparison(
             "the ratio is that of output to the maximum motor power envelope",
-            f"peak torque x no-load speed: {bp2.motor_envelope:.0f} W of one BP2 motor that gives "
+            f"peak torque x no-load speed: {own.motor_envelope:.0f} W of one BP2 motor that gives "
             f"{numbers.corner_power:.0f} W at its corner; {hound.motor_envelope:.0f} W of one Hound motor that gave "
             f"{HOUND_POWER:.0f} W",
             "not comparable",
@@ -248,7 +248,7 @@ def compare(numbers: ScalingNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             f"10.74 m/s is a Froude number of {PAPER_FROUDE:g}",
-            f"{numbers.froude:.1f}, v² / (g h) with the standing height of {specs.STANDING_HEIGHT:g} m",
+            f"{numbers.froude:.1f}, v² / (g h) with the standing height of {bp2.STANDING_HEIGHT:g} m",
             "same",
         ),
         Comparison(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.specs import RobotName
+from bp2_rl.robot.hardware import RobotName
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 
 CIRCLE = 24  # points
 LOOKS = 2  # group of the geoms that are looks

@@ -13,8 +13,8 @@ from bp2_rl.paper.figures.drawn import Comparison, Drawn
 from bp2_rl.paper.figures.runs import CYCLES, LEG, cycles, read_runs
 from bp2_rl.paper.figures.settings import StridesSettings
 from bp2_rl.paper.figures.silhouette import draw, outlines
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import LEGS
 from bp2_rl.simulation.gait import contacts
 from bp2_rl.simulation.trajectory import Trajectory
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.files import read_bytes
-from bp2_rl.robot.specs import OUTDOOR_TOP_SPEED
+from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
 
 KEY = "key.json"
 """In a command's folder: what it was made of."""

@@ -2,12 +2,12 @@
 
 import math
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
-LEGS = len(specs.LEGS)
-MASS_RATIO = 4.0 * specs.TRUNK_QUARTER_MASS / (specs.THIGH_MASS + specs.SHANK_MASS + specs.TOE_MASS)
+LEGS = len(conventions.LEGS)
+MASS_RATIO = 4.0 * bp2.TRUNK_QUARTER_MASS / (bp2.THIGH_MASS + bp2.SHANK_MASS + bp2.TOE_MASS)
 """Trunk over leg."""
-LEG_LENGTH = specs.THIGH_LENGTH
+LEG_LENGTH = bp2.THIGH_LENGTH
 """m, of the pendulum that a leg stands for. ASSUMED: the leg's mass is in its thigh, folded up to its knee."""
 STRIDE_FREQUENCY = 3.2
 """Hz, DERIVED: the period of the shipped library's trot at 10 m/s is 0.315 s."""
@@ -17,4 +17,4 @@ HIP_AMPLITUDE = 0.6
 
 def reduced_frequency(frequency: float, length: float) -> float:
     """W: a frequency in Hz over that of a small swing of a pendulum of `length` in m."""
-    return 2.0 * math.pi * frequency * math.sqrt(length / specs.GRAVITY)
+    return 2.0 * math.pi * frequency * math.sqrt(length / conventions.GRAVITY)

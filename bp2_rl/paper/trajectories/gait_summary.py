@@ -9,7 +9,7 @@ from bp2_rl.optimiser.cycle import cost_of_transport, whole_cycle
 from bp2_rl.optimiser.problem import CostWeights, motor_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.optimiser.verify import StrideSummary, summarise
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

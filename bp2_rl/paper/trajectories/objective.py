@@ -19,9 +19,9 @@ from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chains
 from bp2_rl.paper.trajectories.codesign.search import start_chain
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings, DesignBounds
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
-BODY_WEIGHT = specs.TOTAL_MASS * specs.GRAVITY  # N
+BODY_WEIGHT = bp2.TOTAL_MASS * conventions.GRAVITY  # N
 ROBOTS = AS_IS, WITH_RESERVE, FREE = "BP2", "BP2 with the library's reserve", "co-design"
 COLUMNS = {
     "robot": "{0.robot}",
@@ -118,7 +118,7 @@ def describe(robot: str, body_weights: float, solved: Sequence[Solution]) -> Obj
         covered=coupling_opposes(terms).covered,
         gear_ratio=hardware.gear_ratio,
         spring_stiffness=hardware.spring_stiffness,
-        leg_length=hardware.leg_length,
+        leg_length=hardware.bp2.leg_length,
         spread=max(costs) / best.cost - 1.0,
     )
 

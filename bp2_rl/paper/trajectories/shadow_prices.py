@@ -50,7 +50,7 @@ LIMITS: dict[str, Change] = {
     "stops' stiffness": _times("hardware.spring_stop_stiffness", "hardware.rebound_stiffness"),
     "spring stiffness": _times("hardware.spring_stiffness"),
     "rotor inertia": _times("hardware.rotor_inertia"),
-    "leg length": _times("hardware.leg_length"),
+    "leg length": _times("hardware.body.leg_length"),
     "torque rate": _times("torque_rate"),
     "force rate": _times("force_rate"),
     "foot clearance": _times("clearance"),

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import Gait, Problem
-from bp2_rl.robot.specs import IDEAL
+from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.robot.variants import differing, with_parts
 
 GAITS: dict[str, Gait] = {
@@ -73,7 +73,7 @@ def gait_variants(problem: Problem) -> dict[str, Problem]:
 def limb_variants(problem: Problem) -> dict[str, Problem]:
     """The problem, and the problem of each robot with other limbs."""
     changed = {
-        name: problem.on(**{field: factor * getattr(problem.hardware, field)})
+        name: problem.on(**{field: factor * problem.hardware.parameter(field)})
         for name, (field, factor) in LIMBS.items()
     }
     return {"as it is": problem, **changed}

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.polynomials import hermite_coefficients
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, kinematics
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
 ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
@@ -39,7 +39,7 @@ def load_table(path: Path, leg_length: float) -> LibraryTable:
     library = load_library(path)
     q, v, tau = (array.astype(float) for array in (library.q, library.v, library.tau))
     places, rates = _with_feet(q, v, leg_length)
-    off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - specs.FOOT_RADIUS)
+    off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - bp2.FOOT_RADIUS)
     if off.max() > ON_GROUND:
         raise UserError(
             f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
@@ -86,7 +86,7 @@ def _with_feet(
         np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
     )
     place, rate = foot_in_plane(
-        (q[..., 2:3], hip, knee, leg_length - specs.FOOT_RADIUS - spring),
+        (q[..., 2:3], hip, knee, leg_length - bp2.FOOT_RADIUS - spring),
         (v[..., 2:3], hip_rate, knee_rate, -spring_rate),
         leg_length,
     )
@@ -108,7 +108,7 @@ def foot_in_plane(
     thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
     # Along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate.
     links: tuple[tuple[Any, Any, Any, Any], ...] = (
-        (kinematics.FORE_AFT, 0.0, pitch, pitch_rate),
+        (kinematics.leg_origins()[:, 0], 0.0, pitch, pitch_rate),
         (leg_length, 0.0, thigh + np.pi / 2, thigh_rate),
         (lower, lower_rate, thigh + knee + np.pi / 2, thigh_rate + knee_rate),
     )

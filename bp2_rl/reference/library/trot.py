@@ -28,7 +28,8 @@ from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.reference.library.table import LibraryTable, load_table
 from bp2_rl.reference.stepping import STANDING, TROT, ground, square_speed, turn
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, conventions, kinematics
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 
 
@@ -40,7 +41,7 @@ class CollocationGait(CollocationConfig):
     and standing still takes mass and springs into account.
     """
 
-    hardware: specs.HardwareSpec = specs.IDEAL
+    hardware: HardwareSpec = IDEAL
 
     @property
     def height(self) -> float:
@@ -87,7 +88,7 @@ class CollocationGait(CollocationConfig):
 
     @property
     def _table(self) -> LibraryTable:
-        return load_table(self.file, self.hardware.leg_length)
+        return load_table(self.file, self.hardware.bp2.leg_length)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""
@@ -187,7 +188,7 @@ class CollocationGait(CollocationConfig):
         feet = _mix(stepping[..., None, None], at_rest, feet)
         displaced = jnp.pad(displaced, [(0, 0)] * (displaced.ndim - 1) + [(0, 1)])
         anyway, wanted = _from_level(jnp.stack([feet, feet + displaced]), stepping * moment.pitch)
-        centre = _mix(stepping[..., None], stand.sag, moment.spring) + specs.FOOT_RADIUS  # short of the lower leg's end
+        centre = _mix(stepping[..., None], stand.sag, moment.spring) + bp2.FOOT_RADIUS  # short of the lower leg's end
         return kinematics.joint_angles(_within_reach(anyway, wanted, centre, self.hardware), centre, self.hardware)
 
 
@@ -214,7 +215,7 @@ class _BlendedPose(NamedTuple):
 
 
 class _Stand(NamedTuple):
-    """Standing still: `specs.STAND_JOINTS` on springs that bear the weight, with legs without mass."""
+    """Standing still: `bp2.STAND_JOINTS` on springs that bear the weight, with legs without mass."""
 
     feet: Float[np.ndarray, "4 3"]  # m, centres of the feet from the trunk's centre
     sag: float  # m
@@ -223,14 +224,14 @@ class _Stand(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def _stand(hardware: specs.HardwareSpec) -> _Stand:
-    load = hardware.mass_scale * specs.TOTAL_MASS * specs.GRAVITY / 4.0
-    sag = load * math.cos(specs.STAND_HIP) / hardware.spring_stiffness
-    lower = hardware.leg_length - sag - specs.FOOT_RADIUS
-    angles = np.reshape(specs.STAND_JOINTS, (4, 3))
-    feet = kinematics.foot_position(angles, np.full(4, sag + specs.FOOT_RADIUS), hardware)
-    torque = load * math.sin(specs.STAND_HIP) * np.array([lower - hardware.leg_length, lower])
-    return _Stand(feet, sag, specs.FOOT_RADIUS - float(feet[0, 2]), torque)
+def _stand(hardware: HardwareSpec) -> _Stand:
+    load = hardware.mass_scale * bp2.TOTAL_MASS * conventions.GRAVITY / 4.0
+    sag = load * math.cos(bp2.STAND_HIP) / hardware.spring_stiffness
+    lower = hardware.bp2.leg_length - sag - bp2.FOOT_RADIUS
+    angles = np.reshape(bp2.STAND_JOINTS, (4, 3))
+    feet = kinematics.foot_position(angles, np.full(4, sag + bp2.FOOT_RADIUS), hardware)
+    torque = load * math.sin(bp2.STAND_HIP) * np.array([lower - hardware.bp2.leg_length, lower])
+    return _Stand(feet, sag, bp2.FOOT_RADIUS - float(feet[0, 2]), torque)
 
 
 def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _BlendedPose:
@@ -248,17 +249,17 @@ def _within_reach(
     anyway: Float[Array, "... 4 3"],
     wanted: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"],
-    hardware: specs.HardwareSpec,
+    hardware: HardwareSpec,
 ) -> Float[Array, "... 4 3"]:
     """Feet displaced from `anyway` towards `wanted`, from the trunk's centre, with no knee beyond its range.
 
     A displacement that takes more than half of what is left of the reach gets the other half only by and by; so no
     leg straightens in a jerk. Legs that have no reach left keep their length.
     """
-    thigh, lower = hardware.leg_length, hardware.leg_length - compression
+    thigh, lower = hardware.bp2.leg_length, hardware.bp2.leg_length - compression
     hip = jnp.asarray(kinematics.leg_origins(hardware), wanted.dtype)
     now, then = (jnp.sqrt(jnp.sum((feet - hip) ** 2, axis=-1)) for feet in (anyway, wanted))
-    straight = thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(specs.KNEE_RANGE[1]) + specs.THIGH_LATERAL**2
+    straight = thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(bp2.KNEE_RANGE[1]) + bp2.THIGH_LATERAL**2
     half_left = jnp.maximum((jnp.sqrt(straight) - now) / 2.0, 1e-7)
     longer = then - now
     beyond = jnp.maximum(longer - half_left, 0.0)

@@ -8,5 +8,5 @@ wide registers go through many robots at a time. `tests/robot/kernel` hold it eq
 From the bottom up: `vectors`; `fusion_barriers` (what is compiled apart); `design` (what the compiled model says of the
 robot); `legs` (where everything is, and the momentum of each joint); `arrowhead` (matrices that couple legs through the
 trunk, and Cholesky's factorisation of them); `equations` (inertia matrix and bias); `constraints` (floor, joint stops
-and the solver) and `step`. Legs are in the order of `specs.LEGS`.
+and the solver) and `step`. Legs are in the order of `conventions.LEGS`.
 """

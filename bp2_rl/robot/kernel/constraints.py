@@ -21,7 +21,7 @@ from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, Block, GeneralizedVec
 from bp2_rl.robot.kernel.design import Design, Softness
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import RobotPose
-from bp2_rl.robot.kernel.vectors import Number, Vector, add, cross, dot, over_legs, scaled
+from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, cross, dot, over_legs, scaled
 
 ITERATIONS = 4
 """How many steps Newton's method takes."""
@@ -107,7 +107,7 @@ class Constraints(NamedTuple):
         about_y = [rz * along_x[i] - rx * along_z[i] for i in range(1, 3)]
         about_z = rx * along_y[2] - ry * along_x[2]
         turn: Block = [about_x[:1], [about_x[1], about_y[0]], [about_x[2], about_y[1], about_z]]
-        trunk: Block = [[xx], [0.0, yy], [xz, yz, zz]]
+        trunk: Block = [[xx], [ZERO, yy], [xz, yz, zz]]
         trunk += [[along_x[i], along_y[i], along_z[i], *turn[i]] for i in range(3)]
         met = [
             (xx * v[0] + xz * v[2], yy * v[1] + yz * v[2], xz * v[0] + yz * v[1] + zz * v[2]) for v in self.floor.joints
@@ -194,22 +194,21 @@ def _floor_rows(
     """The feet's rows, and the heights of their centres, m; `height` is that of the trunk's origin."""
     rotation, legs = pose
     anchor = rotation.to_world(design.anchor)
-    turned = rotation.to_world(legs.to_trunk((0.0, 1.0, 0.0))), rotation.to_world(legs.to_trunk((0.0, 0.0, 1.0)))
-    x_axis, (y_axis, z_axis) = (rotation.x[0], rotation.y[0], rotation.z[0]), turned
-    foot = add(anchor, scaled(legs.foot[0], x_axis), scaled(legs.foot[1], y_axis), scaled(legs.foot[2], z_axis))
+    x_axis = rotation.x[0], rotation.y[0], rotation.z[0]
+    y_axis, z_axis = (rotation.to_world(legs.to_trunk(axis)) for axis in ((ZERO, 1.0, ZERO), (ZERO, ZERO, 1.0)))
+
+    def in_world(v: Vector) -> Vector:
+        return add(scaled(v[0], x_axis), scaled(v[1], y_axis), scaled(v[2], z_axis))
+
+    foot = add(anchor, in_world(legs.foot))
     centre = jnp.add(height, foot[2])
     depth = centre - design.foot_radius
     lever = foot[0], foot[1], foot[2] - (design.foot_radius + 0.5 * depth)
     reach = add(lever, scaled(-1.0, anchor))
-    cos, sin = legs.shank
-    knee_x, knee_z = legs.knee
-    hip = cross(y_axis, reach)
-    joints = (
-        cross(x_axis, reach),
-        hip,
-        add(hip, scaled(knee_x, z_axis), scaled(-knee_z, x_axis)),
-        add(scaled(sin, x_axis), scaled(cos, z_axis)),
-    )
+    turned = cross(y_axis, reach)
+    pitches = (add(turned, scaled(x, z_axis), scaled(-z, x_axis)) for x, _, z in (legs.hip, legs.knee))
+    slides = (in_world(legs.compressed) for _ in legs.bodies[3:])
+    joints = (cross(x_axis, reach), *pitches, *slides)
     weight = design.foot_weight * (1.0 + friction * friction) * 2.0 * friction * friction
     spring, damping, stiffness = _reference_and_stiffness(design.floor_softness, depth, weight)
     floor = Floor(lever, joints, friction, stiffness, ())

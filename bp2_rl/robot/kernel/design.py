@@ -1,29 +1,28 @@
-"""What the compiled model says of BP2: its masses and lengths, springs, joint stops and contacts."""
+"""What the compiled model says of the robot: its masses and lengths, springs, joint limits and contacts.
+
+The kernel's robots are quadrupeds whose legs hang straight down at zero joint angles, the axes of all bodies parallel:
+abad turns about x, hip and knee about y, and a spring, if shanks have one, shortens them along z.
+"""
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any, NamedTuple, cast
 
+import jax
 import mujoco
 import numpy as np
-from flax import struct
 from jaxtyping import Array, Float, Int
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.kernel.vectors import Number, Vector, add, scaled
+from bp2_rl.robot.kernel.bodies import Body, Inertia
+from bp2_rl.robot.kernel.vectors import NOWHERE, ZERO, Number, Vector, add
 from bp2_rl.robot.model import foot_geom_ids
-from bp2_rl.robot.specs import LEGS
 
-TRUNK, LEG = 6, 4  # coordinates of the trunk and of a leg: abad, hip, knee, spring
-_FIRST_BODY, _FIRST_JOINT = 2, 1  # of the legs: the world and the trunk, the trunk's free joint stand before them
-
-
-def _static() -> Any:
-    """A field that is known when the program is compiled."""
-    return cast(Any, struct).field(pytree_node=False)
+TRUNK = 6  # coordinates of the trunk; a leg has three, abad, hip and knee, or four with a spring
+UNLIMITED = 1e6  # rad, where no joint ever is
 
 
-@dataclasses.dataclass(frozen=True)
-class Softness:
+class Softness(NamedTuple):
     """How a constraint yields, from MuJoCo's solref and solimp: K, B and the impedance over its depth."""
 
     stiffness: float  # 1/s2
@@ -33,102 +32,96 @@ class Softness:
     width: float  # m or rad
 
 
-class Body(struct.PyTreeNode):
-    """A part that every leg has; (4, 1) each."""
+@jax.tree_util.register_pytree_node_class
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """A robot as designed; lengths in m. `Design.of(model)` reads it.
 
-    mass: Number  # kg
-    inertia: Vector  # kg m2, principal, along its own axes
+    A number is `ZERO` or a float if it is the same for all legs, and known when a program is traced; otherwise (4, 1).
+    """
 
-
-class Design(struct.PyTreeNode):
-    """BP2 as designed; lengths in m. `Design.of(model)` reads it. What differs from leg to leg is (4, 1), over legs."""
-
-    bodies: tuple[Body, ...]  # abad, thigh, shank, toe
+    timestep: float  # s
+    gravity: float  # m/s2
+    trunk: Body
+    links: tuple[Body, ...]  # abad, thigh, shank and, with a spring, toe
     anchor: Vector  # of the abduction joint in the trunk
-    abad_com: Number  # along x
-    hip: Number  # along y, from the abduction joint
-    range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0 of abad, hip and knee
-    foot_weight: Number  # MuJoCo's body_invweight0
-    timestep: float = _static()  # s
-    gravity: float = _static()  # m/s2
-    trunk_mass: float = _static()  # kg
-    trunk_inertia: Vector = _static()
-    trunk_com: Vector = _static()
-    thigh: float = _static()  # from hip to knee
-    thigh_com: float = _static()  # below the hip
-    shank_com: float = _static()  # below the knee
-    toe_com: float = _static()  # below the knee, at no compression
-    foot: float = _static()  # of the sole's centre
-    foot_radius: float = _static()
-    armature: float = _static()  # kg m2, of every motor
-    spring: tuple[float, float] = _static()  # N/m, N s/m
-    stops: tuple[tuple[float, float, float], ...] = _static()
+    hip: Vector  # from the abduction joint
+    knee: Vector  # from the hip
+    toe: Vector  # from the knee, the spring at rest
+    foot: Vector  # the centre of its sole, from the frame of the last link
+    foot_radius: Number
+    armature: tuple[Number, ...]  # of a leg's coordinates, kg m2 and kg
+    damping: tuple[Number, ...]  # Nm s/rad and N s/m
+    stiffness: Number  # of the spring, N/m
+    stops: tuple[tuple[Number, Number, Number], ...]
     """of the spring: N/m, and the least and greatest compression without force"""
-    ranges: tuple[tuple[float, float], ...] = _static()  # of abad, hip and knee, rad
-    range_softness: Softness = _static()
-    floor_softness: Softness = _static()
+    ranges: tuple[tuple[Number, Number], ...]  # of abad, hip and knee, rad
+    range_weights: tuple[Number, ...]  # MuJoCo's dof_invweight0 of abad, hip and knee
+    range_softness: Softness
+    foot_weight: Number  # MuJoCo's body_invweight0
+    floor_softness: Softness
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Design":
-        """Return the design of a model that `robot.model.load_model(feet_only=True)` has compiled.
+        """Return the design of a model whose only contacts are those of feet and floor.
 
         Raises:
             UserError: it has something that the kernel does not know.
         """
         feet = foot_geom_ids(model)
         _require_known(model, feet)
-        bodies = np.arange(_FIRST_BODY, model.nbody).reshape(len(LEGS), LEG)
-        _, thigh, shank, toe = bodies[0]
-        knee_to_toe = -float(model.body_pos[toe, 2])
-        first = slice(_FIRST_JOINT, _FIRST_JOINT + 3)
+        bodies, joints, dofs = (x.reshape(4, -1) for x in _of_legs(model))
+        anchor, hip, knee, *toe = (_vector(model.body_pos[part]) for part in bodies.T)
+        limited = model.jnt_limited[joints[:, :3], None].astype(bool)
+        ranges = np.where(limited, model.jnt_range[joints[:, :3]], (-UNLIMITED, UNLIMITED))
+        joint = max(int(np.argmax(model.jnt_limited)), 1)
         return cls(
             timestep=float(model.opt.timestep),
             gravity=-float(model.opt.gravity[2]),
-            trunk_mass=float(model.body_mass[1]),
-            trunk_inertia=_vector(model.body_inertia[1]),
-            trunk_com=_vector(model.body_ipos[1]),
-            bodies=tuple(Body(_column(model.body_mass[part]), _columns(model.body_inertia[part])) for part in bodies.T),
-            anchor=_columns(model.body_pos[bodies[:, 0]]),
-            abad_com=_column(model.body_ipos[bodies[:, 0], 0]),
-            hip=_column(model.body_pos[bodies[:, 1], 1]),
-            thigh=-float(model.body_pos[shank, 2]),
-            thigh_com=-float(model.body_ipos[thigh, 2]),
-            shank_com=-float(model.body_ipos[shank, 2]),
-            toe_com=knee_to_toe - float(model.body_ipos[toe, 2]),
-            foot=knee_to_toe - float(model.geom_pos[feet[0], 2]),
-            foot_radius=float(model.geom_size[feet[0], 0]),
-            armature=float(model.dof_armature[TRUNK]),
-            spring=(float(model.jnt_stiffness[LEG]), float(model.dof_damping[TRUNK + LEG - 1])),
-            stops=_stops(model, 0),
-            ranges=tuple((float(low), float(high)) for low, high in model.jnt_range[first]),
-            range_weights=tuple(_column(x) for x in model.dof_invweight0[TRUNK:].reshape(len(LEGS), LEG)[:, :3].T),
-            range_softness=_softness(model, model.jnt_solref[_FIRST_JOINT], model.jnt_solimp[_FIRST_JOINT]),
-            foot_weight=_column(model.body_invweight0[bodies[:, 3], 0]),
+            trunk=_body(model, np.array([1])),
+            links=tuple(_body(model, part) for part in bodies.T),
+            anchor=anchor,
+            hip=hip,
+            knee=knee,
+            toe=toe[0] if toe else NOWHERE,
+            foot=_vector(model.geom_pos[feet]),
+            foot_radius=_shared(model.geom_size[feet, 0]),
+            armature=tuple(_number(x) for x in model.dof_armature[dofs].T),
+            damping=tuple(_number(x) for x in model.dof_damping[dofs].T),
+            stiffness=_number(model.jnt_stiffness[joints[:, -1]]),
+            stops=tuple((_shared(x[:, 0]), _shared(x[:, 1]), _shared(x[:, 2])) for x in _stops(model)),
+            ranges=tuple((_shared(x[:, 0]), _shared(x[:, 1])) for x in ranges.swapaxes(0, 1)),
+            range_weights=tuple(_shared(x) for x in model.dof_invweight0[dofs[:, :3]].T),
+            range_softness=_softness(model, model.jnt_solref[joint], model.jnt_solimp[joint]),
+            foot_weight=_shared(model.body_invweight0[bodies[:, -1], 0]),
             floor_softness=_softness(model, model.geom_solref[feet[0]], model.geom_solimp[feet[0]]),
         )
 
-
-class Masses(NamedTuple):
-    """Masses of one draw of robots, kg; principal inertias, kg m2; the trunk's centre of mass, m."""
-
-    trunk: Number
-    trunk_inertia: Vector
-    trunk_com: Vector
-    bodies: tuple[Number, ...]  # abad, thigh, shank, toe
-    inertias: tuple[Vector, ...]
+    def tree_flatten(self) -> tuple[list[Any], Any]:
+        """Return the arrays, and all that is known when a program is traced, for JAX."""
+        numbers, structure = jax.tree.flatten([getattr(self, field.name) for field in dataclasses.fields(self)])
+        known = tuple(x if isinstance(x, float) else None for x in numbers)
+        return [x for x in numbers if not isinstance(x, float)], (structure, known)
 
     @classmethod
-    def of(cls, design: Design, factors: Float[Array, "18 N"], com_offset: Float[Array, "3 N"]) -> "Masses":
-        """Return the masses of a design whose bodies are heavier by these factors, in MuJoCo's order."""
-        trunk, legs = factors[1], factors[2:].reshape(4, 4, -1)
-        com = add(design.trunk_com, (com_offset[0], com_offset[1], com_offset[2]))
-        return cls(
-            trunk=design.trunk_mass * trunk,
-            trunk_inertia=scaled(trunk, design.trunk_inertia),
-            trunk_com=com,
-            bodies=tuple(body.mass * legs[:, i] for i, body in enumerate(design.bodies)),
-            inertias=tuple(scaled(legs[:, i], body.inertia) for i, body in enumerate(design.bodies)),
-        )
+    def tree_unflatten(cls, known: Any, arrays: Any) -> "Design":
+        """Return a design of what `tree_flatten` returned."""
+        rest: Iterator[Any] = iter(arrays)
+        return cls(*jax.tree.unflatten(known[0], [next(rest) if x is None else x for x in known[1]]))
+
+
+class Masses(NamedTuple):
+    """The bodies of one draw of robots."""
+
+    trunk: Body
+    links: tuple[Body, ...]
+
+    @classmethod
+    def of(cls, design: Design, factors: Float[Array, "bodies N"], com_offset: Float[Array, "3 N"]) -> "Masses":
+        """Return the bodies of a design, heavier by these factors, in MuJoCo's order, and the trunk's centre moved."""
+        trunk, links = design.trunk.times(factors[1]), factors[2:].reshape(4, -1, factors.shape[-1])
+        com = add(trunk.com, (com_offset[0], com_offset[1], com_offset[2]))
+        return cls(trunk._replace(com=com), tuple(body.times(links[:, i]) for i, body in enumerate(design.links)))
 
 
 class Robots(NamedTuple):
@@ -147,51 +140,80 @@ def _softness(model: mujoco.MjModel, reference: np.ndarray, impedance: np.ndarra
     return Softness(1.0 / (most * time * ratio) ** 2, 2.0 / (most * time), least, most, width)
 
 
-def _stops(model: mujoco.MjModel, leg: int) -> tuple[tuple[float, float, float], ...]:
-    """The tendons along a leg's spring."""
-    spring = _FIRST_JOINT + LEG * leg + LEG - 1
-    mine = np.flatnonzero(model.wrap_objid[model.tendon_adr] == spring)
-    ranges = model.tendon_lengthspring[mine]
-    return tuple(
-        (float(stiffness), float(least), float(most))
-        for stiffness, (least, most) in zip(model.tendon_stiffness[mine], ranges, strict=True)
-    )
+def _of_legs(model: mujoco.MjModel) -> tuple[Int[np.ndarray, " n"], ...]:
+    """The ids of the legs' bodies, joints and coordinates, leg by leg."""
+    return np.arange(2, model.nbody), np.arange(1, model.njnt), np.arange(TRUNK, model.nv)
+
+
+def _stops(model: mujoco.MjModel) -> Float[np.ndarray, "stops 4 3"]:
+    """Stiffness and range without force of the tendons along the legs' springs."""
+    along = model.wrap_objid[model.tendon_adr]
+    order = np.argsort(along, kind="stable")
+    stops = np.c_[model.tendon_stiffness, model.tendon_lengthspring][order]
+    return stops.reshape(4, -1, 3).swapaxes(0, 1)
+
+
+def _body(model: mujoco.MjModel, parts: Int[np.ndarray, " n"]) -> Body:
+    turns = np.zeros((len(parts), 9))
+    for turn, part in zip(turns, parts, strict=True):
+        mujoco.mju_quat2Mat(turn, model.body_iquat[part])
+    turns = turns.reshape(-1, 3, 3)
+    inertia = np.einsum("nij,nj,nkj->ikn", turns, model.body_inertia[parts], turns)
+    entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return Body(_number(model.body_mass[parts]), _vector(model.body_ipos[parts]), Inertia(*map(_number, entries)))
 
 
 def _require_known(model: mujoco.MjModel, feet: Int[np.ndarray, "4"]) -> None:
-    legs = range(len(LEGS))
-    bodies = np.arange(_FIRST_BODY, model.nbody).reshape(len(LEGS), LEG)
-    joints = slice(_FIRST_JOINT, model.njnt)
-    same = np.array([1.0, 0.0, 0.0, 0.0])
-    _require(np.array_equal(model.body_parentid[bodies], np.c_[np.ones(4), bodies[:, :-1]]), "the tree of its bodies")
-    _require(
-        np.all(model.body_iquat[1:] == same) and np.all(model.body_quat[1:] == same) and np.all(model.jnt_pos == 0),
-        "turned bodies",
+    """Refuse what the equations leave out."""
+    tree = "the tree of its bodies"
+    _require(model.nbody in (14, 18) and np.array_equal(model.jnt_bodyid, np.arange(1, model.nbody)), tree)
+    bodies, joints, _ = (x.reshape(4, -1) for x in _of_legs(model))
+    _require(np.array_equal(model.body_parentid[bodies], np.c_[np.ones(4), bodies[:, :-1]]), tree)
+    _require(np.array_equal(model.geom_bodyid[feet], bodies[:, -1]), tree)
+    hinges, springs, hinge, slide = (
+        joints[:, :3],
+        joints[:, 3:],
+        mujoco.mjtJoint.mjJNT_HINGE,
+        mujoco.mjtJoint.mjJNT_SLIDE,
     )
-    axes = np.tile([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], (len(LEGS), 1))
-    _require(np.array_equal(model.jnt_axis[joints], axes), "the axes of its joints")
-    off = [model.body_ipos[bodies[:, 0]][:, 1:], model.body_ipos[bodies[:, 1:]][:, :, :2]]
-    off += [model.body_pos[bodies[:, 0]][:, 2:], model.body_pos[bodies[:, 1]][:, ::2]]
-    off += [model.body_pos[bodies[:, 2:]][:, :, :2], model.geom_pos[feet][:, :2]]
-    _require(all(np.all(x == 0) for x in off), "parts off their axes")
-    for name in ("body_pos", "body_ipos"):  # but for the sides, legs are equal
-        _require(np.ptp(getattr(model, name)[bodies[:, 2:]], axis=0).max() == 0, "legs of different lengths")
-    of_legs = (
-        model.jnt_stiffness[joints],
-        model.jnt_range[joints],
-        model.dof_damping[TRUNK:],
-        model.dof_armature[TRUNK:],
-    )
-    for x in (*of_legs, np.array([_stops(model, leg) for leg in legs])):
-        _require(np.ptp(x.reshape(len(LEGS), -1), axis=0).max() == 0, "unlike legs")
-    motors = np.flatnonzero(model.jnt_limited)
-    for x in (model.jnt_solref[motors], model.jnt_solimp[motors], model.dof_armature[TRUNK:].reshape(-1, LEG)[:, :3].T):
-        _require(np.ptp(x, axis=0).max() == 0, "unlike joints")
-    for x in (model.geom_solref[feet], model.geom_solimp[feet], model.geom_size[feet]):
-        _require(np.ptp(x, axis=0).max() == 0, "unlike feet")
-    _require(np.all(model.dof_damping[TRUNK:].reshape(-1, LEG)[:, :3] == 0), "damped joints")
-    _require(not np.any(model.dof_frictionloss), "dry friction in MuJoCo's own joints")
-    _require(len(feet) == len(legs) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL, "other contacts")
+    kinds, axes = [hinge, hinge, hinge, slide], np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]])
+    along, each = np.unique(model.wrap_objid[model.tendon_adr], return_counts=True)
+    limited = np.flatnonzero(model.jnt_limited)
+    gains = model.jnt_stiffnesspoly, model.dof_dampingpoly, model.tendon_stiffnesspoly, model.tendon_dampingpoly
+    no_tendon = model.tendon_limited, model.tendon_damping, model.tendon_frictionloss, model.tendon_armature
+    option = model.opt
+    meeting = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+    meeting = (meeting | meeting.T) & (model.geom_bodyid[:, None] != model.geom_bodyid)
+    floor, on_floor = int(np.argmax(meeting[feet[0]])), np.zeros_like(meeting)
+    on_floor[floor, feet] = on_floor[feet, floor] = True
+    contact = np.c_[model.geom_solref, model.geom_solimp]
+    checks: list[tuple[str, Any]] = [
+        ("turned bodies", np.all(model.body_quat[1:] == (1, 0, 0, 0)) and not np.any(model.jnt_pos)),
+        ("the axes of its joints", np.all(model.jnt_axis[joints] == axes[: joints.shape[1]])),
+        ("the axes of its joints", np.all(model.jnt_type[joints] == kinds[: joints.shape[1]])),
+        ("springs parallel to joints", not np.any(model.jnt_stiffness[hinges])),
+        ("limited or preloaded springs", not np.any(model.jnt_limited[springs])),
+        ("limited or preloaded springs", not np.any(model.qpos_spring[model.jnt_qposadr[springs]])),
+        ("stiffness or damping that is not linear", not any(np.any(x) for x in gains)),
+        ("tendons but for springs' stops", model.ntendon == 0 or np.array_equal(along, springs.ravel())),
+        ("tendons but for springs' stops", np.all(model.wrap_prm == 1) and not any(np.any(x) for x in no_tendon)),
+        ("unlike legs", model.ntendon == 0 or np.ptp(each) == 0),
+        ("unlike joints", _alike(model.jnt_solref[limited]) and _alike(model.jnt_solimp[limited])),
+        ("margins of joints", not np.any(model.jnt_margin)),
+        ("a damped trunk", not np.any(model.dof_damping[:TRUNK]) and not np.any(model.dof_armature[:TRUNK])),
+        ("dry friction in MuJoCo's own joints", not np.any(model.dof_frictionloss)),
+        ("equality constraints", model.neq == 0),
+        ("unlike feet", _alike(contact[feet])),
+        ("other contacts", np.array_equal(meeting, on_floor) and model.npair == 0),
+        ("other contacts", option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL and option.impratio == 1.0),
+    ]
+    for what, known in checks:
+        _require(known, what)
+
+
+def _alike(x: np.ndarray) -> bool:
+    """Whether all rows are equal."""
+    return bool(np.all(x == x[:1]))
 
 
 def _require(known: Any, what: str) -> None:
@@ -199,13 +221,15 @@ def _require(known: Any, what: str) -> None:
         raise UserError(f"--impl kernel does not know {what} as in this model: use --impl jax")
 
 
-def _column(x: Float[np.ndarray, "4"]) -> Float[Array, "4 1"]:
-    return cast(Array, x.reshape(len(LEGS), 1))  # NumPy's until a program takes it
+def _number(x: Float[np.ndarray, " n"]) -> Number:
+    """A number of one body, or of the four legs."""
+    return _shared(x) if np.any(x) else ZERO
 
 
-def _columns(x: Float[np.ndarray, "4 3"]) -> Vector:
-    return _column(x[:, 0]), _column(x[:, 1]), _column(x[:, 2])
+def _shared(x: Float[np.ndarray, " n"]) -> Array | float:
+    """As `_number`, where the program compares and cannot do without a 0."""
+    return float(x[0]) if np.ptp(x) == 0 else cast(Array, x[:, None])  # NumPy's until a program takes it
 
 
-def _vector(x: Float[np.ndarray, "3"]) -> Vector:
-    return float(x[0]), float(x[1]), float(x[2])
+def _vector(x: Float[np.ndarray, "n 3"]) -> Vector:
+    return _number(x[:, 0]), _number(x[:, 1]), _number(x[:, 2])

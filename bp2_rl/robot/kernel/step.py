@@ -1,4 +1,4 @@
-"""One physics step: MuJoCo's semi-implicit Euler, with the springs' damping implicit."""
+"""One physics step: MuJoCo's semi-implicit Euler, with the joints' and springs' damping implicit."""
 
 from functools import partial
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, GeneralizedVector, solve
 from bp2_rl.robot.kernel.constraints import ConstrainedMotion, Constraints, find_constraints, solve_constraints
-from bp2_rl.robot.kernel.design import LEG, TRUNK, Design, Masses, Robots
+from bp2_rl.robot.kernel.design import TRUNK, Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
@@ -20,12 +20,12 @@ Quaternion = tuple[Number, Number, Number, Number]
 class MuJoCoState(NamedTuple):
     """The robots' state in MuJoCo's coordinates."""
 
-    qpos: Float[Array, "23 N"]
-    qvel: Float[Array, "22 N"]
-    qacc_warmstart: Float[Array, "22 N"]
+    qpos: Float[Array, "nq N"]
+    qvel: Float[Array, "nv N"]
+    qacc_warmstart: Float[Array, "nv N"]
 
 
-def step(robots: Robots, state: MuJoCoState, applied: Float[Array, "22 N"]) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
+def step(robots: Robots, state: MuJoCoState, applied: Float[Array, "nv N"]) -> tuple[MuJoCoState, Float[Array, "4 N"]]:
     """One step of `design.timestep`: (the state after it, the heights of the feet's centres before it, m).
 
     Args:
@@ -81,7 +81,7 @@ def _forces_and_constraints(
 ) -> tuple[GeneralizedVector, Constraints, GeneralizedVector, Array]:
     """The forces, the constraints, a first guess of the accelerations, and the heights of the feet."""
     (design, masses, friction), velocity, height = robots, state.velocity, state.place[2]
-    force = barriers(partial(smooth_force, design), masses, pose, state.legs[3], velocity, applied)
+    force = barriers(partial(smooth_force, design), masses, pose, state.legs, velocity, applied)
     constraints, heights = barriers(partial(find_constraints, design), pose, friction, height, state.legs, velocity)
     return force, constraints, state.warmstart.in_world(pose.rotation), heights
 
@@ -106,8 +106,8 @@ def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: l
 
 def _implicit_inertia(inertia: ArrowheadMatrix, design: Design) -> ArrowheadMatrix:
     """The matrix of the implicit step."""
-    *others, spring = inertia.legs
-    return inertia._replace(legs=[*others, [*spring[:3], spring[3] + design.timestep * design.spring[1]]])
+    rows = zip(inertia.legs, design.damping, strict=True)
+    return inertia._replace(legs=[[*row[:-1], row[-1] + design.timestep * damping] for row, damping in rows])
 
 
 def _integrated(dt: float, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
@@ -144,20 +144,20 @@ def _unit(quaternion: Quaternion) -> Quaternion:
     return scale * w, scale * x, scale * y, scale * z
 
 
-def _split(generalized: Float[Array, "22 N"]) -> GeneralizedVector:
+def _split(generalized: Float[Array, "nv N"]) -> GeneralizedVector:
     return GeneralizedVector([generalized[i] for i in range(TRUNK)], _by_coordinate(generalized[TRUNK:]))
 
 
-def _joined(x: GeneralizedVector) -> Float[Array, "22 N"]:
+def _joined(x: GeneralizedVector) -> Float[Array, "nv N"]:
     return jnp.concatenate([jnp.stack(x.trunk), _leg_by_leg(x.legs)])
 
 
-def _by_coordinate(coordinates: Float[Array, "16 N"]) -> list[Number]:
-    """Abduction, hip, knee and spring of all legs, (4, N) each, from MuJoCo's order."""
-    legs = coordinates.reshape(LEG, LEG, -1)
-    return [legs[:, i] for i in range(LEG)]
+def _by_coordinate(coordinates: Float[Array, "n N"]) -> list[Number]:
+    """Abad, hip, knee and, if there is one, spring of all legs, (4, N) each, from MuJoCo's order."""
+    legs = coordinates.reshape(4, -1, coordinates.shape[-1])
+    return [legs[:, i] for i in range(legs.shape[1])]
 
 
-def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "16 N"]:
+def _leg_by_leg(coordinates: list[Number]) -> Float[Array, "n N"]:
     """Return coordinates given number by number as one array, leg by leg."""
-    return jnp.stack(coordinates, axis=1).reshape(LEG * LEG, -1)
+    return jnp.stack(coordinates, axis=1).reshape(4 * len(coordinates), -1)

@@ -1,11 +1,51 @@
-"""Vectors whose entries are arrays over robots, or over legs and robots: tuples of three."""
+"""Vectors whose entries are numbers over robots, or over legs and robots: tuples of three."""
 
+import dataclasses
+from typing import Any, TypeVar
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-Number = Array | float
+T = TypeVar("T")
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class Zero:
+    """A number that is known to be 0 when the program is traced: what is multiplied by it is not computed.
+
+    XLA cannot leave out a product with a float that is 0, because the other factor might be infinite.
+    """
+
+    __array_ufunc__ = None  # NumPy's arrays leave the operation to this class
+
+    def __add__(self, other: T) -> T:
+        """0 + other."""
+        return other
+
+    __radd__ = __rsub__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        """0 - other."""
+        return -other
+
+    def __mul__(self, other: Any) -> "Zero":
+        """0 other."""
+        return self
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> "Zero":
+        """-0."""
+        return self
+
+
+Number = Array | float | Zero
 """A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
 Vector = tuple[Number, Number, Number]
+ZERO = Zero()
+NOWHERE: Vector = (ZERO, ZERO, ZERO)
 
 
 def add(*vectors: Vector) -> Vector:
@@ -31,9 +71,19 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def about_x(v: Vector, cos: Number, sin: Number) -> Vector:
+    """Return the vector turned about x by an angle with this cosine and sine."""
+    return v[0], cos * v[1] - sin * v[2], sin * v[1] + cos * v[2]
+
+
+def about_y(v: Vector, cos: Number, sin: Number) -> Vector:
+    """Return the vector turned about y by an angle with this cosine and sine."""
+    return cos * v[0] + sin * v[2], v[1], cos * v[2] - sin * v[0]
+
+
 def over_legs(x: Number) -> Number:
     """The sum over the legs: (4, N) -> (N,)."""
-    return jnp.sum(x, axis=0)
+    return x if isinstance(x, Zero) else jnp.sum(x, axis=0)
 
 
 def cos_sin(angle: Number) -> tuple[Array, Array]:

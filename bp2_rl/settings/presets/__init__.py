@@ -4,11 +4,14 @@ A preset is a config, never a code path: what it does not set is the default of 
 docs/notes/training.md says what was tried.
 """
 
+import dataclasses
 from typing import get_args
 
 from bp2_rl.base.errors import require_one_of
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.presets import cpu, first, gpu, smoke
+from bp2_rl.settings.presets.robots import sized
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 
 PRESETS = {
@@ -20,7 +23,7 @@ PRESETS = {
 
 
 def make_config(
-    stage: Stage, preset: Preset, weights: Weights | None = None, robot: RobotName = "built"
+    stage: Stage, preset: Preset, weights: Weights | None = None, robot: str | HardwareSpec = "built"
 ) -> TrainConfig:
     """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`.
 
@@ -30,5 +33,6 @@ def make_config(
     require_one_of("stage", stage, get_args(Stage))
     require_one_of("preset", preset, PRESETS)
     require_one_of("weights", weights or "ours", get_args(Weights))
-    require_one_of("robot", robot, ROBOTS)
-    return PRESETS[preset][stage](weights or ("paper" if preset == "smoke" else "ours"), robot)
+    chosen = weights or ("paper" if preset == "smoke" else "ours")
+    config = PRESETS[preset][stage](chosen, find_robot(robot) if isinstance(robot, str) else robot)
+    return dataclasses.replace(config, env=sized(config.env))

@@ -1,6 +1,6 @@
 """The preset `cpu`: ten minutes on two cores, with a small fleet in BP2's own physics kernel."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
     CommandConfig,
     ControlConfig,
@@ -17,10 +17,10 @@ from bp2_rl.settings.training import RunConfig, TrainConfig, Weights
 RUN = RunConfig(steps=6_000_000, logs=100, checkpoints=6, judged=24)
 
 
-def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
+def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the imitation stage: easier commands, and less randomised, than in the relaxed stage."""
     env = EnvConfig(
-        hardware=ROBOTS[robot],
+        hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False),
         commands=CommandConfig(max_forward=13.0, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 5.0)),
@@ -43,10 +43,10 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("imitation", env, ppo, RUN, impl="kernel")
 
 
-def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
+def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the relaxed stage: the whole range of commands, and all of the randomisation."""
     env = EnvConfig(
-        hardware=ROBOTS[robot],
+        hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False),
         commands=CommandConfig(max_turn=4.0, limit_fraction=0.3, slow_fraction=0.2, stand_fraction=0.15),

@@ -1,6 +1,6 @@
 """The preset `first`: a first training, in which a robot learns to trot at 3 m/s before one's eyes, on two cores."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
     CommandConfig,
     ControlConfig,
@@ -17,7 +17,7 @@ from bp2_rl.settings.training import RunConfig, Stage, TrainConfig, Weights
 RUN = RunConfig(steps=1_500_000, logs=30, checkpoints=5, judged=10)
 
 
-def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
+def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the imitation stage."""
     ppo = PPOConfig(
         num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
@@ -26,7 +26,7 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("imitation", _env("imitation", weights, robot), ppo, RUN, impl="kernel")
 
 
-def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
+def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the relaxed stage."""
     ppo = PPOConfig(
         num_envs=512, num_minibatches=8, policy_layers=(64, 64), value_layers=(64, 64), symmetric=True,
@@ -35,10 +35,10 @@ def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("relaxed", _env("relaxed", weights, robot), ppo, RUN, impl="kernel")
 
 
-def _env(stage: Stage, weights: Weights, robot: RobotName) -> EnvConfig:
+def _env(stage: Stage, weights: Weights, robot: HardwareSpec) -> EnvConfig:
     ranges = ranges_of(robot)
     return EnvConfig(
-        hardware=ROBOTS[robot],
+        hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False),
         commands=CommandConfig(max_forward=3.0, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 2.0)),

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, ControlConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.rewards import OURS, PAPER
@@ -14,10 +14,10 @@ HISTORY = (5, 10, 15, 20)
 """Control steps, 25 to 100 ms: a third of a stride, in which legs and trunk tell how fast the robot moves."""
 
 
-def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
+def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the imitation stage: the whole range of commands, fast, slow, standing and turning."""
     env = EnvConfig(
-        hardware=ROBOTS[robot],
+        hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False, history=HISTORY, launching=6.0, launching_speed=18.0),
         commands=CommandConfig(max_turn=4.0, limit_fraction=0.3, slow_fraction=0.2, stand_fraction=0.15),
@@ -29,10 +29,10 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("imitation", env, ppo, RunConfig(steps=40_000_000, judged=60), impl="kernel")
 
 
-def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
+def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the relaxed stage: launches far behind the command, gentle stops and long stands."""
     env = EnvConfig(
-        hardware=ROBOTS[robot],
+        hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(
             clock_at_rest=False, history=HISTORY, launching=6.0, launching_speed=18.0, braking=4.0, stopping_time=0.9

@@ -1,11 +1,19 @@
-"""How widely each robot is randomised: as widely as its assumed values are uncertain."""
+"""A preset on another robot: how widely the robot is randomised, and settings for its size."""
 
 import dataclasses
+import math
 from typing import NamedTuple
 
+import numpy as np
+
 from bp2_rl.base.bounds import Range
-from bp2_rl.robot.specs import ROBOTS, RobotName
-from bp2_rl.settings.env import EnvConfig
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses, Size
+from bp2_rl.robot.kinematics import reach
+from bp2_rl.settings.env import CommandConfig, EnvConfig
+from bp2_rl.settings.reference import KinematicConfig
+
+MOST_REACH = 0.98
+"""Share of the legs' reach that the kinematic gait uses."""
 
 
 class RobotRanges(NamedTuple):
@@ -16,15 +24,93 @@ class RobotRanges(NamedTuple):
     losses: Range
 
 
-def ranges_of(robot: RobotName) -> RobotRanges:
-    """Return the ranges of a robot, whose friction is 0.9 if it is ideal and 0.8 if it is built."""
-    if robot == "ideal":
-        return RobotRanges(friction=(0.55, 1.22), mild_friction=(0.67, 1.22), losses=(1.0, 1.0))
-    return RobotRanges(friction=(0.62, 1.38), mild_friction=(0.75, 1.38), losses=(0.8, 1.2))
+def ranges_of(robot: HardwareSpec) -> RobotRanges:
+    """Return the ranges of a robot: as wide as its assumed values are uncertain."""
+    return RobotRanges(
+        friction=(0.5 / robot.friction, 1.1 / robot.friction),
+        mild_friction=(0.6 / robot.friction, 1.1 / robot.friction),
+        losses=(1.0, 1.0) if robot.losses == Losses() else (0.8, 1.2),
+    )
 
 
-def on_robot(env: EnvConfig, robot: RobotName) -> EnvConfig:
-    """Return the environment with this robot, and friction and losses randomised in its ranges."""
+def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
+    """Return a BP2's environment with this robot, and friction and losses randomised in its ranges."""
     ranges = ranges_of(robot)
     drawn = dataclasses.replace(env.randomization, friction=ranges.friction, losses=ranges.losses)
-    return dataclasses.replace(env, hardware=ROBOTS[robot], randomization=drawn)
+    return sized(dataclasses.replace(env, hardware=robot, randomization=drawn))
+
+
+def sized(env: EnvConfig) -> EnvConfig:
+    """Return settings that were written for BP2 for the size of the environment's robot; BP2's are as they were."""
+    size, robot = env.hardware.size, env.hardware
+    if size == Size(1.0, 1.0):
+        return env
+    control, commands, start = env.control, env.commands, env.curriculum.start_speed
+    reset, drawn, end = env.reset, env.randomization, env.termination
+    speed = speed_factor(robot)
+    return dataclasses.replace(
+        env,
+        reference="kinematic" if env.reference == "collocation" else env.reference,
+        gait=_sized_gait(env.gait, robot),
+        control=dataclasses.replace(
+            control,
+            stiffness=size.torque * control.stiffness,
+            damping=size.torque * size.time * control.damping,
+            torque_rate=size.torque / size.time * control.torque_rate,
+            stopping_time=size.time * control.stopping_time,
+            launching_speed=speed * control.launching_speed,
+        ),
+        commands=_sized_commands(commands, size, speed),
+        curriculum=dataclasses.replace(env.curriculum, start_speed=start if start is None else speed * start),
+        reset=dataclasses.replace(reset, command_error=size.speed * reset.command_error),
+        randomization=dataclasses.replace(
+            drawn, com_offset=size.length * drawn.com_offset, push_velocity=size.speed * drawn.push_velocity
+        ),
+        termination=dataclasses.replace(
+            end, min_height=size.length * end.min_height, max_overlap=size.length * end.max_overlap
+        ),
+    )
+
+
+def speed_factor(robot: HardwareSpec) -> float:
+    """Return the greatest speed to ask of a robot over BP2's: what its size, joint speeds and power allow at most."""
+    if robot.size == Size(1.0, 1.0):
+        return 1.0
+    of_bp2 = _limits(IDEAL)
+    return min(robot.size.speed, *(own / theirs for own, theirs in zip(_limits(robot), of_bp2, strict=True)))
+
+
+def _limits(robot: HardwareSpec) -> tuple[float, float]:
+    """Return a hip's no-load speed times the length of the leg, m/s, and motors' torque times speed by weight, m/s."""
+    torque, speed = (np.broadcast_to(x, 12) for x in (robot.joint_peak_torque, robot.joint_no_load_speed))
+    hips = slice(1, None, 3)
+    power = float(np.mean(torque * speed)) / (robot.mass * 9.81)
+    return float(np.min(speed[hips])) * 2.0 * robot.anatomy.leg_length, power
+
+
+def _sized_commands(commands: CommandConfig, size: Size, speed: float) -> CommandConfig:
+    low, high = commands.hold_time
+    stand = commands.stand_time
+    return dataclasses.replace(
+        commands,
+        max_forward=speed * commands.max_forward,
+        max_lateral=size.speed * commands.max_lateral,
+        max_yaw_rate=size.rate * commands.max_yaw_rate,
+        max_backward=size.speed * commands.max_backward,
+        slow=size.speed * commands.slow,
+        hold_time=(size.time * low, size.time * high),
+        stand_time=stand if stand is None else (size.time * stand[0], size.time * stand[1]),
+    )
+
+
+def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
+    """Return the gait with times for the robot's size, as high as its knees can stretch for the sweep."""
+    size = robot.size
+    longest = MOST_REACH * reach(hardware=robot)[1] / size.length  # as lengths are for BP2's leg
+    return dataclasses.replace(
+        gait,
+        height=min(gait.height, math.sqrt(longest**2 - (gait.sweep / 2.0) ** 2)),
+        slow_stance=size.time * gait.slow_stance,
+        swing_time=size.time * gait.swing_time,
+        stepping_speed=size.speed * gait.stepping_speed,
+    )

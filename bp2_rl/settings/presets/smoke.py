@@ -1,6 +1,6 @@
 """The preset `smoke`: slow running on the kinematic gait with little randomised, in a minute on two cores."""
 
-from bp2_rl.robot.specs import ROBOTS, RobotName
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, CurriculumConfig, EnvConfig, RandomizationConfig, ResetConfig
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets.rewards import OURS, PAPER
@@ -10,7 +10,7 @@ from bp2_rl.settings.training import RunConfig, Stage, TrainConfig, Weights
 RUN = RunConfig(steps=40_960, logs=20, checkpoints=2)
 
 
-def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
+def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the imitation stage."""
     ppo = PPOConfig(
         num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64), value_layers=(64, 64),
@@ -19,7 +19,7 @@ def imitation(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("imitation", _env("imitation", weights, robot), ppo, RUN, impl="jax")
 
 
-def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
+def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
     """Return the settings of the relaxed stage."""
     ppo = PPOConfig(
         num_envs=64, unroll_length=16, num_minibatches=4, num_epochs=2, policy_layers=(64, 64), value_layers=(64, 64),
@@ -28,11 +28,11 @@ def relaxed(weights: Weights, robot: RobotName) -> TrainConfig:
     return TrainConfig("relaxed", _env("relaxed", weights, robot), ppo, RUN, impl="jax")
 
 
-def _env(stage: Stage, weights: Weights, robot: RobotName) -> EnvConfig:
+def _env(stage: Stage, weights: Weights, robot: HardwareSpec) -> EnvConfig:
     ranges = ranges_of(robot)
     return EnvConfig(
         reference="kinematic",
-        hardware=ROBOTS[robot],
+        hardware=robot,
         commands=CommandConfig(max_forward=3.0, acceleration=(1.0, 4.0)),
         curriculum=CurriculumConfig(start_speed=2.0),
         reset=ResetConfig(standing_fraction=0.2),

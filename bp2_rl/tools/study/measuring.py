@@ -12,7 +12,7 @@ from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launch
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.monitor import LOG
 from bp2_rl.learning.policy import Policy, load_policy
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.simulation.metrics import HELD, RunMetrics, measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -82,7 +82,7 @@ def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
         cruise = _cruise(policy, CRUISE**2 / cruise.mean_speed)  # correct for a robot slower or faster than commanded
     cruising = cruise.fell_at is None and abs(cruise.mean_speed - CRUISE) <= 0.1 * CRUISE
     return PolicyMeasurement(
-        control_steps=policy.card.physics_steps // specs.SUBSTEPS,
+        control_steps=policy.card.physics_steps // conventions.SUBSTEPS,
         weights_sha256=policy.card.weights_sha256,
         wall_time=wall_time,
         top_speed=best,

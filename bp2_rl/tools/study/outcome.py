@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.tools.study.measuring import PolicyMeasurement, read_measurements
 from bp2_rl.tools.study.plan import VARIANTS, Training
 
-GOAL = specs.OUTDOOR_TOP_SPEED  # m/s
+GOAL = bp2.OUTDOOR_TOP_SPEED  # m/s
 RESAMPLES = 10_000
 
 

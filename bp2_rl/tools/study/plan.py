@@ -4,7 +4,6 @@ import dataclasses
 from pathlib import Path
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import Preset, Stage
 
@@ -82,7 +81,7 @@ class Plan:
     seeds: tuple[int, ...]
     preset: Preset
     steps: tuple[int, int]  # control steps of the imitation and of the relaxed stage
-    robot: RobotName = "built"
+    robot: str = "built"
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""

@@ -13,7 +13,6 @@ from typing import Any
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
 from bp2_rl.learning.loop import is_finished
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import Preset
 from bp2_rl.tools.study.measuring import measure_policies
@@ -30,7 +29,7 @@ class _Recipe:
     preset: Preset
     steps: tuple[int, int]
     settings: tuple[str, ...]  # hashes of the stages' settings, by which a change of the defaults is seen
-    robot: RobotName
+    robot: str
 
 
 def run(

@@ -29,7 +29,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO, TrainState, make_transition
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
@@ -212,7 +212,7 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
         robots=robots,
         devices=devices,
         control_steps_per_second=rate,
-        physics_steps_per_second=rate * specs.SUBSTEPS,
+        physics_steps_per_second=rate * conventions.SUBSTEPS,
         seconds=median,
         best_seconds=min(times),
         spread=(high - low) / median,

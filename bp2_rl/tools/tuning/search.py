@@ -12,7 +12,6 @@ from typing import Any
 
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
-from bp2_rl.robot.specs import RobotName
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import Preset
 from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
@@ -29,7 +28,7 @@ class Search:
 
     space: tuple[Dimension, ...]
     preset: Preset
-    robot: RobotName
+    robot: str
     steps: int  # control steps of a trial's imitation stage
     seed: int  # of every trial and of the sampler
 

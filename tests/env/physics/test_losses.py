@@ -13,8 +13,8 @@ import pytest
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.controller import Targets
+from bp2_rl.robot.hardware import BUILT, HardwareSpec, Losses
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
-from bp2_rl.robot.specs import BUILT, HardwareSpec, Losses
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.simulation.simulator import RobotSetup, Simulator
 

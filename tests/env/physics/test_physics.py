@@ -11,7 +11,7 @@ from bp2_rl.cli.train import _parse
 from bp2_rl.env import randomization
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.physics.interface import TARGET_AGES, newest_active
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.settings.env import EnvConfig, Impl, TerminationConfig
 
 ROBOTS, STEPS = 64, 100
@@ -115,7 +115,7 @@ def test_latency_chooses_the_newest_target_that_has_got_through():
 
 
 SOLID = EnvConfig(
-    hardware=HardwareSpec(hind_track=0.28, solid_legs=True), termination=TerminationConfig(max_overlap=0.005)
+    hardware=IDEAL.changed(hind_track=0.28, solid_legs=True), termination=TerminationConfig(max_overlap=0.005)
 )
 
 

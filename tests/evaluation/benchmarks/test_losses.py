@@ -13,7 +13,7 @@ from bp2_rl.evaluation.benchmarks.losses import (
     ramp_to_losses,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec, Losses
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
 from bp2_rl.robot.variants import PARTS, differing, with_parts
 
 

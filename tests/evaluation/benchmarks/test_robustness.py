@@ -25,7 +25,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
     wilson_interval,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.robot.specs import IDEAL
+from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun

@@ -24,7 +24,7 @@ from bp2_rl.evaluation.benchmarks.sensitivity import (
     verdict,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 
 ROBOT = RobotMetrics(
     AS_ASSUMED,

@@ -21,7 +21,7 @@ from bp2_rl.evaluation.benchmarks.sprint import (
 )
 from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.track import foot_centres, foot_edges, time_at, track_position, trunk_edges
@@ -164,7 +164,7 @@ def test_a_foot_beside_the_lane_leaves_it(make_race):
     qpos[500, 11] = 0.9  # the front left leg to the side
     apart = dataclasses.replace(run, qpos=qpos)
     lane, foot = measure_sprint(apart, 5.0).lane, foot_centres(apart)[500, 1, 1]
-    assert lane.foot_reach == pytest.approx(foot + specs.FOOT_RADIUS)
+    assert lane.foot_reach == pytest.approx(foot + bp2.FOOT_RADIUS)
     assert foot_edges(apart)[500, 1] == pytest.approx(lane.foot_reach)
     assert lane.trunk_reach == pytest.approx(0.22)
     assert lane.kept == (lane.foot_reach <= 0.61)

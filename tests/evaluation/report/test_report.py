@@ -284,7 +284,7 @@ def test_names_are_printed_as_they_are(busy_run):
 
 
 def test_reports_are_of_the_hardware_that_ran(busy_run, tmp_path):
-    longer = dataclasses.replace(busy_run.hardware, leg_length=0.4)
+    longer = busy_run.hardware.changed(leg_length=0.4)
     run = dataclasses.replace(busy_run, hardware=longer)
     folder.write_report(evaluation_of(run), tmp_path, video=False)
     assert Trajectory.load(Path(tmp_path) / "trajectory.npz").hardware == longer

@@ -11,7 +11,8 @@ from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.benchmarks.efficiency.measured import motors_of
 from bp2_rl.paper.figures.operating import OperatingNumbers, compare, measure, operating
 from bp2_rl.paper.figures.settings import OperatingSettings
-from bp2_rl.robot.specs import BUILT, MOTOR_NAMES
+from bp2_rl.robot.conventions import MOTOR_NAMES
+from bp2_rl.robot.hardware import BUILT
 
 HIND_HIPS = [MOTOR_NAMES.index("RR_hip"), MOTOR_NAMES.index("RL_hip")]
 

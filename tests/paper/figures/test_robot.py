@@ -1,7 +1,5 @@
 """The model's drawing: its dimensions are measured, and its parts are where the model has them."""
 
-import dataclasses
-
 import mujoco
 import numpy as np
 import pytest
@@ -9,8 +7,9 @@ import pytest
 from bp2_rl.paper.figures.robot import compare, measure, robot
 from bp2_rl.paper.figures.settings import RobotSettings
 from bp2_rl.paper.figures.silhouette import extent, outlines
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import BUILT, LEGS
 from bp2_rl.simulation import simulator
 
 
@@ -31,7 +30,7 @@ def test_the_dimensions_are_the_papers():
 
 
 def test_a_wider_robot_differs():
-    wide = measure(dataclasses.replace(BUILT, fore_track=BUILT.fore_track + 0.06))
+    wide = measure(BUILT.changed(fore_track=BUILT.bp2.fore_track + 0.06))
     assert wide.width == pytest.approx(0.50, abs=1e-3)
     assert [said.verdict for said in compare(wide)] == ["same", "same", "differs", "same"]
 

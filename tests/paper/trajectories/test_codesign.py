@@ -64,7 +64,7 @@ def test_the_motor_stays_the_same_behind_every_gear():
         speed = shares * hardware.joint_no_load_speed
         low, high = torque_limits(Actuator.from_hardware(hardware), speed)
         powers.append((low * speed, high * speed))
-        assert hardware.reflected_inertia == pytest.approx(PROBLEM.hardware.rotor_inertia * gear**2)
+        assert hardware.reflected_inertia == pytest.approx(PROBLEM.hardware.parameter("rotor_inertia") * gear**2)
     np.testing.assert_allclose(powers[0], powers[1], rtol=1e-9, atol=1e-9)  # round-off of W
     np.testing.assert_allclose(powers[2], powers[1], rtol=1e-9, atol=1e-9)
 
@@ -129,7 +129,7 @@ def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
     calls = []
 
     def fake(problem, guess, options):
-        calls.append(problem.hardware.leg_length)
+        calls.append(problem.hardware.bp2.leg_length)
         assert not options.free
         if len(calls) == 3:
             raise KeyboardInterrupt
@@ -140,7 +140,7 @@ def test_an_interrupted_scan_goes_on_where_it_stood(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         solve_chains([chain], tmp_path, 1, "")
     solve_chains([chain], tmp_path, 1, "")
-    lengths = [problem.hardware.leg_length for problem in chain.problems]
+    lengths = [problem.hardware.bp2.leg_length for problem in chain.problems]
     assert calls == [*lengths, lengths[2]]
 
 
@@ -174,7 +174,7 @@ def test_variations_change_one_setting_each():
 def test_starts_differ_in_design_and_guess():
     chains = [start_chain(SETTINGS, seed) for seed in range(4)]
     assert chains[0] == Chain((PROBLEM,), PARAMETERS, SETTINGS.bounds)
-    assert len({chain.problems[0].hardware.leg_length for chain in chains}) == 4
+    assert len({chain.problems[0].hardware.bp2.leg_length for chain in chains}) == 4
     for chain in chains[1:]:
         assert not SETTINGS.bounds.touched(chain.problems[0].hardware)
 

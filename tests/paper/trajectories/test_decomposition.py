@@ -22,7 +22,8 @@ from bp2_rl.paper.trajectories.decomposition import (
     peak_velocity_force,
     turning_speeds,
 )
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import IDEAL
 
 WEIGHT = 35.8 * 9.81  # N, of four quarters of Table S3
 LINKS = (  # mass, inertia, distance from the hip of a straight leg's bodies (Table S3)
@@ -127,12 +128,12 @@ def test_a_straight_legs_inertia_is_a_pendulums():
     acceleration = 40.0
     part = posed(q={FR_HIP: np.pi / 2.0}, a={FR_HIP: acceleration})  # the foot points backwards and goes up
     inertia = sum(inertia + mass * distance**2 for mass, inertia, distance in LINKS)
-    main = (inertia + specs.IDEAL.reflected_inertia) * acceleration
+    main = (inertia + IDEAL.reflected_inertia) * acceleration
     first = slice(len(part.time) // 2)  # then it is FL's turn
     np.testing.assert_allclose(part.along("main inertial", "FR hip")[first], main, rtol=1e-12)
     lift = sum(mass * distance for mass, _, distance in LINKS)
     np.testing.assert_allclose(part.along("coupled inertial", "z"), lift * acceleration, rtol=1e-12)
-    np.testing.assert_allclose(part.along("gravity", "FR hip")[first], lift * specs.GRAVITY, rtol=1e-12)
+    np.testing.assert_allclose(part.along("gravity", "FR hip")[first], lift * conventions.GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(part.along("coupled inertial", "FL hip"), 0.0, atol=1e-12)
 
 
@@ -173,7 +174,7 @@ def test_trends_are_by_speed_and_of_the_mean_leg(trot, terms):
     np.testing.assert_array_equal(trends.speeds, [10.0, 12.0])
     np.testing.assert_array_equal(trends.average[0], trends.average[1])  # one motion under two names
     average = average_force(terms)
-    hips = [terms.coordinates.index(f"{leg} hip") for leg in specs.LEGS]
+    hips = [terms.coordinates.index(f"{leg} hip") for leg in conventions.LEGS]
     hip = trends.average[0, :, KINDS.index("hip")]
     np.testing.assert_allclose(hip, np.mean(average[:, hips], axis=1), rtol=1e-12)
     np.testing.assert_array_equal(trends.average[0, :, KINDS.index("z")], average[:, 1])

@@ -11,7 +11,7 @@ from bp2_rl.paper.cli import trajectories
 from bp2_rl.paper.trajectories import variants
 from bp2_rl.paper.trajectories.comparison import compare
 from bp2_rl.paper.trajectories.variants import limb_variants
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
 
 def inertia_about_the_hip(problem: Problem) -> float:
@@ -23,7 +23,7 @@ def inertia_about_the_hip(problem: Problem) -> float:
 def test_all_weigh_the_same_and_differ_as_they_are_called():
     problems = limb_variants(Problem())
     weights = [PlanarModel.of(problem).weight for problem in problems.values()]
-    np.testing.assert_allclose(weights, 4 * specs.QUARTER_MASS * specs.GRAVITY, rtol=1e-12)
+    np.testing.assert_allclose(weights, 4 * bp2.QUARTER_MASS * conventions.GRAVITY, rtol=1e-12)
     legs = {name: inertia_about_the_hip(problem) for name, problem in problems.items()}
     # A thigh has its mass 24 mm from the hip, a toe some 0.7 m.
     assert legs["thigh x 2"] - legs["as it is"] == pytest.approx(0.014 + 2.2 * 0.024**2, rel=1e-9)

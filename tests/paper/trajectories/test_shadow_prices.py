@@ -8,7 +8,7 @@ import pytest
 from bp2_rl.optimiser.collocation import GREATEST_SPEED, optimise, solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.paper.trajectories.shadow_prices import LIMITS, LOSSES, ShadowPrices, active_limits, find_shadow_prices
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 
 NAMES = "rotor inertia", "foot clearance"
 

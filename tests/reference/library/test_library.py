@@ -21,12 +21,14 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.reference.interface import Reference
-from bp2_rl.reference.kinematic_trot import SOLE_CLEARANCE, KinematicGait
+from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.file import MotionLibrary, load_library, save_library
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.stepping import TROT
-from bp2_rl.robot import kinematics, specs
+from bp2_rl.robot import bp2, conventions, kinematics
+from bp2_rl.robot.hardware import IDEAL
 
+SOLE_CLEARANCE = bp2.FOOT_RADIUS * (1.0 - np.cos(bp2.STAND_HIP))  # m, of a leaning leg's sole
 POINTS = 25
 ROWS = 2048
 SPEEDS = np.arange(0.5, 13.1, 0.5)
@@ -90,7 +92,7 @@ def _kinematic_motion(speed):
         reference = KINEMATIC(jnp.broadcast_to(command, (*t.shape, 3)), t * rate)
         joints, spring = _as_centres(reference)
         legs = jnp.concatenate([joints[..., 1:], spring[..., None]], axis=-1).reshape(*t.shape, 12)
-        height = reference.height - SOLE_CLEARANCE + specs.FOOT_RADIUS
+        height = reference.height - SOLE_CLEARANCE + bp2.FOOT_RADIUS
         return jnp.concatenate([jnp.stack([speed * t, height, 0.0 * t], axis=-1), legs], axis=-1)
 
     q, v = jax.jvp(coordinates, (t,), (jnp.ones_like(t),))
@@ -101,7 +103,7 @@ def _as_centres(reference):
     """Joint angles that put the centres of the feet where the kinematic gait has its soles; spring compressions."""
     joints, spring = reference.joint_position.reshape(*reference.height.shape, 4, 3), reference.spring_compression
     soles = kinematics.foot_position(joints, spring)
-    return kinematics.joint_angles(soles, spring + specs.FOOT_RADIUS), spring
+    return kinematics.joint_angles(soles, spring + bp2.FOOT_RADIUS), spring
 
 
 def sample(gait, command, phase, dtype: Any = float) -> Reference:
@@ -126,16 +128,16 @@ def rate(gait, command):
     return np.asarray(gait.phase_rate(jnp.asarray(command, float)))
 
 
-def centres(reference, hardware=specs.IDEAL):
+def centres(reference, hardware=IDEAL):
     """Centres of the feet from the trunk's centre in the heading frame, m."""
-    p = kinematics.foot_position(reference.joint_position, reference.spring_compression + specs.FOOT_RADIUS, hardware)
+    p = kinematics.foot_position(reference.joint_position, reference.spring_compression + bp2.FOOT_RADIUS, hardware)
     c, s = np.cos(reference.pitch)[..., None], np.sin(reference.pitch)[..., None]
     return np.stack([c * p[..., 0] + s * p[..., 2], p[..., 1], c * p[..., 2] - s * p[..., 0]], axis=-1)
 
 
 def clearance(reference):
     """Of each foot from the ground, m."""
-    return centres(reference)[..., 2] + reference.height[..., None] - specs.FOOT_RADIUS
+    return centres(reference)[..., 2] + reference.height[..., None] - bp2.FOOT_RADIUS
 
 
 def around(gait, command, phase, step=1e-6):
@@ -184,7 +186,7 @@ def test_between_its_points_and_speeds_the_motion_is_that_which_was_sampled(made
     np.testing.assert_allclose(reference.joint_position, joints, atol=tolerance)
     np.testing.assert_allclose(reference.spring_compression, spring, atol=tolerance / 10)
     np.testing.assert_allclose(
-        reference.height - specs.FOOT_RADIUS, original.height - SOLE_CLEARANCE, atol=tolerance / 20
+        reference.height - bp2.FOOT_RADIUS, original.height - SOLE_CLEARANCE, atol=tolerance / 20
     )
     on_mesh = np.isin(speeds, SPEEDS)
     np.testing.assert_array_equal(reference.contact[:, on_mesh], original.contact[:, on_mesh])
@@ -217,7 +219,7 @@ def test_beyond_the_greatest_speed_the_motion_stays(made):
 # --- On the ground -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("robot", [specs.IDEAL, specs.HardwareSpec(fore_track=0.45, hind_track=0.24)])
+@pytest.mark.parametrize("robot", [IDEAL, IDEAL.changed(fore_track=0.45, hind_track=0.24)])
 def test_a_stance_foot_moves_with_the_ground(made, robot):
     """p' = -v - omega x p whatever the command, to the 4e-4 m/s by which blended strides vary in speed."""
     now, before, after = around(dataclasses.replace(made, hardware=robot), WITHIN, PHASES)
@@ -246,7 +248,7 @@ def test_rolling_feet_stand_still(solved, speed):
 
     def rolled(reference):
         lower_leg = reference.pitch[:, None] + reference.joint_position[..., 1] + reference.joint_position[..., 2]
-        return centres(reference)[..., 0] - specs.FOOT_RADIUS * lower_leg
+        return centres(reference)[..., 0] - bp2.FOOT_RADIUS * lower_leg
 
     slip = (rolled(after) - rolled(before)) / 2e-6 + now.velocity[:, :1]
     stands = np.stack([r.contact for r in (now, before, after)]).all(axis=0)
@@ -273,7 +275,7 @@ def test_a_leg_without_reach_left_is_not_jerked_straight(solved):
     command = np.array([[9.8, 0.5, 0.0], [10.0, -0.5, 0.3], [9.5, 0.5, -0.3]])
     phase = np.linspace(0.0, 1.0, 2001)[:, None]
     reference, straight = sample(solved, command, phase), sample(solved, command * [1.0, 0.0, 0.0], phase)
-    straightest = np.maximum(straight.joint_position[..., 2], specs.KNEE_RANGE[1])
+    straightest = np.maximum(straight.joint_position[..., 2], bp2.KNEE_RANGE[1])
     assert (reference.joint_position[..., 2] <= straightest + 1e-4).all()
     stands = reference.contact == 1
     assert -1e-5 < clearance(reference)[stands].min() < clearance(reference)[stands].max() < 2e-3
@@ -356,7 +358,7 @@ def test_no_command_gives_nan_or_leaves_the_joints_ranges(name, request):
     reference = sample(gait, command, np.linspace(0.0, 1.0, 101)[:, None])
     for field, leaf in vars(reference).items():
         assert np.isfinite(leaf).all(), field
-    for joint, (low, high) in enumerate((specs.ABAD_RANGE, specs.HIP_RANGE, specs.KNEE_RANGE)):
+    for joint, (low, high) in enumerate((bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE)):
         angle = reference.joint_position[..., joint]
         beyond = 0.02 if name == "solved" else 0.0  # between coarse points the trajectory itself exceeds its range
         assert low < angle.min() <= angle.max() < high + beyond
@@ -365,7 +367,7 @@ def test_no_command_gives_nan_or_leaves_the_joints_ranges(name, request):
 
 def test_at_zero_command_the_robot_stands(made):
     reference = sample(made, [0.0, 0.0, 0.0], PHASES[:, 0])
-    stand = np.reshape(specs.STAND_JOINTS, (4, 3))
+    stand = np.reshape(bp2.STAND_JOINTS, (4, 3))
     np.testing.assert_allclose(reference.joint_position, np.broadcast_to(stand, (len(PHASES), 4, 3)), atol=1e-12)
     for name in ("joint_velocity", "spring_velocity", "velocity", "height_velocity", "pitch", "pitch_rate"):
         np.testing.assert_allclose(getattr(reference, name), 0.0, atol=1e-12)
@@ -376,17 +378,17 @@ def test_at_zero_command_the_robot_stands(made):
 def test_standing_is_in_balance(made):
     """Springs bear their share of the weight and torques the moments of the ground's forces, by virtual work."""
     reference = sample(made, [0.0, 0.0, 0.0], 0.0)
-    load = specs.TOTAL_MASS * specs.GRAVITY / 4.0
+    load = bp2.TOTAL_MASS * conventions.GRAVITY / 4.0
 
     def heights(joints, spring):
-        return kinematics.foot_position(joints, spring + specs.FOOT_RADIUS)[..., 2]
+        return kinematics.foot_position(joints, spring + bp2.FOOT_RADIUS)[..., 2]
 
     by_joint, by_spring = jax.jacobian(heights, (0, 1))(
         jnp.asarray(reference.joint_position), jnp.asarray(reference.spring_compression)
     )
     np.testing.assert_allclose(reference.torque[..., 1:], -load * np.sum(by_joint, axis=0)[..., 1:], atol=1e-9)
     np.testing.assert_allclose(
-        specs.SPRING_STIFFNESS * reference.spring_compression, load * np.sum(by_spring, axis=0), rtol=1e-12
+        bp2.SPRING_STIFFNESS * reference.spring_compression, load * np.sum(by_spring, axis=0), rtol=1e-12
     )
 
 
@@ -463,7 +465,7 @@ def test_impossible_stepping_speeds_are_refused(value):
 
 
 def test_legs_of_another_length_are_refused(made):
-    other = dataclasses.replace(made, hardware=dataclasses.replace(specs.IDEAL, leg_length=0.36))
+    other = dataclasses.replace(made, hardware=IDEAL.changed(leg_length=0.36))
     with pytest.raises(UserError, match=r"off the ground with legs of 0.36 m.*bp2 trajopt library build"):
         other.phase_rate(jnp.zeros(3))
 

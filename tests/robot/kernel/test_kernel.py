@@ -1,6 +1,5 @@
 """The kernel's step beside C MuJoCo's, which shares no code with it."""
 
-import dataclasses
 import functools
 
 import jax
@@ -12,18 +11,18 @@ from landing import converged, random_states
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.randomization import Randomization, draw
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 from bp2_rl.robot.kernel import constraints, fusion_barriers
 from bp2_rl.robot.kernel import step as step_module
 from bp2_rl.robot.kernel.design import Design, Masses, Robots
 from bp2_rl.robot.kernel.step import MuJoCoState, step
 from bp2_rl.robot.kernel.vectors import cos_sin
 from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
-from bp2_rl.robot.specs import BUILT, IDEAL, HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 
 ROBOTS = 200
-OTHER = dataclasses.replace(
-    IDEAL, leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
+OTHER = IDEAL.changed(
+    leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
     thigh_mass=2.9, toe_mass=0.8, trunk_inertia=0.6,
 )  # fmt: skip
 

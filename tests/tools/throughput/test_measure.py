@@ -11,8 +11,8 @@ import pytest
 from aim import TINY, Aim
 
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.observations import STAND
 from bp2_rl.learning.ppo import PPO
+from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.presets import make_config
 from bp2_rl.tools.throughput import measure as bench
@@ -176,7 +176,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
     _, after = part.program(part.carry, *part.fixed)
     np.testing.assert_array_equal(after.qvel, np.full((8, 22), config.unroll_length))
     # Without command or action the joints are to stay near the stand: rad, a trot's sweep on the spot.
-    np.testing.assert_allclose(after.targets.position[:, 0], np.tile(STAND, (8, 1)), atol=0.6)
+    np.testing.assert_allclose(after.targets.position[:, 0], np.tile(STAND_JOINTS, (8, 1)), atol=0.6)
 
 
 def test_a_number_of_robots_that_does_not_fit_is_an_error_of_its_own():

@@ -30,8 +30,8 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
@@ -110,11 +110,11 @@ def outcome_of(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
 
 
 FELL = "fell"
-STOP_GROUP, LAUNCH_GROUP = f"Brake from {specs.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
+STOP_GROUP, LAUNCH_GROUP = f"Brake from {bp2.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
 SCHEDULES = (
     f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the card's "
     f"top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at "
-    f"{specs.OUTDOOR_TOP_SPEED:g} m/s; straightness, ground and latency: {TRACK:g} m at the top"
+    f"{bp2.OUTDOOR_TOP_SPEED:g} m/s; straightness, ground and latency: {TRACK:g} m at the top"
 )
 GROUND = (
     "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
@@ -152,7 +152,7 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     return (
         Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
-        Row("Hardest stop", hardest(groups[STOP_GROUP]), f"from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
+        Row("Hardest stop", hardest(groups[STOP_GROUP]), f"from {bp2.OUTDOOR_TOP_SPEED:g} m/s"),
         Row("Hardest launch", hardest(groups[LAUNCH_GROUP]), "to the top, on friction 0.8"),
         Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
         Row(

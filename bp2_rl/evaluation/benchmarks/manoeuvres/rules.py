@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.plotting import moving_mean
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.simulation.metrics import RIPPLE, mean_powers
 from bp2_rl.simulation.schedule import Command
 from bp2_rl.simulation.track import LANE_WIDTH, track_position, trunk_edges
@@ -177,7 +177,7 @@ def assess_motion(run: Trajectory, *, command: Command, since: float) -> Assessm
         return Assessment(False, "not begun", SlowMotion(told, None, None, None))
     steady = run.between(since, math.inf)
     speed = float(np.mean(steady.ground_velocity, axis=0) @ np.array(command[:2])) / told
-    cost = mean_powers(steady)[1] / (run.mass * specs.GRAVITY * speed) if speed > 0.1 * told else None
+    cost = mean_powers(steady)[1] / (run.mass * conventions.GRAVITY * speed) if speed > 0.1 * told else None
     measured = SlowMotion(told, speed, float(np.mean(steady.qpos[:, 2])), cost)
     return Assessment(abs(speed - told) <= VELOCITY_ERROR * told, f"{speed:.2f} m/s", measured)
 

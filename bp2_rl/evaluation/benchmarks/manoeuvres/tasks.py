@@ -9,8 +9,8 @@ from typing import Any
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
 from bp2_rl.evaluation.benchmarks.sprint import TIME_LIMIT, TRACK
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp, Schedule
@@ -78,7 +78,7 @@ def all_manoeuvres(
     speed = top.target[0]
     dash = dash_of(top)
     return (
-        *_braking(of, specs.OUTDOOR_TOP_SPEED, f"Brake from {specs.OUTDOOR_TOP_SPEED:g} m/s"),
+        *_braking(of, bp2.OUTDOOR_TOP_SPEED, f"Brake from {bp2.OUTDOOR_TOP_SPEED:g} m/s"),
         *_braking(of, speed, "Brake from the top"),
         *_launches(of, speed, level, hardware),
         *_turns(of),
@@ -189,7 +189,7 @@ def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Manoe
 
 
 def _pushes(of: Make) -> Iterator[Manoeuvre]:
-    run = run_up(specs.OUTDOOR_TOP_SPEED)
+    run = run_up(bp2.OUTDOOR_TOP_SPEED)
     for size in PUSHES:
         for i, arrow in enumerate(ARROWS):
             angle = math.tau * i / len(ARROWS)

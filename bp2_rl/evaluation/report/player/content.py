@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
+from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import SOLE_SITES, load_model
-from bp2_rl.robot.specs import CONTROL_STEP, LEGS, HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window

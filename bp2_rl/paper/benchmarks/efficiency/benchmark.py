@@ -25,13 +25,13 @@ from bp2_rl.paper.benchmarks.speeds import (
     run_speeds,
     steady_strides,
 )
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.simulation.account import replay
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
-SPEEDS = 2.0, 4.0, 6.0, 8.0, specs.OUTDOOR_TOP_SPEED, 12.0, 14.0  # m/s, commands, and the top one
-SHORT = (specs.OUTDOOR_TOP_SPEED,)  # in the quick version
+SPEEDS = 2.0, 4.0, 6.0, 8.0, bp2.OUTDOOR_TOP_SPEED, 12.0, 14.0  # m/s, commands, and the top one
+SHORT = (bp2.OUTDOOR_TOP_SPEED,)  # in the quick version
 HOLD, QUICK_HOLD = 10.0, 3.0  # s
 
 

@@ -8,7 +8,7 @@ from matplotlib.patches import Patch
 from bp2_rl.base.plotting import FALL, INK, LEG_COLORS, QUIET, WIDTH, styled
 from bp2_rl.optimiser.figure_style import letter
 from bp2_rl.paper.benchmarks.efficiency.measured import ENDS, EfficiencyMetrics
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 
 CAPTION = (
     "A: costs of transport over speed. The band is what becomes of the motors' braking: from all of it lost (upper "
@@ -106,10 +106,10 @@ def _peaks(axes: Axes, metrics: EfficiencyMetrics) -> None:
     speeds = _speeds(metrics)
     colors = {"fore hip": LEG_COLORS["FR"], "fore knee": LEG_COLORS["RL"], "hind hip": LEG_COLORS["RR"],
               "hind knee": LEG_COLORS["FL"]}  # fmt: skip
-    for power in specs.HIND_PEAK_POWERS:
+    for power in bp2.HIND_PEAK_POWERS:
         axes.axhline(power, color=QUIET, linewidth=0.9, linestyle=DASHED)
-    paper = "paper: " + " and ".join(f"{power:g}" for power in specs.HIND_PEAK_POWERS)
-    at = (1.0, max(specs.HIND_PEAK_POWERS))
+    paper = "paper: " + " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
+    at = (1.0, max(bp2.HIND_PEAK_POWERS))
     axes.annotate(
         paper, at, (0, 3), xycoords=("axes fraction", "data"), textcoords="offset points", ha="right", va="bottom",
         color=QUIET, fontsize=8,

@@ -18,15 +18,16 @@ from jaxtyping import Float
 from bp2_rl.optimiser.cycle import robot_mass, whole_cycle
 from bp2_rl.optimiser.problem import motor_coordinates
 from bp2_rl.optimiser.solution import Solution
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, winding_heat
-from bp2_rl.robot.specs import IDEAL, LEGS
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import IDEAL
 from bp2_rl.simulation.account import Ledger
 from bp2_rl.simulation.trajectory import Trajectory
 
 RETURNED = 0.0, 0.5, 1.0  # shares of the braking
 ENDS = {"fore": "F", "hind": "R"}  # and how their legs' names begin
-KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in specs.JOINTS)
+KINDS = tuple(f"{end} {joint}" for end in ENDS for joint in conventions.JOINTS)
 SLOWEST = 0.1  # m/s, of which a cost of transport is worth to be told
 
 
@@ -126,7 +127,7 @@ def measure_energy(run: Trajectory, ledger: Ledger, strides: int) -> Energy | No
     speed = float(np.mean(run.ground_velocity[:, 0]))
     if speed <= SLOWEST:
         return None
-    weight_speed = run.mass * specs.GRAVITY * speed
+    weight_speed = run.mass * conventions.GRAVITY * speed
 
     def cost(power: np.ndarray) -> float:  # the last millisecond's end has no energy in the ledger: it is left out
         return float(np.mean(np.reshape(power[:-1], (len(power) - 1, -1)).sum(axis=-1))) / weight_speed
@@ -161,7 +162,7 @@ def measure_optimiser(solution: Solution) -> OptimisedEfficiency:
 
     def cost(power: np.ndarray) -> float:
         distance = problem.speed * cycle.period
-        return float(np.sum(cycle.weights * power)) / (robot_mass(problem) * specs.GRAVITY * distance)
+        return float(np.sum(cycle.weights * power)) / (robot_mass(problem) * conventions.GRAVITY * distance)
 
     positive, braking = (cost(np.sum(np.maximum(sign * tau * speed, 0.0), axis=-1)) for sign in (1.0, -1.0))
     copper, bus = cost(heat), cost(np.maximum(total + heat, 0.0))
@@ -171,7 +172,7 @@ def measure_optimiser(solution: Solution) -> OptimisedEfficiency:
 def motors_of(kind: str) -> list[int]:
     """Return the motors of a kind, `hind hip`, right and left."""
     end, joint = kind.split()
-    return [3 * leg + specs.JOINTS.index(joint) for leg, name in enumerate(LEGS) if name.startswith(ENDS[end])]
+    return [3 * leg + conventions.JOINTS.index(joint) for leg, name in enumerate(LEGS) if name.startswith(ENDS[end])]
 
 
 def _joint(name: str, ledger: Ledger) -> Joint:

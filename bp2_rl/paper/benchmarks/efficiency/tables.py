@@ -6,7 +6,7 @@ from bp2_rl.evaluation.benchmarks.conditions import describe_rise
 from bp2_rl.evaluation.benchmarks.outcome import Row, Table, rounded, show, show_fall
 from bp2_rl.evaluation.benchmarks.run_tables import ENERGY
 from bp2_rl.paper.benchmarks.efficiency.measured import RETURNED, EfficiencyMetrics, Energy
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.simulation.schedule import Ramp
 
 TILES = "Mechanical cost", "Electrical cost", "All returned", "Spring share", "Peak power"
@@ -110,7 +110,7 @@ def _electrical(energy: Energy) -> tuple[float, float, float]:
 
 def _joint_table(speed: float, energy: Energy) -> Table:
     """The motors at one speed."""
-    paper = " and ".join(f"{power:g}" for power in specs.HIND_PEAK_POWERS)
+    paper = " and ".join(f"{power:g}" for power in bp2.HIND_PEAK_POWERS)
     head = "Motors", "Peak [W]", "Hardest braking [W]", "Drives [W]", "Brakes [W]", "Heat [W]", "Efficiency, driving"
     lines = [
         (

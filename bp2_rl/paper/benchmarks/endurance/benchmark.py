@@ -21,19 +21,19 @@ from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, Enduran
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.motor_heat import Network
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.schedule import Ramp
 
-SPEED = specs.OUTDOOR_TOP_SPEED
-LONGEST = 2.0 * specs.ENDURANCE_TIME + 8.0  # s
+SPEED = bp2.OUTDOOR_TOP_SPEED
+LONGEST = 2.0 * bp2.ENDURANCE_TIME + 8.0  # s
 PACE = 4.0  # of the accelerated runs: heat over seconds wavers, so a faster pace samples too few of them
 LIMITLESS = 1000.0  # C: copper melts at 1085
 CALIBRATION = 12.0  # s of cold running; a hip's heat wavers by a tenth from one second to the next
 ROBOTS = 8  # drawn
 SCAN = 4.0, 6.0, 8.0, 9.5, 12.0, 14.0  # m/s, commands
-REAR_HIPS = specs.MOTOR_NAMES.index("RR_hip"), specs.MOTOR_NAMES.index("RL_hip")
+REAR_HIPS = conventions.MOTOR_NAMES.index("RR_hip"), conventions.MOTOR_NAMES.index("RL_hip")
 
 
 def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
@@ -81,7 +81,7 @@ def endurance(policy: Policy, ramp: Ramp, setup: DeepSetup) -> Evaluation:
             RandomRobot(
                 other.friction,
                 other.mass_scale / robot.mass_scale,
-                other.peak_torque / robot.peak_torque,
+                other.parameter("peak_torque") / robot.parameter("peak_torque"),
                 other.losses.latency,
                 _at_speed(run, heat),
             )
@@ -124,7 +124,7 @@ def draw_robots(robot: HardwareSpec, count: int, seed: int) -> tuple[HardwareSpe
             robot,
             friction=robot.friction * friction,
             mass_scale=robot.mass_scale * mass,
-            peak_torque=robot.peak_torque * strength,
+            peak_torque=robot.parameter("peak_torque") * strength,
             losses=dataclasses.replace(robot.losses, latency=latency),
         )
         for friction, mass, strength, latency in drawn
@@ -145,7 +145,7 @@ def _at_speed(cold: EnduranceResult, heat: MotorHeat) -> EnduranceAtSpeed:
     return EnduranceAtSpeed(
         commanded_speed=cold.commanded_speed,
         speed=cold.first.speed,
-        motor=specs.MOTOR_NAMES[most],
+        motor=conventions.MOTOR_NAMES[most],
         heat=cold.first.heat[most],
         torque=cold.first.torque[most],
         seconds=_seconds_to_limit(cold, heat),

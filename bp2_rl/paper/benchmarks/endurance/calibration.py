@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot.specs import ENDURANCE_TIME, HEATING_RATE
+from bp2_rl.robot.bp2 import ENDURANCE_TIME, HEATING_RATE
 
 RISE = HEATING_RATE * ENDURANCE_TIME  # K
 STEP = 2.0  # s, at most; shorter for motors whose time constants are

@@ -13,9 +13,10 @@ from bp2_rl.paper.benchmarks.endurance.calibration import MEMBERS, RISE, course
 from bp2_rl.paper.benchmarks.endurance.heating import MARGIN, HeatedRun
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import Actuator, torque_limits
-from bp2_rl.robot.specs import ENDURANCE_TIME, HEATING_RATE, HardwareSpec
+from bp2_rl.robot.bp2 import ENDURANCE_TIME, HEATING_RATE
+from bp2_rl.robot.hardware import HardwareSpec
 
 DASHES: dict[str, Any] = {"hip": "-", "knee": (0, (5, 1.6)), "abad": (0, (1, 1.4))}
 PAPER = LEG_COLORS["FL"]
@@ -53,7 +54,7 @@ def temperature_figure(metrics: EnduranceMetrics, accelerated: Sequence[HeatedRu
         run = held.result
         time = np.concatenate([[0.0], held.course.time, [run.seconds]])
         winding = np.vstack([np.full((1, 12), air), np.reshape(held.course.winding, (-1, 12)), [run.winding]])
-        for i, name in enumerate(specs.MOTOR_NAMES):
+        for i, name in enumerate(conventions.MOTOR_NAMES):
             leg, joint = name.split("_")
             bold = 2.6 if i == held.hottest else 1.2
             axes.plot(time, winding[:, i], color=LEG_COLORS[leg], linestyle=DASHES[joint], linewidth=bold)
@@ -121,7 +122,7 @@ def margin_figure(metrics: EnduranceMetrics) -> Figure:
     for (share, speed), held in zip(panels.T, metrics.held, strict=True):
         on, cold = np.reshape(held.course.on_envelope, (-1, 12)), held.result.first.speed
         for name, members in GROUPS.items():
-            values = 100.0 * np.mean(on[:, [specs.MOTOR_NAMES.index(motor) for motor in members]], axis=1)
+            values = 100.0 * np.mean(on[:, [conventions.MOTOR_NAMES.index(motor) for motor in members]], axis=1)
             share.plot(held.course.time, values, color=GROUP_COLORS[name])
         share.set_title(_title(held))
         speed.plot(held.course.time, 100.0 * np.array(held.course.speed) / max(cold, 1e-9), color=FRONT)
@@ -164,7 +165,7 @@ def endurance_figure(metrics: EnduranceMetrics) -> Figure:
         axes.plot(*zip(*run, strict=True), "s", color=FALL, ms=8, label="run with warming motors")
         for speed, seconds in run:
             axes.annotate(f"{seconds:.0f} s", (speed, seconds), (7, 6), textcoords="offset points", fontsize=9)
-    axes.plot(specs.OUTDOOR_TOP_SPEED, ENDURANCE_TIME, "*", color=PAPER, ms=15, mec=INK, mew=0.6, label="paper, 86 s")
+    axes.plot(bp2.OUTDOOR_TOP_SPEED, ENDURANCE_TIME, "*", color=PAPER, ms=15, mec=INK, mew=0.6, label="paper, 86 s")
     axes.set(
         title="Endurance over speed", xlabel="Speed [m/s]", ylabel="Time to the limit [s]",
     )  # fmt: skip

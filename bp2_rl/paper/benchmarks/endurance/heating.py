@@ -16,9 +16,9 @@ from jaxtyping import Float
 from bp2_rl.env.controller import motors_of
 from bp2_rl.learning.policy import Policy
 from bp2_rl.paper.motor_heat import Network, Temperatures, advance, heated
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, winding_heat
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.metrics import envelope_use
 from bp2_rl.simulation.operator import HeadingHold
@@ -34,7 +34,7 @@ WINDOW = 6.0  # s of running, over which work and speed are averaged
 MARGIN = 0.95  # of the cold speed: a robot that makes good less over a second has no torque margin left
 UPDATE = 50  # ms of running, after which the motors get the envelope of their temperatures
 POINTS = 6000  # of a cloud of torque over speed
-DT = specs.PHYSICS_STEP
+DT = conventions.PHYSICS_STEP
 SECOND, WINDOW_STEPS = round(1.0 / DT), round(WINDOW / DT)
 
 
@@ -52,10 +52,12 @@ class Heating:
     def __init__(self, network: Network, cold: Actuator, *, start: float, pace: float = 1.0, limit: float = math.inf):
         self.network, self.cold, self.pace, self.limit = network, cold, pace, limit
         self.start = round(start / DT)  # ms
-        self.history = [Temperatures.uniform(float(network.air), (specs.NUM_MOTORS,))]  # at the start of each update
+        self.history = [
+            Temperatures.uniform(float(network.air), (conventions.NUM_MOTORS,))
+        ]  # at the start of each update
         self.over: Cause | None = None  # why the run was ended, if it was
         self._step = 0  # ms of running so far
-        self._heat = np.zeros(specs.NUM_MOTORS)  # W x ms since the last update, of cold motors
+        self._heat = np.zeros(conventions.NUM_MOTORS)  # W x ms since the last update, of cold motors
         self._places: list[np.ndarray] = []  # m, where the trunk was at the updates
 
     def __call__(self, simulator: Simulator, robot: int, torque: Float[np.ndarray, "12"]) -> bool:
@@ -127,7 +129,7 @@ class HeatingTry:
 
 @dataclasses.dataclass(frozen=True)
 class HeatingCourse:
-    """A run by the second of running, from the clock's start; motors as in `specs.MOTOR_NAMES`."""
+    """A run by the second of running, from the clock's start; motors as in `conventions.MOTOR_NAMES`."""
 
     time: tuple[float, ...]  # s of heat, of the seconds' middle
     winding: tuple[tuple[float, ...], ...]  # C

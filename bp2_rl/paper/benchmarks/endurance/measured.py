@@ -5,7 +5,7 @@ import dataclasses
 from bp2_rl.paper.benchmarks.endurance.calibration import CalibratedMotor, straightest
 from bp2_rl.paper.benchmarks.endurance.heating import EnduranceResult, HeatingCourse
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,7 @@ class EnduranceMetrics:
 
 def joint_of(motor: int) -> str:
     """In words: `rear right hip`."""
-    leg, joint = specs.MOTOR_NAMES[motor].split("_")
+    leg, joint = conventions.MOTOR_NAMES[motor].split("_")
     place = {"F": "front", "R": "rear"}[leg[0]] + {"R": " right", "L": " left"}[leg[1]]
     return f"{place} {joint}"
 

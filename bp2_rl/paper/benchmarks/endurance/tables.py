@@ -10,7 +10,7 @@ from bp2_rl.paper.benchmarks.endurance.heating import EASING, MARGIN, UPDATE, WI
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceAtSpeed, EnduranceMetrics, HeldSpeed, joint_of
 from bp2_rl.paper.motor_heat import Network, Temperatures, heated
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.simulation.schedule import Ramp
 
@@ -30,7 +30,7 @@ def verdict(metrics: EnduranceMetrics) -> str:
     ends = {"winding": "{} too hot", "torque margin": "{} too weak", "fall": "fell", "none": "not ended"}
     return "; ".join(
         f"{held.result.commanded_speed:g} m/s: {held.result.seconds:.0f} s, "
-        f"{ends[held.result.cause].format(specs.MOTOR_NAMES[held.motor])}"
+        f"{ends[held.result.cause].format(conventions.MOTOR_NAMES[held.motor])}"
         for held in metrics.held
     )
 
@@ -215,7 +215,7 @@ def motor_table(metrics: EnduranceMetrics, held: HeldSpeed) -> Table:
             f"{run.first.on_envelope[i]:.1%}",
             f"{run.last.on_envelope[i]:.1%}",
         )
-        for i, name in enumerate(specs.MOTOR_NAMES)
+        for i, name in enumerate(conventions.MOTOR_NAMES)
     ]
     return Table(f"Motors at the end of {run.commanded_speed:g} m/s", head, lines)  # fmt: skip
 
@@ -287,7 +287,7 @@ def endurance_results(metrics: EnduranceMetrics) -> dict[str, Any]:
             "speed": held.result.first.speed,
             "seconds": held.result.seconds,
             "cause": held.result.cause,
-            "motor": specs.MOTOR_NAMES[held.motor],
+            "motor": conventions.MOTOR_NAMES[held.motor],
             "hottest_winding": max(held.result.winding),
             "hottest_case": max(held.result.case),
             "accelerated_seconds": held.accelerated.seconds,

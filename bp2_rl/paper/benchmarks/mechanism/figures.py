@@ -15,7 +15,7 @@ from bp2_rl.paper.benchmarks.mechanism.measured import Decomposed, MechanismAtSp
 from bp2_rl.paper.benchmarks.speeds import LEG
 from bp2_rl.paper.trajectories.decomposition import KINDS
 from bp2_rl.paper.trajectories.figures.decomposition import KIND_TITLES, TERM_COLORS
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 
 SOURCES = (
     "A: what covers the hips' main inertial torque at its peaks, of the policy (left bars) and of the optimiser "

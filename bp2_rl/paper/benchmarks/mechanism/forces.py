@@ -22,9 +22,9 @@ from bp2_rl.paper.trajectories.decomposition import BALANCE as PLANAR_BALANCE
 from bp2_rl.paper.trajectories.decomposition import TERMS as PLANAR_TERMS
 from bp2_rl.paper.trajectories.decomposition import split_inertia
 from bp2_rl.robot import losses
+from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import MOTOR_QVEL, NV, load_model
-from bp2_rl.robot.specs import LEGS
 from bp2_rl.simulation.account import split_constraints
 from bp2_rl.simulation.simulator import CONVERGED
 from bp2_rl.simulation.trajectory import Trajectory
@@ -90,7 +90,7 @@ def decompose_run(run: Trajectory) -> Forces:
     resistance = Resistance.from_hardware(run.hardware)
     applied = np.zeros_like(run.qvel)
     if resistance is not None:
-        applied = losses.generalized(losses.loss(resistance, run.qpos, run.qvel, run.torque))
+        applied = losses.generalized(losses.loss(resistance, run.qpos, run.qvel, run.torque), run.qvel)
     terms, within = np.zeros((len(TERMS), len(run), NV)), np.zeros((len(WITHIN), len(run), 8))
     through, M = np.zeros((len(THROUGH), len(run), 8)), np.zeros((NV, NV))
     for k in range(len(run)):

@@ -10,7 +10,7 @@ from bp2_rl.paper.benchmarks.mechanism.forces import JOINTS, TERMS, THROUGH, TRU
 from bp2_rl.paper.trajectories.coupling import ENDS
 from bp2_rl.paper.trajectories.coupling_account import HARMONICS
 from bp2_rl.paper.trajectories.decomposition import force_ratio, named, periodic_peaks
-from bp2_rl.robot.specs import LEGS
+from bp2_rl.robot.conventions import LEGS
 
 STRIDES = 8  # whole ones that are looked at, at most
 HIPS = tuple(JOINTS.index(f"{leg} hip") for leg in LEGS)

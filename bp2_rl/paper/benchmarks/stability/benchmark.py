@@ -23,13 +23,13 @@ from bp2_rl.paper.benchmarks.stability import figures, tables
 from bp2_rl.paper.benchmarks.stability.measured import StabilityMetrics
 from bp2_rl.paper.benchmarks.stability.orbit import whole_strides
 from bp2_rl.paper.benchmarks.stability.tries import FULL, QUICK, Extent, StabilityTry, try_speed
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2
 from bp2_rl.robot.model import load_model
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.parallel import in_parallel
 from bp2_rl.simulation.schedule import Ramp
 
-SPEED = specs.OUTDOOR_TOP_SPEED
+SPEED = bp2.OUTDOOR_TOP_SPEED
 QUICK_ACCELERATION = 5.0  # m/s2
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.paper.benchmarks.stability.group import GroupState
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
 
 BODY = 41  # height, roll, pitch, 16 joints; 3 + 3 + 16 velocities

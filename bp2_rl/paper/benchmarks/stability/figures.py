@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from bp2_rl.base.plotting import FAINT, FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, legend_above, styled
 from bp2_rl.paper.benchmarks.stability.measured import SpeedResult
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 
 AXES = "roll rate", "pitch rate", "yaw rate"
 SHADES = ("#9ECAE1", "#6BAED6", "#4292C6", "#2171B5", "#084594")  # small deviations to great ones
@@ -89,7 +89,7 @@ def touchdown_figure(ran: Sequence[SpeedResult]) -> Figure:
     """Legs over strides, a speed a panel."""
     figure = Figure(figsize=(WIDTH, 0.4 + 2.7 * len(ran)), layout="constrained")
     for axes, found in zip(np.atleast_1d(figure.subplots(len(ran), 1)), ran, strict=True):
-        for leg, offsets in zip(specs.LEGS, found.shown.landings, strict=False):
+        for leg, offsets in zip(conventions.LEGS, found.shown.landings, strict=False):
             axes.plot(1e3 * offsets, color=LEG_COLORS[leg], linewidth=1.0, marker="o", ms=2.2, mew=0, label=leg)
         axes.axhspan(-0.5, 0.5, color=FAINT, zorder=0.5)
         axes.set(title=_title(found), ylabel="Touchdown [ms]")

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 
 from bp2_rl.env.controller import ControllerState
 from bp2_rl.env.termination import fall
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner, control_steps_behind
@@ -134,7 +134,10 @@ class RobotGroup:
         """
         count, steps = len(state), len(commands)
         simulator, runner = self._continued(state)
-        fell, recording = np.zeros(count, bool), self._recording(simulator, specs.SUBSTEPS * steps if record else 0)
+        fell, recording = (
+            np.zeros(count, bool),
+            self._recording(simulator, conventions.SUBSTEPS * steps if record else 0),
+        )
         samples = recording.samples
         drawn = () if self._noise is None else (np.ones(count) if noisy is None else noisy,)
         keys = np.asarray(jax.random.split(jax.random.PRNGKey(seed), (steps, count))) if drawn else ()
@@ -142,8 +145,8 @@ class RobotGroup:
         for k, scheduled in enumerate(commands):
             before = runner.phase
             targets = runner.tick(simulator.qpos, simulator.qvel, scheduled, *((keys[k], *drawn) if drawn else ()))
-            rate = (runner.phase - before) % 1.0 / specs.SUBSTEPS
-            for i, (position, velocity) in enumerate(targets, k * specs.SUBSTEPS):
+            rate = (runner.phase - before) % 1.0 / conventions.SUBSTEPS
+            for i, (position, velocity) in enumerate(targets, k * conventions.SUBSTEPS):
                 if record:
                     samples.qpos[:, i], samples.qvel[:, i] = simulator.qpos, simulator.qvel
                     samples.target[:, i], samples.command[:, i] = position, runner.command
@@ -187,7 +190,7 @@ class RobotGroup:
 
     def _recording(self, simulator: Simulator, samples: int) -> GroupRecording:
         return GroupRecording(
-            Recording.empty(len(simulator), samples),
+            Recording.empty(simulator.qpos.shape[-1], len(simulator), samples),
             clock=np.zeros((len(simulator), samples)),
             lasted=np.full(len(simulator), float(samples)),
             config=self.robot.config,

@@ -11,10 +11,10 @@ from jaxtyping import Array, Float
 
 from bp2_rl.paper.benchmarks.stability.coordinates import Coordinates
 from bp2_rl.paper.benchmarks.stability.group import GroupState, RobotGroup
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.simulation.rollout import MOST
 
-TICK = specs.CONTROL_STEP
+TICK = conventions.CONTROL_STEP
 REACH = 2.0  # m/s, by which a command may be lower to have a stride of whole control steps
 GRID = 0.05  # m/s, the slowest command that is looked at
 POINTS = 81  # commands that are looked at, and then between two of them

@@ -9,12 +9,12 @@ from bp2_rl.paper.benchmarks.stability.measured import LandingMetrics, SectionMe
 from bp2_rl.paper.orbits.sections import LEAST_POINTS, Drift, centroid_drift, inliers, sample, whole_cycles
 from bp2_rl.paper.orbits.spectrum import Spectrum, spectrum
 from bp2_rl.paper.orbits.timing import LEAST_EVENTS, Jitter, jitter
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.simulation.gait import TOUCH_FORCE, contacts, touchdowns
 from bp2_rl.simulation.trajectory import Trajectory
 
 PHASE_ZERO, LANDING = "the clock's phase is 0", "RR touches down"
-LANDED = specs.LEGS.index("RR")
+LANDED = conventions.LEGS.index("RR")
 SIGNALS = {
     "surge": "even",
     "sway": "odd",
@@ -44,7 +44,7 @@ class Steady:
 
     def landings(self, leg: int) -> Float[np.ndarray, " n"]:
         """Samples at which a leg touches down, interpolated to where its force passes the threshold of `contacts`."""
-        force, threshold = self.run.foot_force[:, leg, 2], TOUCH_FORCE * self.run.mass * specs.GRAVITY
+        force, threshold = self.run.foot_force[:, leg, 2], TOUCH_FORCE * self.run.mass * conventions.GRAVITY
         starts = touchdowns(contacts(self.run)[:, leg])
         before, after = force[starts - 1], force[starts]
         rises = after > before
@@ -130,7 +130,7 @@ def measure_signals(noisy: list[Steady], quiet: Steady | None) -> tuple[SignalMe
 def measure_landings(noisy: list[Steady], quiet: Steady | None, period: float) -> tuple[LandingMetrics, ...]:
     """Every leg's touchdowns; none of a leg that hardly lands."""
     found = []
-    for leg, name in enumerate(specs.LEGS):
+    for leg, name in enumerate(conventions.LEGS):
         times = [time for one in noisy if (time := one.timing(leg, period)) is not None]
         if not times:
             continue
@@ -152,7 +152,7 @@ def measure_landings(noisy: list[Steady], quiet: Steady | None, period: float) -
 def to_show(noisy: list[Steady], quiet: Steady | None, period: float) -> ShownStability:
     """What the figures need."""
     first, offsets = noisy[0] if noisy else None, []
-    for leg in range(len(specs.LEGS)) if first else ():
+    for leg in range(len(conventions.LEGS)) if first else ():
         at = first.landings(leg) if first else np.zeros(0)
         phases = np.interp(at, np.arange(len(first.clock)), first.clock) if first else at
         mean = np.angle(np.mean(np.exp(2j * np.pi * phases))) / (2.0 * np.pi) if len(at) else 0.0

@@ -27,8 +27,8 @@ from bp2_rl.paper.benchmarks.stability.steady import (
 )
 from bp2_rl.paper.orbits import returns
 from bp2_rl.paper.orbits.pushes import largest
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
-from bp2_rl.robot.specs import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands

@@ -89,7 +89,7 @@ def _solve_end(chain: Chain, start: Solution | None, folder: Path) -> Solution |
     if start is None:
         guess = cold_guess(problem, seed=chain.seed or None)
     else:
-        problem = problem.on(**{name: getattr(start.problem.hardware, name) for name in chain.free})
+        problem = problem.on(**{name: start.problem.hardware.parameter(name) for name in chain.free})
         guess = resample(start.problem, start.motion, problem)
     try:
         options = SolveOptions(free=chain.bounds.of(chain.free), time_limit=TIME_LIMIT * problem.intervals)

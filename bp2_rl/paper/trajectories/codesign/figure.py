@@ -11,7 +11,7 @@ from bp2_rl.paper.trajectories.codesign.scan import FLAT, Scan
 from bp2_rl.paper.trajectories.codesign.search import DesignRow
 from bp2_rl.paper.trajectories.codesign.settings import PARAMETERS, Parameter
 from bp2_rl.paper.trajectories.codesign.study import Codesign
-from bp2_rl.robot.specs import IDEAL
+from bp2_rl.robot.hardware import IDEAL
 
 TITLES: dict[Parameter, str] = {
     "gear_ratio": "Gear ratio [1]",

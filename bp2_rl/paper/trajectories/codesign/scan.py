@@ -63,7 +63,7 @@ def scan_design(
     up, down = scan_chains(settings, parameter, others)
     solve_chains((up, down), folder, workers, f"{parameter}, others {others}")
     pairs = zip(up.parts, reversed(down.parts), strict=True)
-    rows = cheapest(((f"{getattr(one.problems[-1].hardware, parameter):g}", (one, two)) for one, two in pairs), folder)
+    rows = cheapest(((f"{one.problems[-1].hardware.parameter(parameter):g}", (one, two)) for one, two in pairs), folder)
     if not rows:
         raise NotSolved(f"no trajectory for any {parameter} of the scan")
     return Scan(parameter, others, rows)

@@ -96,7 +96,7 @@ def _row(case: str, found: Sequence[tuple[Chain, Solution]], starts: int) -> Des
     speed = float(np.max(np.abs(best.motion.v[..., motors])))
     return DesignRow(
         case=case,
-        **{name: float(getattr(hardware, name)) for name in PARAMETERS},
+        **{name: float(hardware.parameter(name)) for name in PARAMETERS},
         cost=best.cost,
         period=best.period,
         duty=best.duty,

@@ -7,7 +7,7 @@ from typing import Any
 from bp2_rl.paper.trajectories.codesign.chain import solve_chains
 from bp2_rl.paper.trajectories.codesign.search import DesignRow, cheapest, find_designs, start_chain
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
-from bp2_rl.robot import specs
+from bp2_rl.robot import bp2, conventions
 
 
 def vary_settings(settings: CodesignSettings, folder: Path, workers: int = 1) -> tuple[DesignRow, ...]:
@@ -28,7 +28,7 @@ def vary_settings(settings: CodesignSettings, folder: Path, workers: int = 1) ->
 def variations(settings: CodesignSettings) -> dict[str, CodesignSettings]:
     """One setting after another changed to another value that could be defended as well; names say value and unit."""
     problem, weights, hardware = settings.problem, settings.problem.weights, settings.problem.hardware
-    body_weight, inertia = specs.TOTAL_MASS * specs.GRAVITY, hardware.rotor_inertia
+    body_weight, inertia = bp2.TOTAL_MASS * conventions.GRAVITY, hardware.parameter("rotor_inertia")
 
     def pose(**changes: Any) -> CodesignSettings:
         return dataclasses.replace(settings, problem=dataclasses.replace(problem, **changes))
@@ -49,8 +49,8 @@ def variations(settings: CodesignSettings) -> dict[str, CodesignSettings]:
         cases |= {f"{name} weight {value:g}": weigh(**{name: value}) for value in scaled}
     cases |= {f"rotor {x * inertia * 1e4:g}e-4 kg m2": build(rotor_inertia=x * inertia) for x in (0.5, 2.0, 4.0)}
     cases |= {f"speed margin {margin:g}": pose(speed_margin=margin) for margin in (0.5, 0.65, 0.8, 1.0)}
-    cases |= {f"corner speed {speed:g} rad/s": build(corner_speed=speed) for speed in (0.0, specs.CORNER_SPEED)}
-    cases |= {f"peak torque {torque:g} Nm": build(peak_torque=torque) for torque in (100.0, specs.PEAK_TORQUE)}
-    cases |= {f"foot radius {radius:g} m": pose(foot_radius=radius) for radius in (0.0, specs.FOOT_RADIUS)}
+    cases |= {f"corner speed {speed:g} rad/s": build(corner_speed=speed) for speed in (0.0, bp2.CORNER_SPEED)}
+    cases |= {f"peak torque {torque:g} Nm": build(peak_torque=torque) for torque in (100.0, bp2.PEAK_TORQUE)}
+    cases |= {f"foot radius {radius:g} m": pose(foot_radius=radius) for radius in (0.0, bp2.FOOT_RADIUS)}
     cases |= {f"leg up to {longest:g} m": limit(longest) for longest in (0.36, 0.45)}
     return {case: changed for case, changed in cases.items() if changed != settings}

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, get_args
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.problem import CostWeights, Intervals, Problem, Starts
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import HardwareSpec
+from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 Parameter = Literal["gear_ratio", "leg_length", "spring_stiffness"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
@@ -23,7 +23,7 @@ class DesignBounds:
     """Least and greatest values of the parameters; the shortest leg holds shank, toe and the spring's travel."""
 
     gear_ratio: tuple[float, float] = (5.0, 14.0)
-    leg_length: tuple[float, float] = (0.29, specs.HIP_FORE_AFT)  # m; see CodesignSettings
+    leg_length: tuple[float, float] = (0.29, bp2.HIP_FORE_AFT)  # m; see CodesignSettings
     spring_stiffness: tuple[float, float] = (2500.0, 15000.0)  # N/m
 
     def __post_init__(self) -> None:
@@ -34,7 +34,7 @@ class DesignBounds:
                 raise UserError(f"bounds.{name} must be two numbers with 0 < low < high, got {low:g} and {high:g}")
             for value, ends in ((low, "begins too low"), (high, "ends too high")):
                 try:
-                    HardwareSpec(**{name: value})
+                    IDEAL.changed(**{name: value})
                 except UserError as error:
                     raise UserError(f"bounds.{name} {ends}: {error}") from error
 
@@ -47,7 +47,7 @@ class DesignBounds:
         return tuple(
             name
             for name, (low, high) in self.of(names).items()
-            if min(getattr(hardware, name) - low, high - getattr(hardware, name)) <= AT_BOUND * (high - low)
+            if min(hardware.parameter(name) - low, high - hardware.parameter(name)) <= AT_BOUND * (high - low)
         )
 
 
@@ -69,7 +69,7 @@ class CodesignSettings(Bounded):
     """
 
     problem: Problem = Problem(
-        intervals=8, speed_margin=0.6, weights=CostWeights(force=round(3.0 * specs.TOTAL_MASS * specs.GRAVITY))
+        intervals=8, speed_margin=0.6, weights=CostWeights(force=round(3.0 * bp2.TOTAL_MASS * conventions.GRAVITY))
     )
     bounds: DesignBounds = DesignBounds()
     # Where scans go; free parameters keep to `bounds`. Behind higher gears the speed margin leaves no gait.

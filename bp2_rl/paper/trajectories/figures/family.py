@@ -13,7 +13,7 @@ from bp2_rl.optimiser.figure_style import LEFT, RIGHT, letter, on_fine_mesh
 from bp2_rl.optimiser.problem import spring_coordinates
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.decomposition import comparable
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 
 
 @styled
@@ -49,7 +49,7 @@ def family_figure(solutions: Sequence[Solution]) -> Figure:
         axes.fill_between(speeds, low, high, color=LEFT, alpha=0.2, linewidth=0)
         line(axes, low)
         line(axes, high)
-    _mark_level(panels[2], robot_mass(problem) * specs.GRAVITY, "body weight")
+    _mark_level(panels[2], robot_mass(problem) * conventions.GRAVITY, "body weight")
     _mark_level(panels[3], problem.hardware.joint_peak_torque, "motor's peak")
     _mark_level(panels[4], 1e3 * problem.hardware.spring_travel, "stop")
     panels[3].legend(loc="lower right", ncols=2)

@@ -33,8 +33,8 @@ from bp2_rl.paper.benchmarks.efficiency.measured import (
 from bp2_rl.paper.benchmarks.efficiency.tables import verdict
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.reference.library.file import load_library
+from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.specs import BUILT, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.simulation.account import CAUSES, Ledger
 from bp2_rl.simulation.rollout import RunRequest, simulate

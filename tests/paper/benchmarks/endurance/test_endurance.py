@@ -14,13 +14,13 @@ from bp2_rl.paper.benchmarks.endurance.heating import AveragingWindow, Endurance
 from bp2_rl.paper.benchmarks.endurance.measured import EnduranceMetrics
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.robot import specs
+from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, winding_heat
-from bp2_rl.robot.specs import BUILT
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import RandomizationConfig
 
 REMEMBERED = {name: functools.cache(getattr(calibration, name)) for name in ("calibrated", "family")}
-HOTTEST = specs.MOTOR_NAMES.index("RL_hip")
+HOTTEST = conventions.MOTOR_NAMES.index("RL_hip")
 
 
 @pytest.fixture(autouse=True)
@@ -82,7 +82,7 @@ def test_the_papers_86_s_are_put_in_and_the_top_speeds_are_predicted(make_policy
     assert slow.by_cold_gait == pytest.approx(slow.result.seconds)  # for here the torque stays
     # Endurance goes with the heat, which goes with the square of torque: a little less, as conduction has less time.
     assert 0.85 < top.result.seconds / 86.1 * (15.0 / 10.74) ** 2 < 1.0
-    assert specs.MOTOR_NAMES[slow.hottest] == specs.MOTOR_NAMES[top.motor] == "RL_hip"
+    assert conventions.MOTOR_NAMES[slow.hottest] == conventions.MOTOR_NAMES[top.motor] == "RL_hip"
     assert slow.disagreement == 0.0
     assert evaluation.good
     assert evaluation.verdict.startswith("10.74 m/s: 86 s, RL_hip too hot; 15 m/s: ")
@@ -102,7 +102,9 @@ def test_drawn_robots_are_within_the_ranges_of_training_and_the_seeds_own():
     for robot in robots:
         assert ranges.friction[0] <= robot.friction / BUILT.friction <= ranges.friction[1]
         assert ranges.mass[0] <= robot.mass_scale <= ranges.mass[1]
-        assert ranges.strength[0] <= robot.peak_torque / BUILT.peak_torque <= ranges.strength[1]
+        assert (
+            ranges.strength[0] <= robot.parameter("peak_torque") / BUILT.parameter("peak_torque") <= ranges.strength[1]
+        )
         assert ranges.latency[0] <= robot.losses.latency <= ranges.latency[1]
     assert draw_robots(BUILT, 3, seed=1) == robots[:3]
     assert draw_robots(BUILT, 3, seed=2) != robots[:3]

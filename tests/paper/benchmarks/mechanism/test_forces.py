@@ -7,9 +7,9 @@ import pytest
 from bp2_rl.paper.benchmarks.mechanism import forces as module
 from bp2_rl.paper.benchmarks.mechanism.forces import HIPS_AND_KNEES, OF_LEG, TERMS, THROUGH, TRUNK, decompose_run
 from bp2_rl.robot import losses
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import NV, load_model
-from bp2_rl.robot.specs import BUILT
 from bp2_rl.simulation.simulator import CONVERGED
 
 SAMPLES = 40
@@ -55,7 +55,7 @@ def forces(run):
 def _lost(qpos, qvel, torque):
     resistance = Resistance.from_hardware(BUILT)
     assert resistance is not None
-    return losses.generalized(losses.loss(resistance, qpos, qvel, torque))
+    return losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel)
 
 
 def at(model, run, k):

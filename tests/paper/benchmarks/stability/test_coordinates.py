@@ -5,7 +5,7 @@ import pytest
 
 from bp2_rl.paper.benchmarks.stability.coordinates import BODY, Coordinates, angles_of, quaternion_of
 from bp2_rl.paper.benchmarks.stability.group import GroupState
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
 
 

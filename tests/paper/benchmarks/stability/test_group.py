@@ -5,8 +5,8 @@ import pytest
 from runs import run_one
 
 from bp2_rl.paper.benchmarks.stability.group import RobotGroup, join
-from bp2_rl.robot import specs
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import sampled_commands
@@ -98,7 +98,7 @@ def test_the_fallen_are_told_and_stay_down():
     assert fell.tolist() == [False, True]
     run = log.trajectory(1)
     assert run.fell_at is not None
-    assert run.fell_at == pytest.approx(log.lasted[1] * specs.PHYSICS_STEP)
+    assert run.fell_at == pytest.approx(log.lasted[1] * conventions.PHYSICS_STEP)
     assert len(run) == log.lasted[1] < log.clock.shape[1]
     assert moment.qpos[1, 2] < 0.6
 

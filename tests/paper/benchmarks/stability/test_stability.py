@@ -26,7 +26,7 @@ from bp2_rl.paper.benchmarks.stability.steady import (
     measure_signals,
     to_show,
 )
-from bp2_rl.robot.specs import BUILT, IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import EnvConfig
 
 FREQUENCY = 4.0  # Hz

@@ -1,0 +1,59 @@
+"""MuJoCo's coordinates of a quadruped, taken apart and put together.
+
+`qpos` is the trunk's position (3) and quaternion (4), then per leg the angles of abad, hip and knee and, where shanks
+are springs, the compression of the spring. `qvel` is the trunk's linear velocity (world frame), its angular velocity
+(body frame), then the rates of the legs' coordinates. Batched over leading axes; NumPy and JAX arrays alike.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bp2_rl.base.arrays import Array
+
+POSE, TWIST = 7, 6  # numbers of the trunk in qpos and in qvel
+
+
+def joint_positions(qpos: Float[Array, "... nq"]) -> Float[Any, "... 12"]:
+    """Angles of the twelve joints, rad."""
+    return _joints(qpos, POSE)
+
+
+def joint_velocities(qvel: Float[Array, "... nv"]) -> Float[Any, "... 12"]:
+    """Speeds of the twelve joints, rad/s."""
+    return _joints(qvel, TWIST)
+
+
+def compressions(qpos: Float[Array, "... nq"]) -> Float[Any, "... 4"]:
+    """Compression of each leg's spring, m; zero where shanks are rigid."""
+    return _springs(qpos, POSE)
+
+
+def compression_rates(qvel: Float[Array, "... nv"]) -> Float[Any, "... 4"]:
+    """Rate of each spring's compression, m/s; zero where shanks are rigid."""
+    return _springs(qvel, TWIST)
+
+
+def with_legs(x: Float[Array, "... n"], joints: Float[Array, "... 12"], springs: Float[Array, "... 4"]) -> Any:
+    """Return `qpos` or `qvel` with other joints and springs; with rigid shanks the springs are unused."""
+    xp, trunk = x.__array_namespace__(), x.shape[-1] % 4 + 4  # the legs have 12 or 16 numbers
+    legs = joints.reshape(*joints.shape[:-1], 4, 3)
+    if x.shape[-1] - trunk == 16:
+        legs = xp.concat([legs, springs[..., None]], axis=-1)
+    return xp.concat([x[..., :trunk], legs.reshape(*joints.shape[:-1], -1)], axis=-1)
+
+
+def motor_indices(nv: int) -> Int[np.ndarray, "12"]:
+    """Where the joints are in `qvel` and in forces on the coordinates."""
+    return np.arange(TWIST, nv).reshape(4, -1)[:, :3].ravel()
+
+
+def _joints(x: Any, trunk: int) -> Any:
+    legs = x[..., trunk:].reshape(*x.shape[:-1], 4, -1)
+    return legs[..., :3].reshape(*x.shape[:-1], 12)
+
+
+def _springs(x: Any, trunk: int) -> Any:
+    legs = x[..., trunk:].reshape(*x.shape[:-1], 4, -1)
+    return legs[..., 3] if legs.shape[-1] == 4 else 0.0 * legs[..., 0]

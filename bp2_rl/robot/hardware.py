@@ -1,0 +1,232 @@
+"""A robot as training and simulation take it: its body, motors, springs, contacts and losses; and BP2's two robots."""
+
+import dataclasses
+import math
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+
+from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.errors import UserError
+from bp2_rl.robot import bp2
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.bp2_body import BP2Body
+from bp2_rl.robot.conventions import LEGS
+
+ByJoint = float | tuple[float, float, float]
+"""One number for all joints, or one each for abad, hip and knee."""
+
+
+class Size(NamedTuple):
+    """Length and mass over BP2's, and by dynamic similarity (equal Froude numbers) everything else.
+
+    Settings and rewards are written for BP2. A robot of another size takes them times these factors.
+    """
+
+    length: float
+    mass: float  # and force
+
+    @property
+    def time(self) -> float:
+        """Of durations; accelerations are the same at every size."""
+        return math.sqrt(self.length)
+
+    @property
+    def speed(self) -> float:
+        """Of speeds."""
+        return math.sqrt(self.length)
+
+    @property
+    def rate(self) -> float:
+        """Of angular speeds."""
+        return 1.0 / self.time
+
+    @property
+    def torque(self) -> float:
+        """Of torques."""
+        return self.mass * self.length
+
+    @property
+    def power(self) -> float:
+        """Of powers."""
+        return self.mass * self.speed
+
+
+@dataclasses.dataclass(frozen=True)
+class Losses:
+    """What a machine loses between its battery and the road, and how late its motors are.
+
+    `Losses()` are the ideal robot's, which loses nothing; `BUILT` has the losses of the built robot.
+    The laws are in `robot.losses` and, for the bus, in `robot.actuator`.
+    """
+
+    drag_area: Annotated[float, Within(0.0, 10.0)] = 0.0  # m2, drag coefficient x frontal area
+    headwind: Annotated[float, Within(-50.0, 50.0)] = 0.0  # m/s, of air that blows towards -x
+    gear_efficiency: Annotated[float, Within(0.1, 1.0)] = 1.0  # of the torque, driving and braking alike
+    joint_friction: Annotated[float, Within(0.0, 1000.0)] = 0.0  # Nm, Coulomb's, at the joint
+    joint_viscosity: Annotated[float, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
+    spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
+    current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
+    latency: Annotated[float, Within(0.0, 0.020)] = 0.0
+    """s, from an observation to the joint target it leads to; training draws `randomization.latency` in its place"""
+    bus_power_out: Annotated[float, Within(1.0, 1e9, infinite=True)] = float("inf")  # W, from battery to motors
+    bus_power_in: Annotated[float, Within(0.0, 1e9, infinite=True)] = float("inf")  # W, from motors to battery
+    bus_sag: Annotated[float, Within(0.0, 1.0)] = 0.0  # share of the voltage that is lost per kW out
+
+
+@dataclasses.dataclass(frozen=True)
+class HardwareSpec:
+    """A robot's body and what moves it; `HardwareSpec()` is the ideal BP2.
+
+    The motors stay what they are under another gear: a gear ratio g gives g/g0 times the joint torque at g0/g times the
+    speed, with the body's own gear ratio g0. What may differ from joint to joint is one number, or three for abad, hip
+    and knee. The bounds are those of what can be computed, not of what can be built.
+    """
+
+    body: BP2Body | Anatomy = BP2Body()
+    gear_ratio: Annotated[float, Within(0.1, 1000.0)] = bp2.GEAR_RATIO
+    solid_legs: bool = False
+    """legs collide with each other and with the trunk in C MuJoCo; in training they end the episode instead"""
+    spring_stiffness: Annotated[float, Within(100.0, 1e7)] = bp2.SPRING_STIFFNESS  # N/m
+    spring_damping: Annotated[float, Within(0.0, 1e5)] = bp2.SPRING_DAMPING  # N s/m
+    spring_travel: Annotated[float, Within(0.0, 10.0)] = bp2.SPRING_TRAVEL  # m, at which the stop begins to push
+    spring_stop_stiffness: Annotated[float, Within(0.0, 1e8)] = bp2.SPRING_STOP_STIFFNESS  # N/m, on top of the spring's
+    rebound_stiffness: Annotated[float, Within(0.0, 1e8)] = bp2.SPRING_STOP_STIFFNESS
+    """N/m, of the stop at no compression that keeps the toe from flying off, on top of the spring's"""
+    rebound_damping: Annotated[float, Within(0.0, 300.0)] = 0.0  # N s/m, of that stop; more is no stable step
+    joint_stop_time: Annotated[float, Within(0.002, 1.0)] = 0.02
+    """s, in which a joint limit takes up an excess: MuJoCo's time constant, critically damped"""
+    rotor_inertia: Annotated[ByJoint, Within(0.0, 10.0)] = bp2.ROTOR_INERTIA  # kg m2, motor side
+    peak_torque: Annotated[ByJoint, Within(0.1, 1e5)] = bp2.PEAK_TORQUE  # Nm, at the joint with the body's own gear
+    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)] = bp2.CORNER_SPEED  # rad/s, with that gear; 0: a straight line
+    no_load_speed: Annotated[ByJoint, Within(0.1, 1e4)] = bp2.NO_LOAD_SPEED  # rad/s, with that gear
+    braking_speed: Annotated[ByJoint, Within(0.1, 1e4, infinite=True)] = float("inf")
+    """rad/s, at which no braking torque is left, on a line as the driving one's; inf: the peak at any speed"""
+    envelope: Literal["start", "throughout"] = "start"
+    """when in a millisecond torque keeps to the envelope: at its start only, or, in C MuJoCo, all the time"""
+    mass_scale: Annotated[float, Within(0.01, 100.0)] = 1.0  # of every body, inertias alike
+    friction: Annotated[float, Within(0.01, 10.0)] = bp2.FOOT_FRICTION
+    contact_time: Annotated[float, Within(0.002, 1.0)] = bp2.CONTACT_TIME
+    """s, in which the ground takes up a foot's depth: MuJoCo's time constant"""
+    contact_damping: Annotated[float, Within(0.01, 100.0)] = 1.0  # MuJoCo's damping ratio of that
+    losses: Losses = Losses()
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be built."""
+        check_bounds(self, "hardware.")
+        for name in ("no_load_speed", "braking_speed"):
+            if np.any(np.greater_equal(self.corner_speed, getattr(self, name))):
+                raise UserError(
+                    f"hardware.corner_speed ({self.corner_speed}) must be below {name} ({getattr(self, name)})"
+                )
+        shortest = bp2.SHANK_LENGTH + bp2.TOE_LENGTH + self.spring_travel
+        if isinstance(self.body, BP2Body) and self.body.leg_length <= shortest:
+            raise UserError(
+                f"hardware.body.leg_length ({self.body.leg_length}) must exceed shank + toe + spring travel = "
+                f"{shortest:.3f} m"
+            )
+
+    @property
+    def anatomy(self) -> Anatomy:
+        """Return the body as plain numbers, before masses are scaled."""
+        return self.body if isinstance(self.body, Anatomy) else self.body.anatomy
+
+    def parameter(self, name: str) -> float:
+        """Return the number in a field of this robot or of its body."""
+        return getattr(self if hasattr(self, name) else self.body, name)
+
+    def changed(self, **parameters: Any) -> "HardwareSpec":
+        """Return the robot with other values of fields, its body's among them."""
+        of_body = {name: parameters.pop(name) for name in list(parameters) if not hasattr(self, name)}
+        body = dataclasses.replace(self.body, **of_body) if of_body else self.body
+        return dataclasses.replace(self, **{"body": body, **parameters})
+
+    @property
+    def bp2(self) -> BP2Body:
+        """Return BP2's body, for what is about BP2 alone; raise `UserError` where the robot is another."""
+        if isinstance(self.body, Anatomy):
+            raise UserError("this is about BP2 alone, and the robot is another: use --robot built or ideal")
+        return self.body
+
+    @property
+    def size(self) -> "Size":
+        """Return how large the robot is beside BP2; BP2 is of size 1, however it is changed."""
+        if isinstance(self.body, BP2Body):
+            return Size(1.0, 1.0)
+        return Size(self.body.leg_length / bp2.THIGH_LENGTH, self.body.weighed_mass / bp2.TOTAL_MASS)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the robot as published, kg."""
+        return self.mass_scale * self.anatomy.weighed_mass
+
+    @property
+    def reflected_inertia(self) -> Any:
+        """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve where joints differ."""
+        return _at_joints(self.rotor_inertia, self.gear_ratio**2)
+
+    @property
+    def joint_peak_torque(self) -> Any:
+        """Peak torque at the joint behind this gear, Nm."""
+        return _at_joints(self.peak_torque, self._gear_share)
+
+    @property
+    def joint_corner_speed(self) -> Any:
+        """Speed up to which the peak torque is available, at the joint, rad/s."""
+        return _at_joints(self.corner_speed, 1.0 / self._gear_share)
+
+    @property
+    def joint_no_load_speed(self) -> Any:
+        """Speed at which no driving torque is left, at the joint, rad/s."""
+        return _at_joints(self.no_load_speed, 1.0 / self._gear_share)
+
+    @property
+    def joint_braking_speed(self) -> Any:
+        """Speed at which no braking torque is left, at the joint, rad/s."""
+        return _at_joints(self.braking_speed, 1.0 / self._gear_share)
+
+    @property
+    def _gear_share(self) -> float:
+        return self.gear_ratio / self.anatomy.gear_ratio
+
+
+def _at_joints(value: ByJoint, factor: float) -> Any:
+    """Return a number for all joints, or an array of twelve."""
+    return np.tile(factor * np.array(value), len(LEGS)) if isinstance(value, tuple) else factor * value
+
+
+IDEAL = HardwareSpec()
+"""BP2 without losses, on legs that pass through each other: what the paper's numbers alone make of it."""
+
+BUILT = HardwareSpec(
+    body=BP2Body(hind_track=0.28),  # the widest at which fore and hind legs hardly ever meet
+    solid_legs=True,
+    rebound_stiffness=150e3,  # a polyurethane buffer 20 mm deep ...
+    rebound_damping=100.0,  # ... that gives back half of a hit
+    joint_stop_time=0.005,  # a hard stop
+    envelope="throughout",  # a drive's current loop is ten times as fast as the force loop
+    friction=0.8,  # rubber on a dry track
+    contact_time=0.003,  # rubber sole and track in series, some 300 kN/m
+    losses=Losses(
+        drag_area=0.2,  # 0.44 m x 0.3 m and four legs, at a drag coefficient of about 1
+        gear_efficiency=0.92,  # a planetary stage of 8.5:1
+        joint_friction=2.0,  # seals, bearings and cogging behind the gear
+        joint_viscosity=0.05,  # grease
+        spring_friction=20.0,  # a bushing under a leg's side load
+        current_lag=0.002,  # drive and bus
+        latency=0.005,  # one control step
+        bus_power_out=8e3,  # a pack of about 1 kWh for seconds
+        bus_power_in=3e3,  # cells are charged at less than half of what they give
+        bus_sag=0.0125,  # a tenth at full load
+    ),
+)
+"""BP2 as a machine that one could build: all of it ASSUMED, with published values in docs/notes/reality.md."""
+
+
+RobotName = Literal["ideal", "built"]
+ROBOTS: dict[RobotName, HardwareSpec] = {"ideal": IDEAL, "built": BUILT}
+
+
+def robot_name(hardware: HardwareSpec) -> RobotName | None:
+    """Return a robot's name in `ROBOTS`; None where it has none."""
+    return next((name for name, robot in ROBOTS.items() if robot == hardware), None)

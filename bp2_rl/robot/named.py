@@ -1,0 +1,29 @@
+"""Robots by name: BP2's two, those that ship as robot files, and any other robot by the path of its file."""
+
+from pathlib import Path
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
+
+
+def robot_names() -> tuple[str, ...]:
+    """Return the names that `find_robot` takes."""
+    return (*ROBOTS, *sorted(path.stem for path in asset_path("robots").glob("*.toml")))
+
+
+def find_robot(name: str) -> HardwareSpec:
+    """Return the robot of this name, or of the robot file at this path.
+
+    Raises:
+        UserError: there is no such robot, or its file is broken.
+    """
+    found = next((hardware for known, hardware in ROBOTS.items() if known == name), None)
+    if found is not None:
+        return found
+    if name in robot_names() or Path(name).suffix == ".toml":
+        from bp2_rl.robot.robot_file import load_robot
+
+        path = asset_path(f"robots/{name}.toml") if name in robot_names() else Path(name)
+        return load_robot(path).hardware
+    raise UserError(f"no robot '{name}': choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml")
