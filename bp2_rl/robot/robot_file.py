@@ -1,0 +1,438 @@
+"""A robot as a file of TOML: an MJCF or the numbers themselves, and what no MJCF says of motors, losses and contacts.
+
+A number for each of abad, hip and knee may be one number for all three. Lengths, masses and inertias of a leg are those
+of the left one, in the frames of `Anatomy`; the right one mirrors it.
+"""
+
+import dataclasses
+import json
+import math
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.bounds import Positive, Range, Within, check_bounds
+from bp2_rl.base.errors import UserError, one_line
+from bp2_rl.base.files import read_bytes
+from bp2_rl.base.serialization import from_json
+from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
+from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
+from bp2_rl.robot.reading import SLENDER, RobotReading, read_mjcf
+
+LARGEST = 1 << 20
+"""Bytes of the largest robot file that is read."""
+Lengths = Annotated[Vector, Within(-10.0, 10.0)]
+Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
+Angle = Annotated[float, Within(-10.0, 10.0)]
+
+
+class RobotFileError(UserError):
+    """A robot file that is missing, damaged, or describes no robot; one line that names the key at fault."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkNumbers:
+    """A rigid part: its mass, kg, its centre, m, and its inertia about that, kg m2: xx, yy, zz, xy, xz, yz."""
+
+    mass: Annotated[float, Within(0.0, 1e4, open_below=True)]
+    com: Lengths
+    inertia: Annotated[Inertia, Within(-1e4, 1e4)]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrunkNumbers(LinkNumbers):
+    """The trunk, with the half extents, m, of the box that it fills."""
+
+    size: Annotated[Vector, Within(0.0, 10.0, open_below=True)]
+
+
+@dataclasses.dataclass(frozen=True)
+class LegNumbers:
+    """A left leg; see `Leg`."""
+
+    anchor: Lengths
+    hip: Lengths
+    knee: Lengths
+    foot: Lengths
+    foot_radius: Radius
+    abad: LinkNumbers
+    thigh: LinkNumbers
+    shank: LinkNumbers
+    abad_range: Annotated[Range, Within(-10.0, 10.0)]
+    hip_range: Annotated[Range, Within(-10.0, 10.0)]
+    knee_range: Annotated[Range, Within(-10.0, 10.0)]
+    toe: LinkNumbers | None = None
+    seat: Lengths = (0.0, 0.0, 0.0)
+    bend: Literal[-1, 1] = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class StandNumbers:
+    """Hip and knee angles, rad, of the standing pose, one number or fore and hind legs'; abduction is zero."""
+
+    hip: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
+    knee: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
+
+
+@dataclasses.dataclass(frozen=True)
+class MotorNumbers:
+    """The motors at the joint, behind their gears; None is what the MJCF says."""
+
+    corner_speed: Annotated[ByJoint, Within(0.0, 1e4)]  # rad/s, up to which the peak torque is there
+    no_load_speed: Annotated[ByJoint, Within(0.1, 1e4)]  # rad/s
+    peak_torque: Annotated[ByJoint, Within(0.1, 1e5)] | None = None  # Nm
+    armature: Annotated[ByJoint, Within(0.0, 10.0)] | None = None  # kg m2
+
+
+@dataclasses.dataclass(frozen=True)
+class GainNumbers:
+    """The gains of the joints' position loop that the maker gives."""
+
+    stiffness: Annotated[ByJoint, Within(0.0, 1e5)]  # Nm/rad
+    damping: Annotated[ByJoint, Within(0.0, 1e4)]  # Nm s/rad
+
+
+@dataclasses.dataclass(frozen=True)
+class SpringNumbers:
+    """The spring in a shank."""
+
+    stiffness: Annotated[float, Within(100.0, 1e7)]  # N/m
+    damping: Annotated[float, Within(0.0, 1e5)]  # N s/m
+    travel: Annotated[float, Within(0.0, 10.0)]  # m
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactNumbers:
+    """The feet on the ground."""
+
+    friction: Annotated[float, Within(0.01, 10.0)] = 0.8
+    time: Annotated[float, Within(0.002, 1.0)] = 0.005  # s, in which the ground takes up a foot's depth
+
+
+@dataclasses.dataclass(frozen=True)
+class WrittenRobot:
+    """What stands in a robot file."""
+
+    name: str
+    motors: MotorNumbers
+    mjcf: str | None = None  # path from the file's folder; None: the numbers follow
+    joints: tuple[str, ...] = ()
+    feet: tuple[str, ...] = ()
+    foot_radius: Radius | None = None
+    trunk: TrunkNumbers | None = None
+    fore: LegNumbers | None = None
+    hind: LegNumbers | None = None
+    thigh_radius: Radius | None = None
+    lower_radius: Radius | None = None
+    weighed_mass: Positive | None = None
+    stand: StandNumbers | None = None
+    spring: SpringNumbers | None = None
+    contact: ContactNumbers = ContactNumbers()
+    losses: Losses = Losses()
+    gains: GainNumbers | None = None
+    top_speed: Positive | None = None  # m/s, as published
+    sources: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotFile:
+    """A robot that was read from a file."""
+
+    hardware: HardwareSpec
+    stiffness: ByJoint | None  # Nm/rad, of the position loop; None: the file gives no gains
+    damping: ByJoint | None  # Nm s/rad
+    top_speed: float | None  # m/s, published
+    reading: RobotReading | None  # of its MJCF; None: the file has the numbers
+    sources: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Return the robot's name."""
+        return self.hardware.anatomy.name
+
+    @property
+    def anatomy(self) -> Anatomy:
+        """Return the robot's body."""
+        return self.hardware.anatomy
+
+
+def robot_names() -> tuple[str, ...]:
+    """Return the names of the robots that ship as files."""
+    return tuple(sorted(path.stem for path in asset_path("robots").glob("*.toml")))
+
+
+def load_robot(name_or_path: str | Path) -> RobotFile:
+    """Read a robot file, or one that ships by its name.
+
+    Raises:
+        UserError: one line that names the file, the key at fault, and how to mend it.
+    """
+    path = asset_path(f"robots/{name_or_path}.toml") if str(name_or_path) in robot_names() else Path(name_or_path)
+    if not path.suffix and not path.exists():
+        raise RobotFileError(
+            f"there is no robot {str(name_or_path)!r}: name a file, or one of {', '.join(robot_names())}"
+        )
+    content = read_bytes(path, LARGEST)
+    try:
+        written = from_json(WrittenRobot, tomllib.loads(content.decode()))
+        check_bounds(written)
+        return _robot(written, path)
+    except RecursionError as error:
+        raise RobotFileError(f"{path} is no robot file: it is nested too deeply") from error
+    except ValueError as error:  # UTF-8's, TOML's, and every UserError
+        raise RobotFileError(f"{path}: {one_line(str(error))}") from error
+
+
+def _robot(written: WrittenRobot, path: Path) -> RobotFile:
+    if (written.mjcf is None) == (written.trunk is None and written.fore is None and written.hind is None):
+        raise UserError("give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]")
+    reading = None
+    if written.mjcf is not None:
+        model = path.parent / written.mjcf
+        reading = read_mjcf(model, joints=written.joints, feet=written.feet, foot_radius=written.foot_radius)
+    anatomy = _anatomy(written, reading)
+    _check(anatomy)
+    motors, spring = written.motors, _spring(written, reading, anatomy)
+    hardware = HardwareSpec(
+        body=anatomy,
+        gear_ratio=anatomy.gear_ratio,
+        solid_legs=True,
+        rotor_inertia=_by_joint("armature", motors.armature, reading),
+        peak_torque=_by_joint("peak_torque", motors.peak_torque, reading),
+        corner_speed=motors.corner_speed,
+        no_load_speed=motors.no_load_speed,
+        envelope="throughout",
+        joint_stop_time=0.005,
+        friction=written.contact.friction,
+        contact_time=written.contact.time,
+        losses=written.losses,
+        **({} if spring is None else {f"spring_{name}": value for name, value in dataclasses.asdict(spring).items()}),
+    )
+    gains = written.gains
+    return RobotFile(
+        hardware=hardware,
+        stiffness=gains.stiffness if gains else None,
+        damping=gains.damping if gains else None,
+        top_speed=written.top_speed,
+        reading=reading,
+        sources=written.sources,
+        assumed=written.assumed,
+    )
+
+
+def _by_joint(name: str, given: ByJoint | None, reading: RobotReading | None) -> ByJoint:
+    """Return a motor's number by joint: the file's, or in the mean over the legs the model's."""
+    if given is not None:
+        return given
+    if reading is None:
+        raise UserError(f"motors.{name}: missing; one number, or three for abad, hip and knee")
+    values = [getattr(joint, name) for joint in reading.joints]
+    if not all(map(math.isfinite, values)):
+        raise UserError(f"motors.{name}: the MJCF does not say it; give one number, or three for abad, hip and knee")
+    abad, hip, knee = (sum(values[i::3]) / len(LEGS) for i in range(3))
+    return abad, hip, knee
+
+
+def _spring(written: WrittenRobot, reading: RobotReading | None, anatomy: Anatomy) -> SpringNumbers | None:
+    if not anatomy.sprung:
+        if written.spring is not None:
+            raise UserError(
+                "spring: the legs have no toe below a spring; give [fore.toe] and [hind.toe], or leave it out"
+            )
+        return None
+    if written.spring is None and reading is not None and reading.spring is not None:
+        return SpringNumbers(reading.spring.stiffness, reading.spring.damping, reading.spring.travel)
+    if written.spring is None:
+        raise UserError("spring: missing, and the legs have a toe; give stiffness, damping and travel")
+    return written.spring
+
+
+# --- The body ------------------------------------------------------------------------------------------------
+
+
+def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
+    if reading is not None:
+        anatomy = reading.anatomy
+    else:
+        trunk, fore, hind = written.trunk, written.fore, written.hind
+        if trunk is None or fore is None or hind is None:
+            raise UserError("trunk, fore, hind: a robot in numbers needs all three")
+        if written.stand is None:
+            raise UserError("stand: missing; give hip and knee, the angles of the standing pose, rad")
+        left = [_leg(numbers) for numbers in (fore, hind)]
+        if (left[0].toe is None) != (left[1].toe is None):
+            raise UserError("fore.toe, hind.toe: give both, or neither")
+        legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])
+        thick, width = SLENDER * left[0].thigh_length, max(leg.anchor[1] + leg.lateral for leg in left)
+        anatomy = Anatomy(
+            name=written.name, trunk=_link(trunk), legs=legs, stand=(0.0,) * len(MOTOR_NAMES), trunk_size=trunk.size,
+            weighed_mass=trunk.mass + sum(link.mass for leg in legs for link in leg.links),
+            footprint=(trunk.size[0], max(trunk.size[1], width)), thigh_radius=thick, lower_radius=thick, gear_ratio=1.0,
+        )  # fmt: skip
+    changes: dict[str, Any] = {"name": written.name}
+    if written.stand is not None:
+        hip, knee = (x if isinstance(x, tuple) else (x, x) for x in (written.stand.hip, written.stand.knee))
+        changes["stand"] = tuple(a for i in (0, 0, 1, 1) for a in (0.0, hip[i], knee[i]))
+    for name in ("thigh_radius", "lower_radius", "weighed_mass"):
+        if (value := getattr(written, name)) is not None:
+            changes[name] = value
+    return dataclasses.replace(anatomy, **changes)
+
+
+def _link(numbers: LinkNumbers) -> Link:
+    return Link(numbers.mass, numbers.com, numbers.inertia)
+
+
+def _leg(n: LegNumbers) -> Leg:
+    return Leg(
+        anchor=n.anchor, hip=n.hip, knee=n.knee, foot=n.foot, foot_radius=n.foot_radius, abad=_link(n.abad),
+        thigh=_link(n.thigh), shank=_link(n.shank), toe=None if n.toe is None else _link(n.toe), seat=n.seat,
+        ranges=(n.abad_range, n.hip_range, n.knee_range), bend=n.bend,
+    )  # fmt: skip
+
+
+def mirrored(leg: Leg) -> Leg:
+    """Return the leg on the other side of the trunk."""
+
+    def vector(v: Vector) -> Vector:
+        return v[0], 0.0 - v[1], v[2]
+
+    def link(part: Link) -> Link:
+        xx, yy, zz, xy, xz, yz = part.inertia
+        return Link(part.mass, vector(part.com), (xx, yy, zz, 0.0 - xy, xz, 0.0 - yz))
+
+    (low, high), hip, knee = leg.ranges
+    vectors = {name: vector(getattr(leg, name)) for name in ("anchor", "hip", "knee", "foot", "seat")}
+    links = {name: link(getattr(leg, name)) for name in ("abad", "thigh", "shank")}
+    return dataclasses.replace(
+        leg, **vectors, **links, toe=None if leg.toe is None else link(leg.toe), ranges=((-high, -low), hip, knee)
+    )
+
+
+def _check(anatomy: Anatomy) -> None:
+    """Refuse a body that cannot be, naming the key at fault."""
+    _check_link("trunk", anatomy.trunk)
+    for name, leg in zip(("fore", "hind"), anatomy.legs[1::2], strict=True):
+        for part in ("abad", "thigh", "shank", "toe"):
+            if (link := getattr(leg, part)) is not None:
+                _check_link(f"{name}.{part}", link)
+        for part, below in (("knee", leg.knee), ("foot", leg.foot)):
+            if abs(below[0]) > 1e-6 or below[2] >= -1e-3:
+                raise UserError(
+                    f"{name}.{part}: {below} must hang below: x = 0 and z negative, as the leg does at zero angles; turn "
+                    "the link's frame, and the joint's range and the stand with it"
+                )
+        if leg.anchor[1] + leg.lateral <= 0.0:
+            raise UserError(
+                f"{name}: anchor, hip, knee and foot put the left leg right of the middle; y is to the left"
+            )
+    if anatomy.legs[1].anchor[0] <= anatomy.legs[3].anchor[0]:
+        raise UserError("fore.anchor: must be in front of hind.anchor; x is forward")
+    for i, (motor, angle) in enumerate(zip(MOTOR_NAMES, anatomy.stand, strict=True)):
+        low, high = anatomy.legs[i // 3].ranges[i % 3]
+        if not low - 1e-6 <= angle <= high + 1e-6:
+            raise UserError(f"stand: {motor} at {angle:g} rad is outside its range, {low:g} to {high:g}")
+    if anatomy.weighed_mass < 0.5 * anatomy.mass or anatomy.weighed_mass > 2.0 * anatomy.mass:
+        raise UserError(
+            f"weighed_mass: {anatomy.weighed_mass:g} kg, and the links add up to {anatomy.mass:g} kg: one is wrong"
+        )
+
+
+def _check_link(name: str, link: Link) -> None:
+    moments = principal_moments(link.inertia)
+    if moments[0] <= 0.0 or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]):
+        shown = ", ".join(f"{x:.3g}" for x in moments)
+        raise UserError(
+            f"{name}.inertia: principal moments {shown} kg m2 belong to no body: each must be positive and at most the sum "
+            "of the other two; the order is xx, yy, zz, xy, xz, yz about the centre of mass"
+        )
+
+
+def principal_moments(inertia: Sequence[float]) -> tuple[float, float, float]:
+    """Return the moments about the principal axes, ascending, kg m2."""
+    xx, yy, zz, xy, xz, yz = inertia
+    low, middle, high = (float(x) for x in np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return low, middle, high
+
+
+# --- The file that a model fills in --------------------------------------------------------------------------
+
+
+def robot_text(reading: RobotReading, mjcf: str | None) -> str:
+    """Return a robot file filled in from a model, with a comment on each number that its user must confirm.
+
+    Args:
+        reading: of the model.
+        mjcf: the model's path from the file's folder; None: the numbers themselves are written, the left legs'.
+    """
+    anatomy, joints = reading.anatomy, reading.joints
+
+    def by_joint(values: Sequence[float], otherwise: float) -> str:
+        known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
+        return _list(sum(known[i::3]) / len(LEGS) for i in range(3))
+
+    angles = np.reshape(anatomy.stand, (4, 3))
+    gains = [joint.stiffness for joint in joints], [joint.actuator_damping for joint in joints]
+    lines = [
+        "# A robot of bp2_rl, filled in from its model: confirm what is marked CONFIRM. `bp2 robot check` draws it.",
+        f"name = {json.dumps(anatomy.name)}  # CONFIRM",
+        *([f"mjcf = {json.dumps(mjcf)}  # path from this file's folder"] if mjcf else []),
+        f"weighed_mass = {anatomy.mass:.6g}  # kg, CONFIRM: with battery, as published",
+        f"thigh_radius = {anatomy.thigh_radius:.4g}  # m, CONFIRM: of a capsule around the thigh",
+        f"lower_radius = {anatomy.lower_radius:.4g}  # m, CONFIRM: of a capsule around the lower leg",
+        "# top_speed = 3.0  # m/s, as published",
+        "sources = []  # where the numbers are from",
+        'assumed = ["motors.corner_speed", "motors.no_load_speed"]  # what is nowhere published',
+        "",
+        "[stand]  # rad, of fore and hind legs, CONFIRM: zero hangs straight down, a positive hip swings the foot back",
+        *(f"{name} = {_list(float(angles[leg, i]) for leg in (1, 3))}" for i, name in ((1, "hip"), (2, "knee"))),
+        "",
+        "[motors]  # of abad, hip and knee, at the joint",
+        f"peak_torque = {by_joint([j.peak_torque for j in joints], 20.0)}  # Nm, CONFIRM: the model's limit, or 20",
+        "corner_speed = 15.0  # rad/s, CONFIRM: up to which the peak torque is there; no MJCF says it",
+        "no_load_speed = 25.0  # rad/s, CONFIRM: at which no torque is left; no MJCF says it",
+        f"armature = {by_joint([j.armature for j in joints], 0.0)}  # kg m2, CONFIRM: rotor's inertia x gear ratio squared",
+        "",
+        "[contact]",
+        f"friction = {reading.friction:.4g}  # CONFIRM: of a foot on dry ground",
+        "",
+        "[losses]",
+        f"joint_friction = {_mean(joint.friction for joint in joints)}  # Nm, CONFIRM: of a joint, gear included",
+        f"joint_viscosity = {_mean(joint.damping for joint in joints)}  # Nm s/rad, CONFIRM",
+        "",
+        "[gains]  # of the position loop, in which `bp2 robot check` lets it stand; leave out what nobody gives",
+        f"stiffness = {by_joint(gains[0], 2.0 * anatomy.mass)}  # Nm/rad, CONFIRM",
+        f"damping = {by_joint(gains[1], 0.04 * anatomy.mass)}  # Nm s/rad, CONFIRM",
+    ]
+    if reading.spring is not None:
+        lines += ["", "[spring]", *(f"{k} = {v:.6g}  # CONFIRM" for k, v in dataclasses.asdict(reading.spring).items())]
+    if mjcf is None:
+        lines += ["", "[trunk]", *_link_lines(anatomy.trunk), f"size = {_list(anatomy.trunk_size)}"]
+        for name, leg in (("fore", anatomy.legs[1]), ("hind", anatomy.legs[3])):
+            lines += ["", f"[{name}]", f"bend = {leg.bend}", f"foot_radius = {leg.foot_radius:.7g}"]
+            vectors = ["anchor", "hip", "knee", "foot", *([] if leg.toe is None else ["seat"])]
+            lines += [f"{key} = {_list(getattr(leg, key))}" for key in vectors]
+            lines += [f"{j}_range = {_list(ends)}" for j, ends in zip(("abad", "hip", "knee"), leg.ranges, strict=True)]
+            for part in ("abad", "thigh", "shank", "toe"):
+                if (link := getattr(leg, part)) is not None:
+                    lines += [f"[{name}.{part}]", *_link_lines(link)]
+    return "\n".join([*lines, *(f"# note: {note}" for note in reading.notes)]) + "\n"
+
+
+def _link_lines(link: Link) -> list[str]:
+    return [f"mass = {link.mass:.7g}", f"com = {_list(link.com)}", f"inertia = {_list(link.inertia)}"]
+
+
+def _list(values: Any) -> str:
+    return f"[{', '.join(f'{0.0 if abs(value) < 1e-12 else value:.7g}' for value in values)}]"
+
+
+def _mean(values: Any) -> str:
+    return f"{float(np.mean(list(values))):.4g}"
