@@ -176,9 +176,7 @@ def load_robot(name_or_path: str | Path) -> RobotFile:
     """
     path = asset_path(f"robots/{name_or_path}.toml") if str(name_or_path) in robot_names() else Path(name_or_path)
     if not path.suffix and not path.exists():
-        raise RobotFileError(
-            f"there is no robot {str(name_or_path)!r}: name a file, or one of {', '.join(robot_names())}"
-        )
+        raise RobotFileError(f"no robot is called {str(name_or_path)!r}: name a file, or {', '.join(robot_names())}")
     content = read_bytes(path, LARGEST)
     try:
         written = from_json(WrittenRobot, tomllib.loads(content.decode()))
@@ -274,7 +272,8 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
         anatomy = Anatomy(
             name=written.name, trunk=_link(trunk), legs=legs, stand=(0.0,) * len(MOTOR_NAMES), trunk_size=trunk.size,
             weighed_mass=trunk.mass + sum(link.mass for leg in legs for link in leg.links),
-            footprint=(trunk.size[0], max(trunk.size[1], width)), thigh_radius=thick, lower_radius=thick, gear_ratio=1.0,
+            footprint=(trunk.size[0], max(trunk.size[1], width)), thigh_radius=thick, lower_radius=thick,
+            gear_ratio=1.0,
         )  # fmt: skip
     changes: dict[str, Any] = {"name": written.name}
     if written.stand is not None:
@@ -326,8 +325,8 @@ def _check(anatomy: Anatomy) -> None:
         for part, below in (("knee", leg.knee), ("foot", leg.foot)):
             if abs(below[0]) > 1e-6 or below[2] >= -1e-3:
                 raise UserError(
-                    f"{name}.{part}: {below} must hang below: x = 0 and z negative, as the leg does at zero angles; turn "
-                    "the link's frame, and the joint's range and the stand with it"
+                    f"{name}.{part}: {below} must have x = 0 and a negative z, as the leg hangs at zero angles; turn the "
+                    "link's frame, and the joint's range and the stand with it"
                 )
         if leg.anchor[1] + leg.lateral <= 0.0:
             raise UserError(
@@ -350,8 +349,8 @@ def _check_link(name: str, link: Link) -> None:
     if moments[0] <= 0.0 or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]):
         shown = ", ".join(f"{x:.3g}" for x in moments)
         raise UserError(
-            f"{name}.inertia: principal moments {shown} kg m2 belong to no body: each must be positive and at most the sum "
-            "of the other two; the order is xx, yy, zz, xy, xz, yz about the centre of mass"
+            f"{name}.inertia: principal moments {shown} kg m2 belong to no body: each must be positive and at most the "
+            "sum of the others; the order is xx, yy, zz, xy, xz, yz about the centre of mass"
         )
 
 
@@ -398,7 +397,7 @@ def robot_text(reading: RobotReading, mjcf: str | None) -> str:
         f"peak_torque = {by_joint([j.peak_torque for j in joints], 20.0)}  # Nm, CONFIRM: the model's limit, or 20",
         "corner_speed = 15.0  # rad/s, CONFIRM: up to which the peak torque is there; no MJCF says it",
         "no_load_speed = 25.0  # rad/s, CONFIRM: at which no torque is left; no MJCF says it",
-        f"armature = {by_joint([j.armature for j in joints], 0.0)}  # kg m2, CONFIRM: rotor's inertia x gear ratio squared",
+        f"armature = {by_joint([j.armature for j in joints], 0.0)}  # kg m2, CONFIRM: rotor x gear ratio^2",
         "",
         "[contact]",
         f"friction = {reading.friction:.4g}  # CONFIRM: of a foot on dry ground",
