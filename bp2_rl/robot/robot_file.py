@@ -163,20 +163,12 @@ class RobotFile:
         return self.hardware.anatomy
 
 
-def robot_names() -> tuple[str, ...]:
-    """Return the names of the robots that ship as files."""
-    return tuple(sorted(path.stem for path in asset_path("robots").glob("*.toml")))
-
-
-def load_robot(name_or_path: str | Path) -> RobotFile:
-    """Read a robot file, or one that ships by its name.
+def load_robot(path: Path) -> RobotFile:
+    """Read a robot file.
 
     Raises:
         UserError: one line that names the file, the key at fault, and how to mend it.
     """
-    path = asset_path(f"robots/{name_or_path}.toml") if str(name_or_path) in robot_names() else Path(name_or_path)
-    if not path.suffix and not path.exists():
-        raise RobotFileError(f"no robot is called {str(name_or_path)!r}: name a file, or {', '.join(robot_names())}")
     content = read_bytes(path, LARGEST)
     try:
         written = from_json(WrittenRobot, tomllib.loads(content.decode()))
@@ -325,8 +317,8 @@ def _check(anatomy: Anatomy) -> None:
         for part, below in (("knee", leg.knee), ("foot", leg.foot)):
             if abs(below[0]) > 1e-6 or below[2] >= -1e-3:
                 raise UserError(
-                    f"{name}.{part}: {below} must have x = 0 and a negative z, as the leg hangs at zero angles; turn the "
-                    "link's frame, and the joint's range and the stand with it"
+                    f"{name}.{part}: {below} must have x = 0 and a negative z, as the leg hangs at zero angles; "
+                    "turn the link's frame, and the joint's range and the stand with it"
                 )
         if leg.anchor[1] + leg.lateral <= 0.0:
             raise UserError(
