@@ -77,7 +77,8 @@ class Anatomy:
     stand: tuple[float, ...]  # rad, the twelve joints' angles in the standing pose
     trunk_size: Vector  # m, half extents of the box that the trunk fills, about its frame's origin
     weighed_mass: float  # kg, of the robot as it is published; its links may add up to a little less
-    footprint: tuple[float, float]  # m, half length and half width of the body with its covers, seen from above
+    footprint: tuple[float, ...]
+    """m, half length and half width of the body with its covers, seen from above: two numbers, and no `Range`"""
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given

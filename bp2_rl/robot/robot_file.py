@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Positive, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import read_bytes
