@@ -10,6 +10,7 @@ COMMANDS = {
     "train": "train a policy, stage by stage",
     "eval": "run a policy and measure it",
     "play": "steer a policy's robot in real time, in a browser or a window",
+    "robot": "make a robot file from a model, and look at what it says",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
     "study": "compare recipes over seeds: the ablation, and the time to 10.74 m/s",
     "tune": "search for settings with which a policy runs faster, with Optuna",

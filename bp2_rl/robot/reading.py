@@ -19,7 +19,7 @@ from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
-from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
@@ -647,8 +647,3 @@ def _spring(model: mujoco.MjModel, chains: list[_Chain], notes: list[str]) -> Sp
         notes.append("the legs' springs differ: their mean is taken")
     stiffness, damping, travel = (float(x) for x in np.mean(read, axis=0))
     return SpringReading(stiffness, damping, travel)
-
-
-def role(joint: int) -> str:
-    """Return what a motor's joint is in its leg: abad, hip or knee."""
-    return JOINTS[joint % len(JOINTS)]

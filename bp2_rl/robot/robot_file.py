@@ -355,25 +355,35 @@ def principal_moments(inertia: Sequence[float]) -> tuple[float, float, float]:
 # --- The file that a model fills in --------------------------------------------------------------------------
 
 
-def robot_text(reading: RobotReading, mjcf: str | None) -> str:
+def robot_text(
+    reading: RobotReading,
+    mjcf: str | None,
+    *,
+    joints: Sequence[str] = (),
+    feet: Sequence[str] = (),
+    foot_radius: float | None = None,
+) -> str:
     """Return a robot file filled in from a model, with a comment on each number that its user must confirm.
 
     Args:
         reading: of the model.
         mjcf: the model's path from the file's folder; None: the numbers themselves are written, the left legs'.
+        joints: as `read_mjcf` was told.
+        feet: as `read_mjcf` was told.
+        foot_radius: as `read_mjcf` was told.
     """
-    anatomy, joints = reading.anatomy, reading.joints
+    anatomy = reading.anatomy
 
     def by_joint(values: Sequence[float], otherwise: float) -> str:
         known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
         return _list(sum(known[i::3]) / len(LEGS) for i in range(3))
 
     angles = np.reshape(anatomy.stand, (4, 3))
-    gains = [joint.stiffness for joint in joints], [joint.actuator_damping for joint in joints]
+    gains = [joint.stiffness for joint in reading.joints], [joint.actuator_damping for joint in reading.joints]
     lines = [
         "# A robot of bp2_rl, filled in from its model: confirm what is marked CONFIRM. `bp2 robot check` draws it.",
         f"name = {json.dumps(anatomy.name)}  # CONFIRM",
-        *([f"mjcf = {json.dumps(mjcf)}  # path from this file's folder"] if mjcf else []),
+        *([] if mjcf is None else _model_lines(mjcf, joints, feet, foot_radius)),
         f"weighed_mass = {anatomy.mass:.6g}  # kg, CONFIRM: with battery, as published",
         f"thigh_radius = {anatomy.thigh_radius:.4g}  # m, CONFIRM: of a capsule around the thigh",
         f"lower_radius = {anatomy.lower_radius:.4g}  # m, CONFIRM: of a capsule around the lower leg",
@@ -385,17 +395,17 @@ def robot_text(reading: RobotReading, mjcf: str | None) -> str:
         *(f"{name} = {_list(float(angles[leg, i]) for leg in (1, 3))}" for i, name in ((1, "hip"), (2, "knee"))),
         "",
         "[motors]  # of abad, hip and knee, at the joint",
-        f"peak_torque = {by_joint([j.peak_torque for j in joints], 20.0)}  # Nm, CONFIRM: the model's limit, or 20",
+        f"peak_torque = {by_joint([j.peak_torque for j in reading.joints], 20.0)}  # Nm, CONFIRM: the model's limit, or 20",
         "corner_speed = 15.0  # rad/s, CONFIRM: up to which the peak torque is there; no MJCF says it",
         "no_load_speed = 25.0  # rad/s, CONFIRM: at which no torque is left; no MJCF says it",
-        f"armature = {by_joint([j.armature for j in joints], 0.0)}  # kg m2, CONFIRM: rotor x gear ratio^2",
+        f"armature = {by_joint([j.armature for j in reading.joints], 0.0)}  # kg m2, CONFIRM: rotor x gear ratio^2",
         "",
         "[contact]",
         f"friction = {reading.friction:.4g}  # CONFIRM: of a foot on dry ground",
         "",
         "[losses]",
-        f"joint_friction = {_mean(joint.friction for joint in joints)}  # Nm, CONFIRM: of a joint, gear included",
-        f"joint_viscosity = {_mean(joint.damping for joint in joints)}  # Nm s/rad, CONFIRM",
+        f"joint_friction = {_mean(joint.friction for joint in reading.joints)}  # Nm, CONFIRM: of a joint, gear included",
+        f"joint_viscosity = {_mean(joint.damping for joint in reading.joints)}  # Nm s/rad, CONFIRM",
         "",
         "[gains]  # of the position loop, in which `bp2 robot check` lets it stand; leave out what nobody gives",
         f"stiffness = {by_joint(gains[0], 2.0 * anatomy.mass)}  # Nm/rad, CONFIRM",
@@ -414,6 +424,13 @@ def robot_text(reading: RobotReading, mjcf: str | None) -> str:
                 if (link := getattr(leg, part)) is not None:
                     lines += [f"[{name}.{part}]", *_link_lines(link)]
     return "\n".join([*lines, *(f"# note: {note}" for note in reading.notes)]) + "\n"
+
+
+def _model_lines(mjcf: str, joints: Sequence[str], feet: Sequence[str], foot_radius: float | None) -> list[str]:
+    names = {"joints": list(joints), "feet": list(feet)}
+    lines = [f"mjcf = {json.dumps(mjcf)}  # path from this file's folder"]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in names.items() if value]
+    return lines if foot_radius is None else [*lines, f"foot_radius = {foot_radius:.7g}"]
 
 
 def _link_lines(link: Link) -> list[str]:

@@ -1,0 +1,98 @@
+"""`bp2 robot`: make a robot file from a model, and look at what it says."""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.cli.dispatch import Command, choose, entries
+
+
+@dataclasses.dataclass(frozen=True)
+class NewConfig:
+    """Write a robot file, filled in from an MJCF, with CONFIRM beside each number that you must confirm.
+
+    Structure tells which joint is which: a free trunk with four legs of abduction, hip and knee. Meshes may be missing.
+    """
+
+    model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
+    """An MJCF file; it stays where it is, and the robot file points at it."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="ROBOT.toml")] = None
+    """The robot file; by default beside the model, under its name. One that is there is not replaced."""
+    numbers: bool = False
+    """Write the numbers themselves, the left legs', so that the model is not needed any more."""
+    joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
+    """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell; all others are welded."""
+    feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GEOM ...")] = ()
+    """A geom or a site in each foot, FR FL RR RL; by default the farthest sphere of each leg."""
+    foot_radius: float | None = None
+    """m, of the feet, where they are no spheres."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckConfig:
+    """Print a robot on one sheet, with what to mend behind "!", and draw it; it stands 5 s in C MuJoCo for this."""
+
+    robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+    """A robot that ships as a file, by its name, or a robot file."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="PICTURE.png")] = None
+    """The picture; by default the robot's name in this folder."""
+
+
+def new(config: NewConfig) -> None:
+    """Write a robot file from a model."""
+    from bp2_rl.base.files import require_name, write_text
+    from bp2_rl.robot.reading import read_mjcf
+    from bp2_rl.robot.robot_file import robot_text
+
+    out = config.model.with_suffix(".toml") if config.out is None else config.out
+    require_name(out)
+    if out.exists():
+        raise UserError(f"{out} is there already: remove it, or choose another name with --out")
+    if out.suffix != ".toml" or not out.parent.is_dir():
+        raise UserError(f"--out {out} must be a name that ends in .toml, in a folder that is there")
+    radius = config.foot_radius
+    if radius is not None and not 0.0 < radius <= 1.0:
+        raise UserError(f"--foot-radius must be positive and at most 1, got {radius:g}")
+    reading = read_mjcf(config.model, joints=config.joints, feet=config.feet, foot_radius=radius)
+    mjcf = None if config.numbers else os.path.relpath(config.model, out.parent)
+    write_text(out, robot_text(reading, mjcf, joints=config.joints, feet=config.feet, foot_radius=radius))
+    print(f"{out}: confirm the numbers marked CONFIRM, then: bp2 robot check {out}")
+
+
+def check(config: CheckConfig) -> None:
+    """Print and draw a robot."""
+    from bp2_rl.base.assets import asset_path
+    from bp2_rl.base.files import require_name
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.robot.portrait import draw_robot
+    from bp2_rl.robot.robot_file import load_robot
+    from bp2_rl.robot.sheet import sheet, stand
+
+    shipped = {path.stem: path for path in asset_path("robots").glob("*.toml")}
+    path = shipped.get(config.robot, Path(config.robot))
+    if path.suffix != ".toml":
+        raise UserError(f"no robot file {config.robot!r}: name ROBOT.toml, or one of {', '.join(sorted(shipped))}")
+    out = Path(f"{path.stem}.png") if config.out is None else config.out
+    require_name(out)
+    if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
+        raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
+    robot = load_robot(path)
+    print(sheet(robot, stand(robot)))
+    save_figure(draw_robot(robot.hardware), out)
+    print(f"picture: {out}")
+
+
+COMMANDS = {
+    "new": Command("bp2 robot new", NewConfig, new),
+    "check": Command("bp2 robot check", CheckConfig, check),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` names; return the exit status."""
+    return choose("bp2 robot", entries(COMMANDS), argv)
