@@ -598,7 +598,7 @@ def _assumed_stand(legs: Sequence[Leg]) -> tuple[float, ...]:
         knee = math.acos((reach**2 - thigh**2 - lower**2) / (2.0 * thigh * lower))
         knee = float(np.clip(leg.bend * knee, *leg.ranges[2]))
         hip = -math.atan2(lower * math.sin(knee), thigh + lower * math.cos(knee))
-        angles += [0.0, float(np.clip(hip, *leg.ranges[1])), knee]
+        angles += [float(np.clip(0.0, *leg.ranges[0])), float(np.clip(hip, *leg.ranges[1])), knee]
     return tuple(angles)
 
 

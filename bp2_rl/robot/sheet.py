@@ -111,12 +111,7 @@ def sheet(robot: RobotFile, stood: Stand) -> str:
 
 def _reach(leg: Any) -> str:
     a, b = leg.thigh_length, leg.lower_length
-    ends = [
-        math.sqrt(
-            leg.thigh_length**2 + leg.lower_length**2 + 2.0 * leg.thigh_length * leg.lower_length * math.cos(knee)
-        )
-        for knee in leg.ranges[2]
-    ]
+    ends = [math.sqrt(a * a + b * b + 2.0 * a * b * math.cos(knee)) for knee in leg.ranges[2]]
     return f"{min(ends):.3g} to {max(ends):.3g} m from the hip"
 
 

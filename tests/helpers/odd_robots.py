@@ -16,7 +16,7 @@ def anymal_like() -> str:
         legs += f"""
     <body name="{name}_HIP" pos="{0.3 * x} {0.1 * y} 0.02" euler="{20 * y} 0 0">
       <inertial pos="{0.05 * x} {-0.003 * y} 0.01" mass="1.4" fullinertia="0.002 0.003 0.0025 0.0001 0.0002 -0.0003"/>
-      <joint name="{name}_HAA" axis="{flip} 0 0" range="-50 40" armature="0.02" damping="0.3" frictionloss="0.1"/>
+      <joint name="{name}_HAA" axis="{flip} 0 0" range="-100 90" armature="0.02" damping="0.3" frictionloss="0.1"/>
       <body name="{name}_THIGH" pos="{0.06 * x} {0.08 * y} 0" euler="{-20 * y} {25 * bend} 90">
         <inertial pos="0.01 {0.02 * y} -0.1" mass="1.6" fullinertia="0.02 0.021 0.003 0.001 -0.002 0.0004"/>
         <joint name="{name}_HFE" axis="{flip} 0 0" range="-110 100" ref="12"/>
@@ -108,7 +108,7 @@ def sprung() -> str:
           <inertial pos="0.01 0 -0.03" mass="0.1" fullinertia="0.0005 0.0006 0.0001 0 0.0001 0"/>
           <joint name="{name}_k" axis="0 1 0" range="-2 -0.1"/>
           <body pos="0 0 -0.15">
-            <inertial pos="0.002 0.001 -0.02" mass="0.2" diaginertia="0.0001 0.0001 0.0001"/>
+            <inertial pos="0.002 {0.001 * y} -0.02" mass="0.2" diaginertia="0.0001 0.0001 0.0001"/>
             <joint name="{name}_s" type="slide" axis="0 0 -1" springref="0.02" stiffness="4000" damping="8"
               range="-0.06 0.02"/>
             <geom name="{name}_pad" type="box" size="0.02 0.01 0.01" pos="0 0 -0.06"/>

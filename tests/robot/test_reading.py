@@ -123,7 +123,7 @@ def test_geometry_masses_count_as_mujoco_counts_them(tmp_path: Path):
 
 
 def test_a_spring_parallel_to_a_joint_is_noted(go1: Path, tmp_path: Path):
-    text = anymal_like().replace('range="-50 40"', 'range="-50 40" stiffness="7"')
+    text = anymal_like().replace('range="-100 90"', 'range="-100 90" stiffness="7"')
     notes = read_mjcf(write(tmp_path, text)).notes
     assert "the spring of 7 Nm/rad parallel to joint 'RF_HAA' is left out" in notes
 

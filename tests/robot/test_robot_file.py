@@ -1,0 +1,221 @@
+"""A robot file becomes a robot that stands, or one line that says what is wrong with it."""
+
+import importlib.util
+import json
+import random
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from odd_robots import anymal_like, sprung
+
+from bp2_rl.base.assets import asset_path
+from bp2_rl.base.errors import UserError
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.kinematics import foot_position, joint_angles
+from bp2_rl.robot.model import load_model
+from bp2_rl.robot.reading import read_mjcf
+from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
+from bp2_rl.robot.sheet import sheet, stand
+
+SHIPPED = sorted(asset_path("robots").glob("*.toml"))
+GO1 = asset_path("robots/go1.toml").read_text()
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "robot.toml"
+    path.write_text(text)
+    return path
+
+
+def numbers(anatomy: Anatomy) -> list[float]:
+    """Return all numbers of a body but its stand's abduction, which a file leaves at zero."""
+    legs = [list(np.concatenate([leg.anchor, leg.hip, leg.knee, leg.foot, *leg.ranges])) for leg in anatomy.legs]
+    links = [[x.mass, *x.com, *x.inertia] for leg in anatomy.legs for x in leg.links]
+    return [float(x) for part in (*legs, *links, [anatomy.trunk.mass, *anatomy.trunk.inertia]) for x in part]
+
+
+# --- What a file makes -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_robot_that_ships_stands(path: Path):
+    robot = load_robot(path)
+    assert len(path.read_text().splitlines()) <= 150
+    assert robot.top_speed is not None
+    assert robot.sources
+    assert robot.assumed
+    stood = stand(robot)
+    assert stood.fallen_after is None
+    assert stood.feet_down == 4
+    assert stood.touching == ()
+    assert np.all(np.abs(stood.torque) < 0.5 * np.broadcast_to(robot.hardware.joint_peak_torque, 12))
+    assert not [line for line in sheet(robot, stood).splitlines() if line.startswith("!")]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_the_kinematics_of_a_robot_that_ships_are_its_models(path: Path):
+    robot = load_robot(path)
+    target = np.reshape(robot.anatomy.stand, (4, 3))
+    feet = foot_position(target, 0.0, robot.hardware)
+    np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+
+
+def test_go1s_file_is_its_public_model(tmp_path: Path):
+    spec = importlib.util.find_spec("mujoco_playground")
+    assert spec is not None
+    root = Path((spec.submodule_search_locations or [])[0])
+    public = read_mjcf(root / "_src/locomotion/go1/xmls/go1_mjx_feetonly.xml").anatomy
+    ours = load_robot(asset_path("robots/go1.toml")).anatomy
+    assert ours.mass == pytest.approx(public.mass, rel=1e-6)
+    for leg in (1, 3):  # of the right shanks the model has no mirror image
+        for a, b in zip(ours.legs[leg].links, public.legs[leg].links, strict=True):
+            np.testing.assert_allclose(a.inertia, b.inertia, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: Path):
+    model = tmp_path / "model.xml"
+    model.write_text(anymal_like())
+    reading = read_mjcf(model)
+    path = write(tmp_path, robot_text(reading, "model.xml" if pointing else None))
+    robot = load_robot(path)
+    legs = slice(0, None) if pointing else slice(1, None, 2)
+    ours, theirs = ([leg.anchor + leg.hip + leg.foot for leg in a.legs[legs]] for a in (robot.anatomy, reading.anatomy))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-9)
+    assert robot.hardware.peak_torque == (80.0, 80.0, 80.0)
+    assert robot.hardware.reflected_inertia[0] == pytest.approx(0.02)
+    assert robot.stiffness == (80.0, 80.0, 80.0)
+    if pointing:
+        np.testing.assert_allclose(numbers(robot.anatomy), numbers(reading.anatomy))
+    model_of_it = load_model(robot.hardware)
+    assert (model_of_it.nq, model_of_it.nv, model_of_it.nu) == (19, 18, 12)
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+def test_a_sprung_robot_goes_through_a_file(pointing: bool, tmp_path: Path):
+    model = tmp_path / "model.xml"
+    model.write_text(sprung())
+    tips = ["fr_tip", "fl_tip", "rr_tip", "rl_tip"]
+    reading = read_mjcf(model, feet=tips, foot_radius=0.012)
+    text = robot_text(reading, "model.xml" if pointing else None, feet=tips, foot_radius=0.012)
+    robot = load_robot(write(tmp_path, text))
+    assert robot.hardware.spring_stiffness == 4000.0
+    assert robot.hardware.spring_travel == pytest.approx(0.08)
+    np.testing.assert_allclose(numbers(robot.anatomy), numbers(reading.anatomy), rtol=1e-5, atol=1e-9)
+    assert load_model(robot.hardware).nq == 23
+
+
+def test_a_mirror_image_of_a_mirror_image_is_the_leg():
+    leg = load_robot(asset_path("robots/go1.toml")).anatomy.legs[1]
+    assert mirrored(mirrored(leg)) == leg
+    assert mirrored(leg) != leg
+
+
+# --- What is refused ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "complaint"),
+    [
+        ("mass = 5.204", "mass = -5.204", "trunk.mass must be"),
+        ("mass = 5.204", "mass = nan", "trunk.mass must be"),
+        ("mass = 5.204", 'mass = "heavy"', "trunk.mass: expected a number"),
+        ("mass = 5.204", "mas = 5.204", "trunk.mas: unknown key"),
+        ("hip = 0.9", "hip = 5.2", "outside its range"),
+        ("abad_range = [-0.863, 0.863]", "abad_range = [0.863, -0.863]", "low <= high"),
+        ("inertia = [0.01681283,", "inertia = [0.91681283,", "trunk.inertia: principal moments"),
+        ("foot = [0, 0, -0.213]", "foot = [0, 0, 0.213]", "fore.foot"),
+        ("corner_speed = [18.0, 18.0, 12.0]", "corner_speed = 31", "corner_speed"),
+        ("armature = 0.005", "", "motors.armature: missing"),
+        ("[trunk]", "[torso]", "torso: unknown key"),
+        ('name = "Unitree Go1"', "", "name: missing"),
+        ("anchor = [0.1881, 0.04675, 0]", "anchor = [0.1881, -0.24675, 0]", "fore: anchor, hip"),
+        ("weighed_mass = 12.74", "weighed_mass = 127.4", "one is wrong"),
+        ("weighed_mass = 12.74", 'mjcf = "nowhere.xml"', "either `mjcf`"),
+        ("[stand]\nhip = 0.9\nknee = -1.8", "", "stand: missing"),
+        ("[gains]", "[spring]\nstiffness = 6000\ndamping = 10\ntravel = 0.1\n[gains]", "spring: the legs have no toe"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named(before: str, after: str, complaint: str, tmp_path: Path):
+    assert before in GO1
+    path = write(tmp_path, GO1.replace(before, after, 1))
+    with pytest.raises(UserError) as refusal:
+        load_robot(path)
+    assert complaint in str(refusal.value)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_model_that_is_not_there_is_named(tmp_path: Path):
+    head = GO1[: GO1.index("[trunk]")]
+    with pytest.raises(UserError, match=r"gone\.xml cannot be read"):
+        load_robot(write(tmp_path, f'mjcf = "gone.xml"\n{head}'))
+
+
+def damaged() -> Iterator[bytes]:
+    """Yield robot files with a line lost, a value of another kind, bytes cut off, changed or from elsewhere."""
+    draws, lines = random.Random(0), GO1.splitlines()
+    key = "(mass|com|inertia|anchor|hip|knee|foot|size|peak_torque|abad_range) ="
+    given = [i for i, line in enumerate(lines) if re.match(key, line)]
+    for i in given:
+        yield "\n".join(lines[:i] + lines[i + 1 :]).encode()
+    values = ["nan", "inf", "-1e300", '"x"', "[]", "{}", "1979-05-27", "[[[1]]]", "true", "-5", "1" + "0" * 400]
+    for _ in range(100):
+        i = draws.choice(given)
+        key = lines[i].split(" =")[0]
+        yield "\n".join([*lines[:i], f"{key} = {draws.choice(values)}", *lines[i + 1 :]]).encode()
+    content = GO1.encode()
+    for _ in range(40):
+        yield content[: draws.randrange(len(content) - 400)]
+    for _ in range(40):
+        yield bytes(draws.randrange(256) for _ in range(draws.randrange(1, 400)))
+    yield b""
+    yield b"[" * 100_000
+    yield b"x = " + b"[" * 100_000
+    yield b"\xff\xfe" + content
+    yield json.dumps({"name": "x"}).encode()
+    yield b"a" * (2 << 20)
+
+
+@pytest.mark.attack
+def test_damaged_files_end_in_one_line(tmp_path: Path):
+    path, files = tmp_path / "robot.toml", list(damaged())
+    assert len(files) >= 200
+    for content in files:
+        path.write_bytes(content)
+        with pytest.raises(UserError) as refusal:
+            load_robot(path)
+        assert "\n" not in str(refusal.value)
+        assert str(path) in str(refusal.value)
+
+
+def test_a_folder_and_nothing_are_refused(tmp_path: Path):
+    with pytest.raises(UserError, match="is a folder"):
+        load_robot(tmp_path)
+    with pytest.raises(UserError, match="cannot be read"):
+        load_robot(tmp_path / "none.toml")
+
+
+# --- The sheet ---------------------------------------------------------------------------------------------------
+
+
+def test_the_sheet_says_what_to_mend(tmp_path: Path):
+    weak = load_robot(write(tmp_path, GO1.replace("stiffness = 35.0", "stiffness = 2.0")))
+    fallen = stand(weak)
+    assert fallen.fallen_after is not None
+    assert "! it falls after" in sheet(weak, fallen)
+    uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace("knee = -1.8", "knee = [-1.8, -0.9]")
+    robot = load_robot(write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0")))
+    assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
+
+
+def test_the_sheet_names_the_models_joints(tmp_path: Path):
+    model = tmp_path / "model.xml"
+    model.write_text(anymal_like())
+    robot = load_robot(write(tmp_path, robot_text(read_mjcf(model), "model.xml")))
+    lines = sheet(robot, stand(robot)).splitlines()
+    assert any(line.startswith("FL_knee  -LF_KFE") for line in lines)
+    assert any("no keyframe" in line for line in lines)
