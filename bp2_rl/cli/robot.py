@@ -46,8 +46,6 @@ class CheckConfig:
 def new(config: NewConfig) -> None:
     """Write a robot file from a model."""
     from bp2_rl.base.files import require_name, write_text
-    from bp2_rl.robot.reading import read_mjcf
-    from bp2_rl.robot.robot_file import robot_text
 
     out = config.model.with_suffix(".toml") if config.out is None else config.out
     require_name(out)
@@ -58,6 +56,9 @@ def new(config: NewConfig) -> None:
     radius = config.foot_radius
     if radius is not None and not 0.0 < radius <= 1.0:
         raise UserError(f"--foot-radius must be positive and at most 1, got {radius:g}")
+    from bp2_rl.robot.reading import read_mjcf
+    from bp2_rl.robot.robot_file import robot_text
+
     reading = read_mjcf(config.model, joints=config.joints, feet=config.feet, foot_radius=radius)
     mjcf = None if config.numbers else os.path.relpath(config.model, out.parent)
     write_text(out, robot_text(reading, mjcf, joints=config.joints, feet=config.feet, foot_radius=radius))
@@ -68,10 +69,6 @@ def check(config: CheckConfig) -> None:
     """Print and draw a robot."""
     from bp2_rl.base.assets import asset_path
     from bp2_rl.base.files import require_name
-    from bp2_rl.base.plotting import save_figure
-    from bp2_rl.robot.portrait import draw_robot
-    from bp2_rl.robot.robot_file import load_robot
-    from bp2_rl.robot.sheet import sheet, stand
 
     shipped = {path.stem: path for path in asset_path("robots").glob("*.toml")}
     path = shipped.get(config.robot, Path(config.robot))
@@ -81,6 +78,11 @@ def check(config: CheckConfig) -> None:
     require_name(out)
     if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
         raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
+    from bp2_rl.base.plotting import save_figure
+    from bp2_rl.robot.portrait import draw_robot
+    from bp2_rl.robot.robot_file import load_robot
+    from bp2_rl.robot.sheet import sheet, stand
+
     robot = load_robot(path)
     print(sheet(robot, stand(robot)))
     save_figure(draw_robot(robot.hardware), out)

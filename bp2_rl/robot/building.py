@@ -45,7 +45,7 @@ def build_spec(anatomy: Anatomy, *, name: str = "robot", spring_stiffness: float
     _add_motors_and_sensors(spec, anatomy)
     qpos = standing(anatomy, spring_stiffness)
     trunk.pos = qpos[:3]
-    spec.add_key(name="stand", qpos=qpos)
+    spec.add_key(name="stand", qpos=qpos.tolist())
     return spec
 
 
@@ -99,11 +99,11 @@ def _set_link(body: Any, link: Link) -> None:
 def _add_trunk(spec: Any, trunk: Any, anatomy: Anatomy) -> None:
     """Two capsules for contacts, a shell for looks, the IMU, two cameras and a light."""
     x, y, z = anatomy.trunk_size
-    radius = min(y, z)
+    radius, reach, lateral = anatomy.beams
     trunk.add_site(name="imu", size=(0.005, 0.0, 0.0), group=5)
     for side, name in ((-1.0, "trunk_right"), (1.0, "trunk_left")):
-        ends = [max(x - radius, 1e-3), side * (y - radius), 0.0]
-        _capsule(spec, trunk, name, "trunk", radius, (-ends[0], *ends[1:]), (ends[0], *ends[1:]))
+        far, beside = max(reach, 1e-3), side * lateral
+        _capsule(spec, trunk, name, "trunk", radius, (far, beside, 0.0), (-far, beside, 0.0))
     shell = _look(spec, trunk, _Geom.mjGEOM_BOX, "shell", (0.96 * x, 0.9 * y, 0.5 * z))
     shell.pos = (0.0, 0.0, 0.35 * z)
     _look(spec, trunk, _Geom.mjGEOM_BOX, "carbon", (0.9 * x, 0.8 * y, 0.8 * z))

@@ -136,17 +136,18 @@ def read_model(
         for chain, foot in zip(chains, _feet(model, data, chains, feet, foot_radius), strict=True)
     ]
     stand = _stand(model, chains, found, notes)
-    legs = tuple(
+    fr, fl, rr, rl = (
         dataclasses.replace(one.leg, bend=_bend(leg, one, stand[3 * i + 2], notes))
         for i, (leg, one) in enumerate(zip(LEGS, found, strict=True))
     )
+    legs = fr, fl, rr, rl
     if stand[1] == stand[2] == 0.0:
         stand = _assumed_stand(legs)
     body, size = _merge(model, data, trunk, np.zeros(3), np.eye(3)), _trunk_size(model, data, trunk, legs)
     anatomy = Anatomy(
         name=model.names.split(b"\0")[0].decode(errors="replace") or "robot",
         trunk=body,
-        legs=legs,  # pyright: ignore[reportArgumentType]
+        legs=legs,
         stand=stand,
         trunk_size=size,
         weighed_mass=body.mass + sum(link.mass for leg in legs for link in leg.links),
@@ -388,6 +389,9 @@ def _read_leg(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, foot: _
         _read_joint(model, j, int(math.copysign(1, towards)), -turn, notes)
         for j, towards, turn in zip(chain.joints[:3], along, angle, strict=True)
     ]
+    abad_range, hip_range, knee_range = (
+        _range(model, j, joint, notes) for j, joint in zip(chain.joints[:3], joints, strict=True)
+    )
     leg = Leg(
         anchor=_vector(anchors[0]),
         hip=_vector(turned[0] @ (anchors[1] - anchors[0])),
@@ -399,9 +403,7 @@ def _read_leg(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, foot: _
         shank=_merge(model, data, chain.bodies[2], anchors[2], turned[2]),
         toe=toe,
         seat=seat,
-        ranges=tuple(  # pyright: ignore[reportArgumentType]
-            _range(model, j, joint, notes) for j, joint in zip(chain.joints[:3], joints, strict=True)
-        ),
+        ranges=(abad_range, hip_range, knee_range),
     )
     return _LegReading(leg, joints, foot.friction, foot.name, -angle[2])
 
@@ -451,7 +453,8 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, part: int, origin: np.nda
 def six(inertia: Float[np.ndarray, "3 3"]) -> Inertia:
     """Return the six numbers of a symmetric matrix, in the order of `Inertia`."""
     rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
-    return tuple(float(x) for x in inertia[rows, columns])  # pyright: ignore[reportReturnType]
+    xx, yy, zz, xy, xz, yz = (float(x) for x in inertia[rows, columns])
+    return xx, yy, zz, xy, xz, yz
 
 
 def _vector(xyz: np.ndarray, flat: bool = False) -> Vector:

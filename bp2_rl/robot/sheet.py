@@ -28,7 +28,7 @@ SAME = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Stand:
+class StandingTrial:
     """How a robot stands on its position loop in C MuJoCo."""
 
     fallen_after: float | None  # s; None: it stands after `STAND_TIME`
@@ -38,7 +38,7 @@ class Stand:
     touching: tuple[str, ...]  # what but feet touches something, at the end
 
 
-def stand(robot: RobotFile) -> Stand:
+def stand(robot: RobotFile) -> StandingTrial:
     """Let a robot stand at its standing pose under its gains."""
     hardware = robot.hardware
     model = load_model(hardware)
@@ -58,7 +58,7 @@ def stand(robot: RobotFile) -> Stand:
     pairs = [(int(contact.geom1), int(contact.geom2)) for contact in data.contact[: data.ncon]]
     down = {geom for pair in pairs for geom in pair if geom in feet and model.geom("floor").id in pair}
     others = {model.geom(geom).name for geom in itertools.chain(*pairs)} - {"floor"}
-    return Stand(
+    return StandingTrial(
         fallen_after=fallen,
         height=float(data.qpos[2]),
         torque=np.array(torque),
@@ -71,11 +71,11 @@ def gains(robot: RobotFile) -> tuple[Any, Any]:
     """Return stiffness and damping of the position loop, each a number or one for each motor."""
     size = robot.hardware.size
     otherwise = size.torque * GAINS[0], size.torque * size.time * GAINS[1]
-    given = robot.stiffness, robot.damping
-    return tuple(  # pyright: ignore[reportReturnType]
-        np.tile(value, len(LEGS)) if isinstance(value, tuple) else default if value is None else value
-        for value, default in zip(given, otherwise, strict=True)
-    )
+
+    def of_motors(given: Any, default: float) -> Any:
+        return np.tile(given, len(LEGS)) if isinstance(given, tuple) else default if given is None else given
+
+    return of_motors(robot.stiffness, otherwise[0]), of_motors(robot.damping, otherwise[1])
 
 
 def _motors(robot: RobotFile) -> Actuator:
@@ -83,7 +83,7 @@ def _motors(robot: RobotFile) -> Actuator:
     return Actuator.from_hardware(robot.hardware, stiffness=stiffness, damping=damping)
 
 
-def sheet(robot: RobotFile, stood: Stand) -> str:
+def sheet(robot: RobotFile, stood: StandingTrial) -> str:
     """Return the sheet as text; lines that begin with "!" are what its user must look at."""
     anatomy, hardware = robot.anatomy, robot.hardware
     fore, hind = anatomy.legs[1], anatomy.legs[3]
@@ -133,7 +133,7 @@ def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
     return lines
 
 
-def _stand_lines(robot: RobotFile, stood: Stand) -> list[str]:
+def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     hardware = robot.hardware
     peak = np.broadcast_to(hardware.joint_peak_torque, 12)
     share = np.abs(stood.torque) / peak

@@ -62,7 +62,7 @@ def test_help_imports_nothing_slow():
         "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
         "trajopt solve --speed 0", "paper pendulum torque --length 0", "paper figures scaling --nope",
         "paper figures speed",
-        "play --port 0", "play --speed fast",
+        "play --port 0", "play --speed fast", "robot check nobody", "robot new robot.xml --foot-radius 0",
     ],
 )  # fmt: skip
 def test_a_mistake_is_answered_before_anything_slow_is_imported(words: str):
