@@ -228,7 +228,7 @@ def _stop_rows(design: Design, angles: list[Number], rates: list[Number]) -> Sto
     return Stops(signs, stiffness, references)
 
 
-def _reference_and_stiffness(softness: Softness, distance: Number, weight: Number) -> tuple[Number, float, Number]:
+def _reference_and_stiffness(softness: Softness, distance: Number, weight: Number) -> tuple[Number, Number, Number]:
     """(K I r, B, D) of MuJoCo's constraint at this distance; D is 0 where it is positive."""
     x = jnp.abs(distance) / softness.width
     curve = jnp.where(x < 0.5, 2.0 * x * x, 1.0 - 2.0 * (1.0 - x) * (1.0 - x))

@@ -25,11 +25,11 @@ UNLIMITED = 1e6  # rad, where no joint ever is
 class Softness(NamedTuple):
     """How a constraint yields, from MuJoCo's solref and solimp: K, B and the impedance over its depth."""
 
-    stiffness: float  # 1/s2
-    damping: float  # 1/s
-    least: float  # impedance at the surface
-    most: float  # impedance at `width` and beyond
-    width: float  # m or rad
+    stiffness: Number  # 1/s2
+    damping: Number  # 1/s
+    least: Number  # impedance at the surface
+    most: Number  # impedance at `width` and beyond
+    width: Number  # m or rad
 
 
 @jax.tree_util.register_pytree_node_class
@@ -40,8 +40,8 @@ class Design:
     A number is `ZERO` or a float if it is the same for all legs, and known when a program is traced; otherwise (4, 1).
     """
 
-    timestep: float  # s
-    gravity: float  # m/s2
+    timestep: Number  # s
+    gravity: Number  # m/s2
     trunk: Body
     links: tuple[Body, ...]  # abad, thigh, shank and, with a spring, toe
     anchor: Vector  # of the abduction joint in the trunk

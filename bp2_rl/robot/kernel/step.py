@@ -110,7 +110,7 @@ def _implicit_inertia(inertia: ArrowheadMatrix, design: Design) -> ArrowheadMatr
     return inertia._replace(legs=[[*row[:-1], row[-1] + design.timestep * damping] for row, damping in rows])
 
 
-def _integrated(dt: float, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
+def _integrated(dt: Number, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
     """The state after the step."""
     trunk = [v + dt * a for v, a in zip(state.velocity.trunk, acceleration.trunk, strict=True)]
     legs = [v + dt * a for v, a in zip(state.velocity.legs, acceleration.legs, strict=True)]

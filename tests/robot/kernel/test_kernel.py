@@ -21,8 +21,7 @@ from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
 from bp2_rl.settings.env import RandomizationConfig
 
 ROBOTS = 200
-OTHER = IDEAL.changed(
-    leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
+OTHER = IDEAL.changed(leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
     thigh_mass=2.9, toe_mass=0.8, trunk_inertia=0.6,
 )  # fmt: skip
 
@@ -161,12 +160,18 @@ def test_cosine_and_sine_are_exact_to_float32():
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        (lambda m: m.body_ipos.__setitem__((3, 1), 0.01), "parts off their axes"),
-        (lambda m: m.body_pos.__setitem__((4, 2), -0.3), "legs of different lengths"),
+        (lambda m: m.body_parentid.__setitem__(3, 1), "the tree of its bodies"),
+        (lambda m: m.body_quat.__setitem__((3, 1), 0.1), "turned bodies"),
+        (lambda m: m.jnt_stiffness.__setitem__(3, 10.0), "springs parallel to joints"),
+        (lambda m: m.jnt_limited.__setitem__(4, 1), "limited or preloaded springs"),
+        (lambda m: m.tendon_damping.__setitem__(0, 1.0), "tendons but for springs' stops"),
+        (lambda m: m.jnt_margin.__setitem__(2, 0.01), "margins of joints"),
+        (lambda m: m.dof_damping.__setitem__(0, 1.0), "a damped trunk"),
+        (lambda m: m.geom_contype.__setitem__(-1, 1), "other contacts"),
+        (lambda m: setattr(m.opt, "cone", 1), "other contacts"),
         (lambda m: m.jnt_axis.__setitem__((2, 0), 1.0), "the axes of its joints"),
         (lambda m: m.geom_solimp.__setitem__((-1, 4), 3.0), "unlike feet"),
         (lambda m: m.jnt_solref.__setitem__((2, 0), 0.01), "unlike joints"),
-        (lambda m: m.tendon_stiffness.__setitem__(-1, 1e3), "unlike legs"),
         (lambda m: m.dof_frictionloss.__setitem__(7, 1.0), "dry friction"),
     ],
 )
