@@ -178,23 +178,27 @@ def parse(
                 return tyro.cli(config, args=words, return_unknown_args=True, **chosen)[0]
             return tyro.cli(config, args=words, **chosen)
     except SystemExit:
-        line = f"{_in_one_line(complaint.getvalue())} (see {prog} --help)"
+        said = _in_one_line(complaint.getvalue())
+        if unknown := re.match("unknown option ([^=]+)", said):
+            near = usage.nearest_flags(unknown[1], config, prog, default)
+            said = unknown[0] + "".join(f": did you mean {flag}?" for flag in near)
+        line = f"{said} (see {prog} --help)"
         raise (UserError if re.search(r"Error parsing (?!--)", complaint.getvalue()) else FlagError)(line) from None
 
 
 def _in_one_line(box: str) -> str:
-    """What tyro says in the message it prints, without its frame, its title and its foot, and the flag it suggests."""
+    """What tyro says in the message it prints, in a user's words, without its frame, its title and its foot."""
+    if "Missing from" in box:
+        names = re.findall(r"^(?:│ | ) {4,5}(\S.*?) *│?$", box, re.MULTILINE)
+        return f"missing: {', '.join(name.strip('{}') for name in names)}"
     framed = box.lstrip().startswith("╭")  # else the console knows no such signs, and the title is a paragraph
     lines = [line.strip("│ ").strip() for line in box.splitlines() if not re.match("[╭╰]", line)]
     paragraphs = "\n".join("" if re.fullmatch("[─-]*", line) else line for line in lines).strip("\n").split("\n\n")
     text = one_line(paragraphs[0 if framed else min(1, len(paragraphs) - 1)]).rstrip(".") or "wrong command line"
     for pattern, words in _WORDS:
         if found := re.search(pattern, text):
-            text = words(found)
-            break
-    after = lines[lines.index("Perhaps you meant:") :] if "Perhaps you meant:" in lines else []
-    suggested = [re.split("[ ,]", line)[0] for line in after if line.startswith("--")]
-    return f"{text}; perhaps {' or '.join(suggested)}?" if suggested else text
+            return words(found)
+    return text
 
 
 _KINDS = {
@@ -215,6 +219,8 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
      lambda found: f"{found[2]} {found[1]}: there are {_choices(found[3])}"),
     (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
+    (r"Unrecognized options: (-[^,]+)", lambda found: f"unknown option {found[1]}"),
+    (r"Unrecognized options: ([^,]+)", lambda found: f"unexpected argument {found[1]}"),
 )  # fmt: skip
 """What tyro says in terms of Python, and how a user would say it."""
 

@@ -1,4 +1,4 @@
-"""`python eval.py`: run a policy on a benchmark, print a table, leave a report."""
+"""`bp2 eval`, also `python eval.py`: run a policy on a benchmark, print a table, leave a report."""
 
 import contextlib
 import dataclasses
@@ -76,9 +76,9 @@ class EvalConfig:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    again = shlex.join(["python", "eval.py", *words])
-    return app.run(lambda: evaluate(app.parse(EvalConfig, words, "eval.py"), again=again))
+    words, prog = list(sys.argv[1:] if argv is None else argv), "python eval.py" if argv is None else "bp2 eval"
+    again = f"{prog} {shlex.join(words)}".strip()
+    return app.run(lambda: evaluate(app.parse(EvalConfig, words, prog), again=again))
 
 
 def evaluate(

@@ -1,4 +1,4 @@
-"""`python train.py`: train a stage, or go on with a stopped run."""
+"""`bp2 train`, also `python train.py`: train a stage, or go on with a stopped run."""
 
 import argparse
 import contextlib
@@ -36,6 +36,7 @@ EVERYDAY = {
 }
 """Flags that --help shows, by its headings; --help-all shows all."""
 RUNS = Path("runs")
+PROG = "bp2 train"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,19 +81,19 @@ class TrainArguments:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, train, and return the exit status."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    status = app.run(lambda: _answer_early(words))
+    words, prog = list(sys.argv[1:] if argv is None else argv), "python train.py" if argv is None else PROG
+    status = app.run(lambda: _answer_early(words, prog))
     if status != OK:
         return status
 
     from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
-    return cluster.leave(app.run(lambda: _train(words), patient=False))
+    return cluster.leave(app.run(lambda: _train(words, prog), patient=False))
 
 
-def _answer_early(argv: list[str]) -> None:
-    arguments = answer_early(argv, "train.py", train_arguments, EVERYDAY)
+def _answer_early(argv: list[str], prog: str) -> None:
+    arguments = answer_early(argv, prog, train_arguments, EVERYDAY)
     if arguments is not None:
         _require_runs(argv, arguments)
         choose_tracker(arguments.process.track, arguments.resume)
@@ -142,7 +143,7 @@ def answer_early(
     return None
 
 
-def _train(argv: list[str]) -> None:
+def _train(argv: list[str], prog: str) -> None:
     import numpy as np
 
     from bp2_rl.cli.runtime import find_backend, prepare_jax
@@ -152,13 +153,13 @@ def _train(argv: list[str]) -> None:
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
-    process = app.parse(ProcessOptions, argv, "train.py", part=True)
+    process = app.parse(ProcessOptions, argv, prog, part=True)
     use_processors(read_named(argv))
     prepare_jax(deterministic=process.deterministic)
     cluster.join(process.cluster)
     find_backend()  # where there is none, every further word to the others would fail
     with cluster.together():
-        arguments = _parse(argv)
+        arguments = _parse(argv, prog)
         tracker = choose_tracker(process.track, arguments.resume) if cluster.is_first() else None
     if arguments.replay is not None:
         with app.failures_into(arguments.replay):
@@ -246,7 +247,7 @@ def train_arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainA
     return TrainArguments(parent=parent, impl=defaults.impl, env=defaults.env, ppo=defaults.ppo, run=defaults.run)
 
 
-def _parse(argv: list[str]) -> TrainArguments:
+def _parse(argv: list[str], prog: str = PROG) -> TrainArguments:
     """The arguments, with the defaults of the stage, preset and parent that they name."""
     named = read_named(argv)
     preset, defaults = defaults_here(named.stage, named.preset, named.weights, named.robot)
@@ -256,7 +257,7 @@ def _parse(argv: list[str]) -> TrainArguments:
             parent = _newest_imitation_run()
         if parent is not None:
             defaults = _continue(defaults, preset, parent, named.robot)
-    arguments = app.parse(TrainArguments, argv, "train.py", default=train_arguments(defaults, parent))
+    arguments = app.parse(TrainArguments, argv, prog, default=train_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 

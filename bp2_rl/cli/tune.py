@@ -56,7 +56,7 @@ def _tune(arguments: TuneArguments) -> None:
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
-            answer_early(words, "bp2 tune --search", train_arguments)
+            answer_early(words, "bp2 tune", train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()

@@ -1,5 +1,6 @@
 """What `--help` prints: aligned columns on one screen; `--help-all` prints every setting, in sections."""
 
+import difflib
 import pkgutil
 import re
 import shutil
@@ -56,8 +57,9 @@ def describe(
     """
     parser = _parser(config, prog, default)
     sections = list(_sections(parser))
-    given = "".join(f" [{flag.written}]" for flag in sections[0].flags if not flag.names)
-    head = [f"usage: {prog}{given} [FLAGS]", *_wrap(f"{parser.description or ''} {note}")]
+    given = [action for action in parser._actions if action.required or not action.option_strings]
+    words = [_flag(action).written if action.required else f"[{_flag(action).written}]" for action in given]
+    head = [" ".join(("usage:", prog, *words, "[FLAGS]")), *_wrap(f"{parser.description or ''} {note}")]
     whole = [line for section in sections for line in _show(section.what or "flags", section.flags)]
     if everything or len(head) + len(whole) <= SCREEN:
         return "\n".join([*head, *whole])
@@ -74,6 +76,11 @@ def describe(
     more = [Flag((), f"--{name}.*", f"{what} ({count})") for name, (what, count) in rest.items()]
     short = [line for title, flags in chosen.items() for line in _show(title, flags)]
     return "\n".join([*head, *short, *_show(f"all of them with {HELP_ALL}", more)])
+
+
+def nearest_flags(word: str, config: type[Any], prog: str, default: Any) -> list[str]:
+    """Return the flag of a command that is spelled most like a word, if one is spelled somewhat like it."""
+    return difflib.get_close_matches(word, _parser(config, prog, default)._option_string_actions, 1)
 
 
 def _parser(config: type[Any], prog: str, default: Any) -> Any:
@@ -104,6 +111,7 @@ def _flag(action: Any) -> Flag:
         path, dot, name = names[0].rpartition(".")
         return Flag(names, f"--{path}{dot}[no-]{name}", what)
     takes = re.sub(r"\{None\}\||(?<=\{)None,|,None(?=[,}])", "", str(action.metavar or ""))
+    takes = re.sub(r"^\{([^,]*)\}$", r"\1", takes)  # a choice of one
     return Flag(names, " ".join(filter(None, (*action.option_strings, takes))), what)
 
 

@@ -6,9 +6,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
+import tyro
 
 import bp2_rl
 from bp2_rl.base.errors import RunStopped, UserError
@@ -118,7 +119,10 @@ class Flags:
         (["--limit", "x"], "--limit takes a number, got x"),
         (["--limit"], "--limit needs a value"),
         (["--kind", "c"], "--kind c: there are a, b"),
-        (["--spede", "3"], "Unrecognized options: --spede, 3; perhaps --speed?"),
+        (["--spede", "3"], "unknown option --spede: did you mean --speed?"),
+        (["--spede=3", "--robots", "1.5"], "unknown option --spede: did you mean --speed?"),
+        (["--zzz", "3"], "unknown option --zzz"),
+        (["slow"], "unexpected argument slow"),
     ],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
@@ -127,6 +131,24 @@ def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, mon
     with pytest.raises(UserError) as told:
         app.parse(Flags, arguments, "tool")
     assert str(told.value) == f"{line} (see tool --help)"
+
+
+@dataclasses.dataclass(frozen=True)
+class Needs:
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """A folder, described at such length that the description of the argument goes on in a second line."""
+    action: Annotated[Literal["build"], tyro.conf.Positional]
+    to: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Another folder."""
+
+
+@pytest.mark.parametrize(("arguments", "missing"), [([], "RUN, build, --to DIR"), (["run", "build"], "--to DIR")])
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_what_is_missing_is_told_by_its_name(arguments, missing, encoding, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    with pytest.raises(UserError) as told:
+        app.parse(Needs, arguments, "tool")
+    assert str(told.value) == f"missing: {missing} (see tool --help)"
 
 
 def test_no_message_installs_from_an_index_what_is_not_on_one():

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from bp2_rl.cli import train, usage
 from bp2_rl.cli.__main__ import main
 from bp2_rl.settings.presets import make_config
 
+ROOT = Path(__file__).parents[2]
 LEAVES = (
     "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
     "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper pendulum simulate",
@@ -84,6 +86,31 @@ def test_the_words_of_all_flags_begin_in_one_column(capsys):
 def test_a_command_that_is_short_shows_everything(capsys):
     assert shown(capsys, "eval", "--help") == shown(capsys, "eval", "--help-all")
     assert "--operator.limit FLOAT" in shown(capsys, "eval", "--help")
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("eval", "usage: bp2 eval [POLICY_OR_RUN] [FLAGS]"),
+        ("train", "usage: bp2 train [FLAGS]"),
+        ("export", "usage: bp2 export RUN_OR_POLICY --to DIR [FLAGS]"),
+        ("trajopt library", "usage: bp2 trajopt library build [FLAGS]"),
+    ],
+)
+def test_the_usage_is_what_one_types_with_what_may_be_left_out_in_brackets(words, line, capsys):
+    assert shown(capsys, *words.split(), "--help").splitlines()[0] == line
+
+
+@pytest.mark.parametrize("script", ["train.py", "eval.py"])
+def test_a_script_is_called_as_it_was_typed(script):
+    said = subprocess.run([sys.executable, ROOT / script, "--help"], capture_output=True, text=True, check=True).stdout
+    assert said.startswith(f"usage: python {script} [")
+
+
+def test_a_flag_that_tune_does_not_find_is_answered_with_tunes_help(capsys):
+    assert main(["tune", "--search", "ppo.lerning-rate=1:2"]) == 2
+    line = "error: unknown option --ppo.lerning-rate: did you mean --ppo.learning-rate? (see bp2 tune --help)\n"
+    assert capsys.readouterr().err == line
 
 
 def test_help_answers_before_any_mistake_on_the_line(capsys):

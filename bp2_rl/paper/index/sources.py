@@ -30,8 +30,6 @@ class Source:
     @property
     def command(self) -> str:
         """As a user types it."""
-        if self.words[0] == "eval":
-            return " ".join(("python eval.py", *self.words[1:]))
         return " ".join(("bp2", *self.words, *(("--runs", "REPORT ...") if self.runs else ())))
 
 

@@ -91,7 +91,7 @@ def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
     assert report.missing["bad"].startswith("failed: error: ")
     assert report.missing["after"] == "left out, as bad failed"
     assert "--benchmark later: there are" in report.missing["later"]
-    assert "<code>python eval.py --benchmark later</code>" in (made / "index.html").read_text()
+    assert "<code>bp2 eval --benchmark later</code>" in (made / "index.html").read_text()
     assert set(report.commands) == set(report.seconds) == {"torque"}
 
 
