@@ -4,12 +4,15 @@ import dataclasses
 import shlex
 import sys
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.thermal_specs import MotorHeat
+from bp2_rl.simulation.backend import Backend
 
 DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
 
@@ -26,6 +29,16 @@ class DeepEvalConfig(EvalConfig):
     at five speeds. efficiency: what running costs, at eight speeds, and where the energy goes. stability: whether the
     gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after
     the other."""
+    backend: Annotated[Backend, tyro.conf.Suppress] = "mujoco"
+    hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in endurance 180 at most. Not of
+    stability."""
+    robots: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """How many robots are drawn. Of endurance: beside the one measured; by default 8. Of stability: with noise; by
+    default 6."""
+    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """What these robots, in stability the sensors' noise, are drawn from; by default 0. Of endurance and stability."""
+    sensor_noise: Annotated[bool, tyro.conf.Suppress] = False
     heat: MotorHeat = MotorHeat()
     quick: bool = False
     """The short version, in half a minute. Of endurance: heat runs four times as fast as motion, and no scan. Of
