@@ -291,7 +291,12 @@ def _choices(annotation: Any) -> dict[str, Any]:
     """Return the dataclasses of a union of several, by name; of another annotation nothing."""
     found = {member.__name__: member for member in get_args(annotation) if isinstance(member, type)}
     found = {name: member for name, member in found.items() if dataclasses.is_dataclass(member)}
-    return found if len(found) > 1 else {}
+    if len(found) < 2:
+        return {}
+    for name, member in found.items():
+        if _TYPE in {field.name for field in dataclasses.fields(member)}:
+            raise TypeError(f"a config cannot hold {name} in a union: its field {_TYPE!r} is what tells members apart")
+    return found
 
 
 def _number_or_tuple(annotation: Any) -> tuple[Any, Any] | None:

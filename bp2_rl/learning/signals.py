@@ -26,22 +26,19 @@ class StopSignals:
     def __init__(self, say: Callable[[str], None], leave: Callable[[], None]):
         self.caught: signal.Signals | None = None
         self._say, self._leave = say, leave
-        self._in_main_thread = threading.current_thread() is threading.main_thread()
+        self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "StopSignals":
         """Take over the handlers."""
-        if self._in_main_thread:
-            self._listening = listening(self._hear)
-            self._listening.__enter__()
-            self._handlers = {number: signal.signal(number, lambda *_: None) for number in STOPPING}
+        if threading.current_thread() is threading.main_thread():
+            self._open.enter_context(listening(self._hear))
+            for number in STOPPING:
+                self._open.callback(signal.signal, number, signal.signal(number, lambda *_: None))
         return self
 
     def __exit__(self, *_: object) -> None:
         """Give back the handlers."""
-        if self._in_main_thread:
-            for number, handler in self._handlers.items():
-                signal.signal(number, handler)
-            self._listening.__exit__(None, None, None)
+        self._open.close()
 
     def received(self) -> signal.Signals | None:
         """Return the signal that this or another process of the cluster has caught; all must call at the same step."""

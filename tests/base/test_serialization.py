@@ -162,6 +162,17 @@ def test_a_field_that_no_config_can_hold_is_the_programs_mistake():
     class Either:
         thing: int | str = 1
 
+    @dataclasses.dataclass(frozen=True)
+    class Typed:
+        type: str = "a"
+
+    @dataclasses.dataclass(frozen=True)
+    class Undecidable:
+        thing: Inner | Typed = Inner()
+
+    for config in (Undecidable(), Undecidable(Typed())):
+        with pytest.raises(TypeError, match="a config cannot hold Typed in a union: its field 'type'"):
+            to_json(config)
     with pytest.raises(TypeError, match="thing: a config cannot hold"):
         to_json(Strange())
     with pytest.raises(TypeError, match=r"thing: a config cannot hold .* of unions, only X"):
