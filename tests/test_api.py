@@ -78,10 +78,11 @@ def test_a_folder_of_that_name_goes_before_the_shipped_policy(tmp_path, monkeypa
         ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
         ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
         ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
+        ('train("imitation", "run")', 'train takes settings, such as preset("imitation", "cpu") gives, got \'imit'),
         ('preset("relaxed", "cpu", robot="dog")', "there is no robot 'dog': choose one of ideal, built"),
     ],
 )
-def test_a_wrong_choice_is_answered_with_the_right_ones(ask, answer):
+def test_a_wrong_choice_is_answered_with_what_is_right(ask, answer):
     """In a process of its own: here the types are checked first."""
     code = f"""
 import bp2_rl as bp2

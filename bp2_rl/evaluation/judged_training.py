@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.workers import use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, run
@@ -29,9 +30,11 @@ def train(
         tracker: receives the metrics, too.
 
     Raises:
-        UserError: see `learning.run.start`.
+        UserError: `config` is no `TrainConfig`; or see `learning.run.start`.
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
+    if type(config) is not TrainConfig:
+        raise UserError(f'train takes settings, such as preset("imitation", "cpu") gives, got {config!r}')
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
         return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
