@@ -34,6 +34,16 @@ def find_backend() -> str:
         ) from error
 
 
+def require_accelerator(preset: str) -> None:
+    """Refuse the preset `gpu` where JAX would simulate its thousands of robots on processors, for days.
+
+    Raises:
+        UserError: the preset is `gpu`, and there is no accelerator.
+    """
+    if preset == "gpu" and find_backend() == "cpu":
+        raise UserError("JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu")
+
+
 def prepare_jax(*, deterministic: bool = False) -> None:
     """Call before anything is compiled. The cache is in $BP2_CACHE, else ~/.cache/bp2_rl (or $XDG_CACHE_HOME).
 

@@ -50,7 +50,7 @@ def _study(arguments: StudyArguments) -> None:
     steps = arguments.steps or default_steps(arguments.preset)
     plan = Plan(arguments.variants, arguments.seeds, arguments.preset, steps, arguments.robot)
 
-    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.tools.study.figure import learning_curves, top_speeds
     from bp2_rl.tools.study.outcome import Outcome, outcome, table
@@ -69,6 +69,8 @@ def _study(arguments: StudyArguments) -> None:
     missing = []
     if arguments.train:
         gpus = visible_gpus()
+        if arguments.jobs.executor == "here" and not gpus:
+            runtime.require_accelerator(arguments.preset)
         where = f"{len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}"
         if arguments.jobs.executor != "here":
             where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"

@@ -146,7 +146,7 @@ def answer_early(
 def _train(argv: list[str], prog: str) -> None:
     import numpy as np
 
-    from bp2_rl.cli.runtime import find_backend, prepare_jax
+    from bp2_rl.cli.runtime import find_backend, prepare_jax, require_accelerator
     from bp2_rl.evaluation import judged_training
     from bp2_rl.learning import cluster
     from bp2_rl.learning.run import replay
@@ -169,6 +169,7 @@ def _train(argv: list[str], prog: str) -> None:
         with app.failures_into(arguments.resume):
             judged_training.resume(arguments.resume, tracker=tracker)
         return
+    require_accelerator(arguments.preset)
     if process.deterministic and arguments.impl == "warp":
         raise UserError("--impl warp is never exactly repeatable: leave out --deterministic, or use --impl jax")
     config = TrainConfig(arguments.stage, arguments.env, arguments.ppo, arguments.run, arguments.impl)
@@ -179,8 +180,6 @@ def _train(argv: list[str], prog: str) -> None:
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
-    if arguments.preset == "gpu" and find_backend() == "cpu":
-        say("JAX sees no accelerator: on a processor such a training takes days, and --preset cpu takes ten minutes")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):

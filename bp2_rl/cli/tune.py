@@ -61,13 +61,15 @@ def _tune(arguments: TuneArguments) -> None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()
 
-    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    from bp2_rl.cli import runtime  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.tools.study.places import Resources, visible_gpus
     from bp2_rl.tools.tuning.search import Search, run
 
     steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
     resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
+    if arguments.jobs.executor == "here" and not resources.gpus:
+        runtime.require_accelerator(arguments.preset)
     ranked = run(search, arguments.out, arguments.trials, resources)
     speeds = ["-" if one.top_speed is None else f"{one.top_speed:.2f}" for one in ranked]
     lines = [f"| {one.number} | {speed} | {' '.join(one.flags)} |" for one, speed in zip(ranked, speeds, strict=True)]

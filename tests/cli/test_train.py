@@ -1,12 +1,15 @@
 import dataclasses
+import importlib.util
 import os
 
 import pytest
 
 from bp2_rl.base import workers
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import train as command
+from bp2_rl.cli import study, train, tune
 from bp2_rl.settings.presets import make_config
+
+needs_optuna = pytest.mark.skipif(importlib.util.find_spec("optuna") is None, reason="an extra")
 
 
 @pytest.mark.parametrize(
@@ -26,7 +29,7 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monk
     monkeypatch.setattr(workers, "NPROC_IS_OURS", True)
     monkeypatch.setenv("XLA_FLAGS", "")
     monkeypatch.setattr(workers, "processors", lambda: 3)
-    command.use_processors(command.read_named(words))
+    train.use_processors(train.read_named(words))
     assert os.environ["NPROC"] == threads
 
 
@@ -41,14 +44,30 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
     ):
         monkeypatch.setenv("NPROC", "1")
         monkeypatch.setenv("XLA_FLAGS", before)
-        command.use_processors(command.read_named(words))
+        train.use_processors(train.read_named(words))
         assert os.environ["XLA_FLAGS"] == after
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [(train, ["--out", "run"]), (study, ["--out", "study"]), pytest.param(tune, ["--out", "tune"], marks=needs_optuna)],
+)
+def test_the_preset_for_an_accelerator_is_refused_without_one(command, words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("bp2_rl.cli.runtime.find_backend", lambda: "cpu")
+    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda **_: None)
+    monkeypatch.setattr("bp2_rl.cli.train.use_all_processors", lambda: None)
+    monkeypatch.setattr("bp2_rl.tools.study.places.visible_gpus", lambda: ())
+    assert command.main(["--preset", "gpu", *words]) == 2
+    line = "error: JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu\n"
+    assert capsys.readouterr().err == line
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setenv("NPROC", "1")
     monkeypatch.setattr(workers, "NPROC_IS_OURS", False)
-    command.use_processors(command.read_named(["--preset", "cpu"]))
+    train.use_processors(train.read_named(["--preset", "cpu"]))
     assert os.environ["NPROC"] == "1"
 
 
@@ -59,9 +78,9 @@ def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
     save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
-    child = command._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]).env
+    child = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]).env
     preset_env = make_config("relaxed", preset, robot="ideal").env
     assert child == dataclasses.replace(preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3))
     assert child != dataclasses.replace(mine, reward=preset_env.reward)
-    moved = command._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path), "--robot", "built"]).env
+    moved = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path), "--robot", "built"]).env
     assert moved.hardware == make_config("relaxed", preset).env.hardware
