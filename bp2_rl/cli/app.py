@@ -4,6 +4,7 @@ stopped by signal n, with the work kept. All but 0 with one line on standard err
 import contextlib
 import io
 import os
+import pkgutil
 import re
 import signal
 import sys
@@ -71,6 +72,8 @@ def _terminable(patient: bool) -> Generator[None]:
     def insist(number: signal.Signals) -> None:
         if number in (signal.SIGINT, signal.SIGTERM) and not answered.wait(GRACE):
             print(STOPPED if number == signal.SIGTERM else "interrupted", file=sys.stderr, flush=True)
+            # Semaphores are given back, and a run without its first checkpoint is removed.
+            pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)  # no public function does so
             os._exit(128 + number)
 
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -3,6 +3,8 @@
 import contextlib
 import dataclasses
 import operator
+import shutil
+from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,7 @@ def start(
             config = dataclasses.replace(config, parent=origin)
     cluster.require_same(config_hash(config), "settings")
     writers: list[LogWriter] = []
+    removal: Finalize | None = None  # of a half-made run, however the process ends; until it can be resumed
     with contextlib.ExitStack() as held:
         with cluster.together():
             if cluster.is_first():
@@ -77,6 +80,8 @@ def start(
                 _require_empty(run_dir)
                 held.enter_context(_lock(run_dir))
                 _require_empty(run_dir)  # another process may have been faster
+                removal = Finalize(None, shutil.rmtree, (run_dir, True), exitpriority=0)
+                held.callback(removal)
                 writers = open_tracker(tracker, run_dir, config)
                 save_config(run_dir / CONFIG, config)
         with learner.compiling():
@@ -85,6 +90,8 @@ def start(
                 state = _with_inherited(state, inherited)
         with Saver(run_dir, to_json(config)) as saver:
             saver.save(0, state)
+        if removal is not None:
+            removal.cancel()
         return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
 
 

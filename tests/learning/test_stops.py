@@ -108,6 +108,19 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
     assert_same_run(run, uninterrupted)
 
 
+@pytest.mark.parametrize(
+    ("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM\n"), (signal.SIGINT, "interrupted\n")]
+)
+def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(number, line, new, tmp_path):
+    run = tmp_path / "runs" / "run"
+    with begin(*new, "--out", run) as process:
+        wait_for((run / "config.json").exists, process)
+        process.send_signal(number)
+        _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (128 + number, line)
+    assert list(tmp_path.rglob("*")) == [tmp_path / "runs"]
+
+
 def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(uninterrupted, new, total, tmp_path):
     run = tmp_path / "run"
     arguments, saved = [*new, "--out", run], 0
