@@ -21,6 +21,7 @@ PARENT = "BP2_PARENT"
 NPROC_IS_OURS = "NPROC" not in os.environ
 """Whether the number of XLA's threads is ours to set; if not, the user or a parent process has set it."""
 _DEVICES = "xla_force_host_platform_device_count"
+_ANSWERED = (signal.SIGINT, signal.SIGTERM)  # by the parent alone, though a terminal sends them to the whole group
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
 
@@ -33,9 +34,9 @@ def spawned(
 
     The processes do not run the caller's script again, as spawned ones do: what they are given is of this package.
 
-    They are killed when this process ends, however that ends. Linux counts the end of the thread that submitted the
-    first tasks for that: submit from one that outlives the pool. With `abandon` they are killed already when the block
-    ends, whatever they are at; else that is waited for.
+    They are killed when this process ends, however that ends, and leave SIGINT and SIGTERM to it. Linux counts the end
+    of the thread that submitted the first tasks for that: submit from one that outlives the pool. After an exception,
+    and with `abandon` always, they are killed when the block ends, whatever they are at; else that is waited for.
 
     Raises:
         UserError: fewer than one.
@@ -49,7 +50,8 @@ def spawned(
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)  # first: the pool fails on cancelled tasks of killed processes
+        abandon = True
         raise
     finally:
         if abandon:
@@ -68,12 +70,15 @@ class _SpawnProcess(SpawnProcess):
     """A spawned process that is not told of the caller's main module."""
 
     def start(self) -> None:
-        """Start the process as if the caller had no main module."""
+        """Start the process as if the caller had no main module, deaf to signals before `_begin`, too."""
         main = sys.modules["__main__"]
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ANSWERED) if hasattr(signal, "pthread_sigmask") else None
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
             super().start()
         finally:
+            if mask is not None:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             sys.modules["__main__"] = main
 
 
@@ -126,6 +131,8 @@ def end_with_caller() -> None:
 
 def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
     end_with_parent(parent, _AT_ONCE)
+    for number in _ANSWERED:
+        signal.signal(number, signal.SIG_IGN)
     if initializer is not None:
         initializer()
 

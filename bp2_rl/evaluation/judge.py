@@ -8,7 +8,6 @@ import dataclasses
 import functools
 import math
 import os
-import signal
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
@@ -151,10 +150,9 @@ class PendingLaunches:
 
 
 def _begin(cache: str | None) -> None:
-    """Run at low priority and on one thread, and leave the GPU and Ctrl-C to the training."""
+    """Run at low priority and on one thread, and leave the GPU to the training."""
     if hasattr(os, "nice"):  # not on Windows
         os.nice(NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)

@@ -4,7 +4,6 @@ import concurrent.futures
 import contextlib
 import functools
 import pickle
-import signal
 from collections.abc import Callable, Generator, Sequence
 from typing import TypeVar
 
@@ -118,7 +117,6 @@ def compute_here() -> None:
 
 
 def _begin(cache: str | None) -> None:
-    """Make of a worker what the command has made of itself, to which Ctrl-C is left."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Make of a worker what the command has made of itself."""
     compute_here()
     jax.config.update("jax_compilation_cache_dir", cache)

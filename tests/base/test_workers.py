@@ -1,6 +1,7 @@
 """Processes that end with the one that started them, however that ends."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -24,6 +25,19 @@ from work import work
 with spawned(2) as pool:  # without `if __name__ == "__main__"`: workers do not run the script again
     list(pool.map(work, range(2)))
 """
+INTERRUPTED = """
+import time
+from bp2_rl.base.workers import spawned
+from bp2_rl.cli import app
+
+def command():
+    with spawned(2) as pool:
+        list(pool.map(abs, range(2)))
+        print("began", flush=True)
+        list(pool.map(time.sleep, [60.0] * 8))
+
+raise SystemExit(app.run(command))
+"""
 CHILD = """
 import os, signal, sys, time
 from bp2_rl.base.workers import end_with_caller
@@ -41,10 +55,10 @@ time.sleep(600)
 ROOT = Path(__file__).parents[2]
 
 
-def begin(*command, cwd=None, **environment):
+def begin(*command, environment=None, **how):
     return subprocess.Popen(
-        [sys.executable, *map(str, command)], cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-        stdout=subprocess.PIPE, text=True,
+        [sys.executable, *map(str, command)], env={**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})},
+        stdout=subprocess.PIPE, text=True, **how,
     )  # fmt: skip
 
 
@@ -75,6 +89,23 @@ def test_workers_end_with_a_killed_parent_even_in_the_midst_of_a_solver(tmp_path
         wait_until(lambda: not any(map(is_running, workers)))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+@pytest.mark.parametrize(
+    ("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM\n"), (signal.SIGINT, "interrupted\n")]
+)
+def test_a_signal_to_the_whole_group_ends_it_at_once_in_one_line(number, line):
+    """A terminal, `timeout` and schedulers send it to the workers as well."""
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)" + INTERRUPTED
+    )  # may be ignored here
+    with begin("-c", code, start_new_session=True, stderr=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == "began\n"
+        os.killpg(parent.pid, number)
+        _, said = parent.communicate(timeout=30)
+    assert (parent.returncode, said) == (128 + number, line)
+
+
 def test_a_command_is_asked_to_end_when_its_parent_is_killed(tmp_path):
     """And passes nothing of that on to its own children."""
     script, parent_script = tmp_path / "child.py", tmp_path / "parent.py"
@@ -94,7 +125,7 @@ def test_a_command_is_asked_to_end_when_its_parent_is_killed(tmp_path):
 
 
 def test_a_command_whose_parent_has_ended_already_ends_at_once(tmp_path):
-    with begin("-c", CHILD, cwd=tmp_path, **{PARENT: "1"}) as orphan:
+    with begin("-c", CHILD, cwd=tmp_path, environment={PARENT: "1"}) as orphan:
         output, _ = orphan.communicate(timeout=30)
     assert (tmp_path / "saved").exists()
     assert output == ""
