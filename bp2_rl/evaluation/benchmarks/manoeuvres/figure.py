@@ -15,8 +15,8 @@ LABELS = 2.2  # inches, left of the cells
 LONG = 9  # characters: what is longer is written smaller
 CAPTION = (
     "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on the "
-    "left. Turns: told speed x yaw rate, shown the share of the yaw rate reached. Pushes: towards the arrow, ahead is "
-    "up. A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+    "left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone failed. "
+    "Pushes: towards the arrow, ahead is up. A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
 )
 
 

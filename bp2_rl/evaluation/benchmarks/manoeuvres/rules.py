@@ -158,9 +158,12 @@ def assess_launch(run: Trajectory, *, speed: float, acceleration: float) -> Asse
 def assess_turn(run: Trajectory, *, yaw_rate: float, since: float, speed: float = 0.0) -> Assessment[Turning]:
     """Return whether the robot turns as told, within `YAW_ERROR`, at `SPEED_SHARE` of its speed, from `since` (s)."""
     measured = _measure_turn(run, yaw_rate, since)
-    share = math.nan if measured.yaw_rate is None else measured.yaw_rate / yaw_rate
-    kept = measured.speed is not None and measured.speed >= SPEED_SHARE * speed
-    return Assessment(abs(share - 1.0) <= YAW_ERROR and kept, f"{share:.0%}", measured)
+    if measured.yaw_rate is None or measured.speed is None:
+        return Assessment(False, "not begun", measured)
+    share, kept = measured.yaw_rate / yaw_rate, measured.speed >= SPEED_SHARE * speed
+    turned = abs(share - 1.0) <= YAW_ERROR
+    said = f"{measured.speed:.1f} m/s" if turned and not kept else f"{share:.0%}"  # what failed
+    return Assessment(turned and kept, said, measured)
 
 
 def assess_spin(run: Trajectory, *, yaw_rate: float, since: float) -> Assessment[Turning]:

@@ -102,7 +102,15 @@ def test_a_turn_to_the_wrong_side_or_not_begun_fails(moving):
     assert not assess_turn(moving(4.0, 6.0, yaw_rate=0.5), yaw_rate=-0.5, since=2.0).passed
     short = assess_turn(moving(1.5, 6.0, yaw_rate=0.5), yaw_rate=0.5, since=2.0)
     assert not short.passed
-    assert short.measured.yaw_rate is None
+    assert (short.said, short.measured.yaw_rate) == ("not begun", None)
+
+
+def test_a_turn_that_is_too_slow_ahead_says_its_speed(moving):
+    slow, wide = (
+        assess_turn(moving(4.0, 5.0, yaw_rate=rate), yaw_rate=0.5, since=2.0, speed=6.0) for rate in (0.5, 0.4)
+    )
+    assert (slow.passed, slow.said) == (False, "5.0 m/s")
+    assert (wide.passed, wide.said) == (False, "80%")
 
 
 def test_a_turn_on_the_spot_keeps_to_it(moving):
