@@ -62,6 +62,7 @@ def conditions(policy: Policy, schedule: str, simulator: str, setup: Setup) -> d
         "robot": describe_robot(robot_of(policy, setup)),
         "schedule": schedule,
         "policy": describe(policy),
+        "trained on": describe_robot(policy.card.env.hardware),
         "weights_sha256": policy.card.weights_sha256,
         "simulator": simulator,
         "sensors": describe_sensors(policy.card.env.randomization, setup.noise_seed),

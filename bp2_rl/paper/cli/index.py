@@ -126,6 +126,8 @@ def _make(source: Source, choice: Choice, key: str, chosen: IndexArguments) -> b
             said = ended.stderr.strip().splitlines() or [f"ended with status {ended.returncode}"]
             raise FailedError(f"failed: {said[-1]}")
         write_text(fresh / LOG, ended.stdout)
+        for file in (fresh / LOG, *fresh.glob("*.html")):  # they name the folder that they are in
+            write_text(file, file.read_text(encoding="utf-8").replace(str(fresh), str(folder)))
         seconds = time.monotonic() - begun
         save_config(fresh / KEY, Key(key, _checksum(fresh / source.numbers), seconds))
     print(f"{'':14} {seconds:.0f} s", flush=True)

@@ -24,18 +24,24 @@ class Run(NamedTuple):
 
 
 def read_runs(folders: Sequence[Path], benchmark: str) -> tuple[Run, ...]:
-    """The runs in reports of a benchmark, named by their robots: those of the same robot by their folders, too.
+    """The runs in reports of a benchmark, named by their robots, and policies of others: those alike by folders, too.
 
     Raises:
         UserError: a folder holds no report of this benchmark, or no trajectory.
     """
     reports = [_read(folder, benchmark) for folder in folders]
-    robots = [report.conditions.get("robot", "own").partition(":")[0] for report in reports]
+    names = [_name(report) for report in reports]
     runs = []
-    for folder, report, robot in zip(folders, reports, robots, strict=True):
-        which = f", {folder}" if robots.count(robot) > 1 else ""
-        runs.append(Run(f"simulated, {robot} robot{which}", report, Trajectory.load(folder / TRAJECTORY)))
+    for folder, report, name in zip(folders, reports, names, strict=True):
+        which = f", {folder}" if names.count(name) > 1 else ""
+        runs.append(Run(f"simulated, {name}{which}", report, Trajectory.load(folder / TRAJECTORY)))
     return tuple({run.name: run for run in runs}.values())
+
+
+def _name(report: Report) -> str:
+    robot = report.conditions.get("robot", "own").partition(":")[0]
+    trained_on = report.conditions.get("trained on", robot).partition(":")[0]
+    return f"{robot} robot" if trained_on == robot else f"{trained_on} policy on the {robot} robot"
 
 
 def _read(folder: Path, benchmark: str) -> Report:

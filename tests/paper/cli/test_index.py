@@ -83,6 +83,11 @@ def test_the_page_holds_the_numbers_of_the_files_and_loads_nothing(made):
     assert "a &lt; b" in (made / "index.html").read_text()
 
 
+def test_a_log_names_the_folder_where_its_command_left_its_report(made):
+    log = (made / "torque" / "log.txt").read_text()
+    assert f"picture, numbers and curves: {made / 'torque'}\n" in log
+
+
 def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
     report = load_config(IndexReport, made / "metrics.json")
     assert report.verdicts == {

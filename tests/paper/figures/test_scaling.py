@@ -25,10 +25,10 @@ def numbers() -> ScalingNumbers:
 def leave_report(make_run, tmp_path):
     """A topspeed report of a run whose best second is known."""
 
-    def leave(speed=15.26, robot="ideal: no losses", benchmark="topspeed", name="report"):
+    def leave(speed=15.26, robot="ideal: no losses", benchmark="topspeed", name="report", **more):
         folder = tmp_path / name
         folder.mkdir()
-        report = Report(benchmark, {"robot": robot}, {benchmark: {"best_speed": speed}})
+        report = Report(benchmark, {"robot": robot, **more}, {benchmark: {"best_speed": speed}})
         save_config(folder / "metrics.json", report)
         make_run(duration=0.1, mass=35.8).save(folder / TRAJECTORY)
         return folder
@@ -82,6 +82,15 @@ def test_reports_take_its_place(leave_report):
     assert (ideal.name, built.name) == ("simulated, ideal robot", "simulated, built robot")
     assert ideal.share == pytest.approx(0.92, abs=0.005)
     assert ideal.demand == pytest.approx(2.087, abs=5e-4)
+
+
+def test_a_policy_on_another_robot_than_its_own_is_said_to_be_one(leave_report):
+    folders = (
+        leave_report(**{"trained on": "built: with losses"}),
+        leave_report(**{"trained on": "ideal: no losses"}, name="other"),
+    )
+    names = [robot.name for robot in measure(ScalingSettings(runs=folders)).simulated]
+    assert names == ["simulated, built policy on the ideal robot", "simulated, ideal robot"]
 
 
 def test_runs_of_one_robot_are_told_apart_by_their_folders(leave_report):
