@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from brax import envs
-from brax.training.acme import running_statistics
+from brax.training.acme import running_statistics, specs
 from brax.training.agents.ppo import losses, networks
 from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
 from brax.training.types import Transition
@@ -146,7 +146,7 @@ class PPO:
         )
         fleet = self.fleet.reset(jax.random.split(key_fleet, self.config.num_envs))
         # Brax counts and checks by arrays; the first observations make the normaliser useful from the first step.
-        template = jax.tree.map(lambda x: bp2.Array(x.shape[1:], x.dtype), fleet.obs)
+        template = jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), fleet.obs)
         normalizer = self.update_normalizer(running_statistics.init_state(template, std_eps=1e-4), fleet.obs)
         state = TrainState(
             params=params,

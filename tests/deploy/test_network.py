@@ -8,7 +8,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from aim import Aim
-from brax.training.acme import running_statistics
+from brax.training.acme import running_statistics, specs
 
 from bp2_rl.deploy.network import to_onnx
 from bp2_rl.env.mirror import ACTION, mirror_of
@@ -41,7 +41,7 @@ def test_onnxruntime_answers_as_the_trained_network(make_card, activation, symme
     config = PPOConfig(policy_layers=(32, 16), value_layers=(8,), activation=activation, symmetric=symmetric)
     networks, keys = make_networks(Shapes(), config), jax.random.split(jax.random.PRNGKey(0), 3)
     observation = {"state": 1.0 + 3.0 * jax.random.normal(keys[0], (20, SIZE))}
-    statistics = running_statistics.init_state({"state": bp2.Array((SIZE,), jnp.float32)})
+    statistics = running_statistics.init_state({"state": specs.Array((SIZE,), jnp.float32)})
     statistics = running_statistics.update(statistics, observation)
     started = jax.jit(networks.policy_network.init)(keys[2])
     params = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(keys[1], x.shape), started)

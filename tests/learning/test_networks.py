@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from aim import Aim
-from brax.training.acme import running_statistics
+from brax.training.acme import running_statistics, specs
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.mirror import ACTION, mirror_of
@@ -45,7 +45,7 @@ def symmetric():
         for key, (name, size) in zip(keys, SIZES.items(), strict=False)
     }
     both = jax.tree.map(lambda x, y: jnp.stack([x, y], 1), observation, reflect(MIRRORS, observation))
-    empty = running_statistics.init_state(jax.tree.map(lambda x: bp2.Array(x.shape[1:], x.dtype), observation))
+    empty = running_statistics.init_state(jax.tree.map(lambda x: specs.Array(x.shape[1:], x.dtype), observation))
     statistics = running_statistics.update(empty, both)
     actor, critic = (
         network.init(key) for network, key in ((networks.policy_network, keys[2]), (networks.value_network, keys[3]))

@@ -21,7 +21,8 @@ from bp2_rl.robot.model import MOTOR_QVEL, NV, foot_geom_ids, load_model
 from bp2_rl.settings.env import RandomizationConfig
 
 ROBOTS = 200
-OTHER = IDEAL.changed(leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
+OTHER = IDEAL.changed(
+    leg_length=0.4, fore_track=0.42, hind_track=0.3, spring_stiffness=8e3, spring_travel=0.1, mass_scale=1.2,
     thigh_mass=2.9, toe_mass=0.8, trunk_inertia=0.6,
 )  # fmt: skip
 
