@@ -10,7 +10,6 @@ import functools
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from bp2_rl.base.bounds import Range
 
@@ -125,12 +124,12 @@ class Anatomy:
 
 
 class LegGeometry(NamedTuple):
-    """The lengths of the legs, m."""
+    """The lengths of the legs, m, four of each."""
 
-    origins: Float[Any, "4 3"]  # where each abduction axis crosses the plane of the hip axis, in the trunk's frame
-    lateral: Float[Any, "4"]  # from the abduction axis to the foot's plane, to the left
-    drop: Float[Any, "4"]  # of the hip axis below the abduction axis
-    thigh: Float[Any, "4"]
-    lower: Float[Any, "4"]  # knee axis to sole, spring at rest
-    bend: Float[Any, "4"]  # sign of the knee's angle
-    foot_radius: Float[Any, "4"]
+    origins: Any  # (4, 3), where each abduction axis crosses the plane of the hip axis, in the trunk's frame
+    lateral: Any  # from the abduction axis to the foot's plane, to the left
+    drop: Any  # of the hip axis below the abduction axis
+    thigh: Any
+    lower: Any  # knee axis to sole, spring at rest
+    bend: Any  # sign of the knee's angle
+    foot_radius: Any

@@ -8,34 +8,33 @@ are springs, the compression of the spring. `qvel` is the trunk's linear velocit
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from bp2_rl.base.arrays import Array
 
 POSE, TWIST = 7, 6  # numbers of the trunk in qpos and in qvel
 
 
-def joint_positions(qpos: Float[Array, "... nq"]) -> Float[Any, "... 12"]:
-    """Angles of the twelve joints, rad."""
+def joint_positions(qpos: Array) -> Any:
+    """Angles of the twelve joints ("... 12"), rad."""
     return _joints(qpos, POSE)
 
 
-def joint_velocities(qvel: Float[Array, "... nv"]) -> Float[Any, "... 12"]:
-    """Speeds of the twelve joints, rad/s."""
+def joint_velocities(qvel: Array) -> Any:
+    """Speeds of the twelve joints ("... 12"), rad/s."""
     return _joints(qvel, TWIST)
 
 
-def compressions(qpos: Float[Array, "... nq"]) -> Float[Any, "... 4"]:
-    """Compression of each leg's spring, m; zero where shanks are rigid."""
+def compressions(qpos: Array) -> Any:
+    """Compression of each leg's spring ("... 4"), m; zero where shanks are rigid."""
     return _springs(qpos, POSE)
 
 
-def compression_rates(qvel: Float[Array, "... nv"]) -> Float[Any, "... 4"]:
-    """Rate of each spring's compression, m/s; zero where shanks are rigid."""
+def compression_rates(qvel: Array) -> Any:
+    """Rate of each spring's compression ("... 4"), m/s; zero where shanks are rigid."""
     return _springs(qvel, TWIST)
 
 
-def with_legs(x: Float[Array, "... n"], joints: Float[Array, "... 12"], springs: Float[Array, "... 4"]) -> Any:
+def with_legs(x: Array, joints: Array, springs: Array) -> Any:
     """Return `qpos` or `qvel` with other joints and springs; with rigid shanks the springs are unused."""
     xp, trunk = x.__array_namespace__(), x.shape[-1] % 4 + 4  # the legs have 12 or 16 numbers
     legs = joints.reshape(*joints.shape[:-1], 4, 3)
@@ -44,7 +43,7 @@ def with_legs(x: Float[Array, "... n"], joints: Float[Array, "... 12"], springs:
     return xp.concat([x[..., :trunk], legs.reshape(*joints.shape[:-1], -1)], axis=-1)
 
 
-def motor_indices(nv: int) -> Int[np.ndarray, "12"]:
+def motor_indices(nv: int) -> np.ndarray:
     """Where the joints are in `qvel` and in forces on the coordinates."""
     return np.arange(TWIST, nv).reshape(4, -1)[:, :3].ravel()
 

@@ -28,27 +28,27 @@ class Size(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Of durations; accelerations are the same at every size."""
+        """Return the factor on durations; accelerations are the same at every size."""
         return math.sqrt(self.length)
 
     @property
     def speed(self) -> float:
-        """Of speeds."""
+        """Return the factor on speeds."""
         return math.sqrt(self.length)
 
     @property
     def rate(self) -> float:
-        """Of angular speeds."""
+        """Return the factor on angular speeds."""
         return 1.0 / self.time
 
     @property
     def torque(self) -> float:
-        """Of torques."""
+        """Return the factor on torques."""
         return self.mass * self.length
 
     @property
     def power(self) -> float:
-        """Of powers."""
+        """Return the factor on powers."""
         return self.mass * self.speed
 
 

@@ -26,4 +26,6 @@ def find_robot(name: str) -> HardwareSpec:
 
         path = asset_path(f"robots/{name}.toml") if name in robot_names() else Path(name)
         return load_robot(path).hardware
-    raise UserError(f"no robot '{name}': choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml")
+    raise UserError(
+        f"there is no robot '{name}': choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml"
+    )

@@ -123,7 +123,7 @@ class Ramp:
 
 
 @dataclasses.dataclass(frozen=True)
-class Leg(Bounded, path="leg."):
+class CourseLeg(Bounded, path="leg."):
     """A part of a course: to a command, in a straight line from the one before."""
 
     command: Command
@@ -134,11 +134,11 @@ class Leg(Bounded, path="leg."):
 class Course:
     """From rest through one command after the other: launch, hold, brake, turn."""
 
-    legs: tuple[Leg, ...] = ()
+    legs: tuple[CourseLeg, ...] = ()
 
     def to(self, command: Command, seconds: float) -> "Course":
         """Return this course with one more leg: to a command in so many seconds."""
-        return Course((*self.legs, Leg(command, seconds)))
+        return Course((*self.legs, CourseLeg(command, seconds)))
 
     def hold(self, seconds: float) -> "Course":
         """Return this course with its last command held for so many seconds more."""

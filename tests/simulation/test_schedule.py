@@ -7,7 +7,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.easing import eased
 from bp2_rl.settings.env import ControlConfig
-from bp2_rl.simulation.schedule import Course, Leg, Ramp
+from bp2_rl.simulation.schedule import Course, CourseLeg, Ramp
 
 
 def test_ramp_reaches_its_target_at_the_acceleration_and_holds_it():
@@ -115,4 +115,4 @@ def test_a_course_that_holds_still_is_steady_from_the_start():
 @pytest.mark.parametrize("seconds", [0.0, -1.0, math.inf, math.nan])
 def test_impossible_legs_are_refused(seconds):
     with pytest.raises(UserError, match=r"leg\.seconds"):
-        Leg((1.0, 0.0, 0.0), seconds)
+        CourseLeg((1.0, 0.0, 0.0), seconds)
