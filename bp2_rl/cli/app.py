@@ -174,7 +174,9 @@ def parse(
         raise SystemExit(OK)
     complaint = io.StringIO()
     # To tyro, None is a default like any other.
-    chosen: dict[str, Any] = {"prog": prog, "add_help": False} | ({} if default is None else {"default": default})
+    chosen: dict[str, Any] = {"prog": prog, "add_help": False, "config": usage.ONE_OF_SEVERAL} | (
+        {} if default is None else {"default": default}
+    )
     try:
         with contextlib.redirect_stderr(complaint):
             if part:

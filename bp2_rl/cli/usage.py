@@ -9,6 +9,8 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import tyro
+
 HELP_ALL = "--help-all"
 HELP = ("-h", "--help", HELP_ALL)
 SCREEN = 60  # lines
@@ -78,6 +80,10 @@ def describe(
     return "\n".join([*head, *short, *_show(f"all of them with {HELP_ALL}", more)])
 
 
+ONE_OF_SEVERAL = (tyro.conf.AvoidSubcommands,)
+"""Of several dataclasses that a field may hold, flags are those of the one that it holds."""
+
+
 def nearest_flags(word: str, config: type[Any], prog: str, default: Any) -> list[str]:
     """Return the flag of a command that is spelled most like a word, if one is spelled somewhat like it."""
     return difflib.get_close_matches(word, _parser(config, prog, default)._option_string_actions, 1)
@@ -88,7 +94,8 @@ def _parser(config: type[Any], prog: str, default: Any) -> Any:
     get_parser = pkgutil.resolve_name("tyro.extras:get_parser")  # no public function that is not deprecated
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        return get_parser(config, prog=prog, add_help=False, **({} if default is None else {"default": default}))
+        chosen: dict[str, Any] = {} if default is None else {"default": default}
+        return get_parser(config, prog=prog, add_help=False, config=ONE_OF_SEVERAL, **chosen)
 
 
 def _sections(parser: Any) -> Iterator[HelpSection]:

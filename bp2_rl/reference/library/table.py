@@ -43,7 +43,8 @@ def load_table(path: Path, leg_length: float) -> LibraryTable:
     if off.max() > ON_GROUND:
         raise UserError(
             f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
-            f"{leg_length} m: make one with `bp2 trajopt library build --problem.hardware.leg-length {leg_length}`, "
+            f"{leg_length} m: make one with `bp2 trajopt library build --problem.hardware.body.leg-length "
+            f"{leg_length}`, "
             "and name it by --env.library.path"
         )
     durations = library.durations.astype(float)
