@@ -204,7 +204,7 @@ def _add_hinge(body: mujoco.MjsBody, name: str, armature: float) -> None:
 
 def _add_rotor(spec: mujoco.MjSpec, hardware: HardwareSpec, joint: str, held: tuple[str, ...]) -> None:
     """A rotor whose angle is that of the link which holds it, the sum of the joints `held`, plus gear times joint."""
-    tendon = spec.add_tendon(name=f"{joint}_rotor", armature=hardware.rotor_inertia)
+    tendon = spec.add_tendon(name=f"{joint}_rotor", armature=hardware.parameter("rotor_inertia"))
     tendon.wrap_joint(joint, hardware.gear_ratio)
     for angle in held:
         tendon.wrap_joint(angle, 1.0)

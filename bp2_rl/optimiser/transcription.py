@@ -98,18 +98,18 @@ class Transcription:
     @property
     def peak_torque(self) -> ca.MX:
         """Greatest torque of a joint, Nm."""
-        return self.problem.hardware.peak_torque * self.gear
+        return self.problem.hardware.parameter("peak_torque") * self.gear
 
     @property
     def no_load_speed(self) -> ca.MX:
         """No-load speed of a joint, rad/s."""
-        return self.problem.hardware.no_load_speed / self.gear
+        return self.problem.hardware.parameter("no_load_speed") / self.gear
 
     @property
     def stall_torque(self) -> ca.MX:
         """Torque at standstill of the envelope's falling line, Nm."""
-        hardware = self.problem.hardware
-        return stall_torque(self.peak_torque, hardware.corner_speed, hardware.no_load_speed)
+        parameter = self.problem.hardware.parameter
+        return stall_torque(self.peak_torque, parameter("corner_speed"), parameter("no_load_speed"))
 
     @property
     def motors(self) -> list[int]:
@@ -375,11 +375,11 @@ def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
     Beyond that speed the line asks for driving torque, so a motor whose braking ends before its no-load speed is
     limited by more than it should be.
     """
-    hardware = nlp.problem.hardware
-    if math.isinf(hardware.braking_speed):
+    corner, end = (nlp.problem.hardware.parameter(name) for name in ("corner_speed", "braking_speed"))
+    if math.isinf(end):
         return
-    stall = stall_torque(nlp.peak_torque, hardware.corner_speed, hardware.braking_speed)
-    _keep_below_line(nlp.program, "braking line", stall, speed * nlp.gear / hardware.braking_speed, -torque)
+    stall = stall_torque(nlp.peak_torque, corner, end)
+    _keep_below_line(nlp.program, "braking line", stall, speed * nlp.gear / end, -torque)
 
 
 def _limit_bus(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:

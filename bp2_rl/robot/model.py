@@ -212,8 +212,9 @@ def _make_legs_solid(spec: mujoco.MjSpec) -> None:
     """Let every leg collide with the others and with the trunk; of a leg, the foot alone still meets the floor."""
     bits = {leg: 2 << i for i, leg in enumerate(LEGS)}  # 1 is the floor's
     all_legs = sum(bits.values())
+    known = {geom.name for geom in _all(spec, "geoms")}  # a rigid leg has no toe
     for leg, bit in bits.items():
-        parts = [f"{leg}_solid_{part}" for part in SOLID_PARTS if spec.geom(f"{leg}_solid_{part}") is not None]
+        parts = [f"{leg}_solid_{part}" for part in SOLID_PARTS if f"{leg}_solid_{part}" in known]
         for name in (f"{leg}_foot", *parts):
             geom = _find(spec, "geom", name)
             geom.contype, geom.conaffinity = bit, geom.conaffinity | all_legs - bit

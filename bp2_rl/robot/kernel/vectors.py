@@ -1,7 +1,7 @@
 """Vectors whose entries are numbers over robots, or over legs and robots: tuples of three."""
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -41,10 +41,13 @@ class Zero:
         return self
 
 
-Number = Array | float | Zero
+if TYPE_CHECKING:
+    Number = Array | float  # to a type checker a `Zero` is a number like any other
+else:
+    Number = Array | float | Zero
 """A number, (N,) over robots, (4, N) over legs and robots, or (4, 1) where it is the same for all robots."""
 Vector = tuple[Number, Number, Number]
-ZERO = Zero()
+ZERO: Number = cast(Any, Zero())
 NOWHERE: Vector = (ZERO, ZERO, ZERO)
 
 

@@ -25,7 +25,7 @@ from bp2_rl.evaluation.benchmarks.robustness import (
     wilson_interval,
 )
 from bp2_rl.evaluation.report import folder
-from bp2_rl.robot.hardware import IDEAL
+from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.batch import BatchRun
@@ -146,7 +146,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     ramp = asked["schedule"]
     assert (ramp.target, ramp.acceleration, ramp.hold) == ((10.74, 0.0, 0.0), 2.4, 15.0)
     assert (asked["robots"], asked["seed"], asked["impl"]) == (200, 0, impl)
-    assert asked["randomization"] == on_robot(EnvConfig(), "built").randomization  # not the policy's own
+    assert asked["randomization"] == on_robot(EnvConfig(), BUILT).randomization  # not the policy's own
     assert evaluation.good
     assert "0.279 rad/s" in folder.card_results(evaluation)["steering"]
     assert evaluation.trajectory is None
