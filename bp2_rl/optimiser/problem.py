@@ -157,10 +157,8 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        held, thigh = (
-            self.hardware.parameter("rotor_inertia"),
-            self.hardware.mass_scale * self.hardware.bp2.thigh_inertia,
-        )
+        hardware = self.hardware
+        held, thigh = hardware.parameter("rotor_inertia"), hardware.mass_scale * hardware.bp2.thigh_inertia
         if self.rotor_coupling and held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.robot import conventions
-from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 
 WIDTH, HEIGHT = 300, 190  # px
 LEFT, BOTTOM, TOP, RIGHT = 34, 30, 16, 6  # px, of the margins
@@ -19,17 +19,22 @@ class TorqueSpeed:
     """The chart of a robot with these motors."""
 
     def __init__(self, motors: Actuator):
-        no_load, peak = float(np.asarray(motors.no_load_speed)), float(np.asarray(motors.peak_torque))
+        no_load, peak = float(np.max(motors.no_load_speed)), float(np.max(motors.peak_torque))
         self._speed, self._torque = 1.4 * no_load, 1.15 * peak
-        speeds = np.linspace(-self._speed, self._speed, 141)
-        low, high = torque_limits(motors, speeds)
-        edge = self._place(np.concatenate((speeds, speeds[::-1])), np.concatenate((high, low[::-1])))
+        outlines = dict.fromkeys(self._outline(of_joint(motors, joint)) for joint in range(len(conventions.JOINTS)))
         self._head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="100%" '
             f'font-family="system-ui, sans-serif" font-size="10" fill="{QUIET}" data-chart="torque-speed">'
-            f'<path d="M{" L".join(f"{x} {y}" for x, y in zip(*edge, strict=True))}Z" fill="{FAINT}" '
-            f'stroke="{INK}" stroke-width="1"/>{"".join(self._frame(no_load, peak))}'
+            f"{''.join(outlines)}{''.join(self._frame(no_load, peak))}"
         )
+
+    def _outline(self, motor: Actuator) -> str:
+        """Return a motor's envelope as an SVG element."""
+        speeds = np.linspace(-self._speed, self._speed, 141)
+        low, high = torque_limits(motor, speeds)
+        edge = self._place(np.concatenate((speeds, speeds[::-1])), np.concatenate((high, low[::-1])))
+        path = " L".join(f"{x} {y}" for x, y in zip(*edge, strict=True))
+        return f'<path d="M{path}Z" fill="{FAINT}" stroke="{INK}" stroke-width="1"/>'
 
     def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:
         """Speeds (rad/s) and torques (Nm) of the joints, as `Session.worked` has them."""

@@ -29,8 +29,7 @@ from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.readings import readings
 from bp2_rl.play.session import Session, Wish, wish_limits
-from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.model import SOLE_SITES
+from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
 CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
 NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which there is none
@@ -203,7 +202,7 @@ class _Scene:
             scene.add_mesh_simple(
                 f"/ghost/{name}/{i}", *shape, color=GHOST_COLOR, opacity=GHOST_OPACITY, cast_shadow=False
             )
-        self._toes = [self._looks.model.body(f"{leg}_toe").id for leg in LEGS]
+        self._toes = self._looks.model.geom_bodyid[foot_geom_ids(self._looks.model)]
         self._sole = self._looks.model.site(SOLE_SITES[0]).pos.copy()
         # On the toes, so that they stay on the feet whatever a browser draws first.
         self._arrows = [
@@ -211,7 +210,7 @@ class _Scene:
                 f"/robot/{self._looks.bodies[toe - 1]}/force", np.zeros((1, 2, 3)), tuple(color),
                 shaft_radius=0.012, head_radius=0.03, head_length=0.06, visible=False,
             )
-            for toe, color in zip(self._toes, LEG_COLORS, strict=True)
+            for toe, color in zip(self._toes.tolist(), LEG_COLORS, strict=True)
         ]  # fmt: skip
 
     def show(self, session: Session, *, ghost: bool, forces: bool) -> None:

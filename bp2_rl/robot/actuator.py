@@ -24,6 +24,8 @@ drive's will is not scaled: a brake resistor burns it.
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from bp2_rl.base.arrays import Array, ArrayT, Number
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
@@ -86,6 +88,13 @@ class Actuator:
             torque_rate=torque_rate,
             bus=None if bus == Bus(ENDLESS, ENDLESS, 0.0) else bus,
         )
+
+
+def of_joint(actuator: Actuator, joint: int) -> Actuator:
+    """Return the motor of one joint of twelve."""
+    limits = "peak_torque", "corner_speed", "no_load_speed", "braking_speed"
+    own = {name: float(np.broadcast_to(getattr(actuator, name), 12)[joint]) for name in limits}
+    return dataclasses.replace(actuator, **own)
 
 
 def copper_loss(torque: Number, no_load: Number, stall: Number) -> Any:

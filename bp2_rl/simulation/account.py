@@ -120,7 +120,7 @@ def replay(run: Trajectory) -> tuple[Ledger, SoleAccount]:
         energy=energy,
         motors=motors,
         copper=copper,
-        springs=(force["spring"] * mean)[:, 6:].reshape(-1, 4, 4)[..., 3],
+        springs=compression_rates(force["spring"] * mean),
     ), soles
 
 

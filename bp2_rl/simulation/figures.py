@@ -24,7 +24,7 @@ from bp2_rl.base.plotting import (
     styled,
 )
 from bp2_rl.robot import conventions
-from bp2_rl.robot.actuator import Actuator, torque_limits
+from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 from bp2_rl.simulation.gait import contacts, touchdowns
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
@@ -82,10 +82,9 @@ def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     figure = Figure(figsize=(width, 6.6 if narrow else 3.6), layout="constrained")
     panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
     motors = Actuator.from_hardware(run.hardware)
-    reach = 1.15 * max(run.hardware.joint_no_load_speed, float(np.nanmax(np.abs(run.joint_velocity))))
-    most = 1.05 * max(run.hardware.joint_peak_torque, float(np.nanmax(np.abs(run.torque))))
+    reach = 1.15 * max(float(np.max(run.hardware.joint_no_load_speed)), float(np.nanmax(np.abs(run.joint_velocity))))
+    most = 1.05 * max(float(np.max(run.hardware.joint_peak_torque)), float(np.nanmax(np.abs(run.torque))))
     speeds = np.linspace(-reach, reach, 601)
-    low, high = torque_limits(motors, speeds)
     edges = [
         np.arange(-np.ceil(end / cell), np.ceil(end / cell) + 1) * cell
         for end, cell in zip((reach, most), CELL, strict=True)
@@ -95,6 +94,7 @@ def torque_speed_figure(run: Trajectory, width: float = WIDTH) -> Figure:
     percent = [100.0 * count / (4 * len(run)) for count in counts]
     norm = LogNorm(100.0 / (4 * len(run)), max(float(np.max(p)) for p in percent))
     for j, (axes, joint) in enumerate(zip(panels, conventions.JOINTS, strict=True)):
+        low, high = torque_limits(of_joint(motors, j), speeds)
         axes.fill_between(speeds, low, high, color=FAINT, alpha=0.6, linewidth=0)
         shown = np.ma.masked_equal(percent[j].T, 0.0)
         axes.pcolormesh(*edges, shown, cmap=OFTEN, norm=norm, rasterized=True)

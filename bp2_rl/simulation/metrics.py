@@ -185,7 +185,7 @@ def measure(run: Trajectory) -> RunMetrics:
         electrical_cost_of_transport=electrical * joules_per_watt if joules_per_watt is not None else None,
         mechanical_power=mechanical,
         electrical_power=electrical,
-        froude_number=froude_number(best.speed) if best is not None else None,
+        froude_number=froude_number(best.speed, run.hardware.size.length) if best is not None else None,
         motor_demand=motor_demand(run, best.speed) if best is not None else None,
         peak_foot_force=max(leg.peak_foot_force for leg in legs),
         peak_spring_travel=max(leg.peak_spring_travel for leg in legs),
@@ -231,15 +231,16 @@ def lateral_drift(run: Trajectory) -> float:
     return float(np.max(np.abs(np.cos(yaw) * offset[:, 1] - np.sin(yaw) * offset[:, 0])))
 
 
-def froude_number(speed: float) -> float:
-    """v^2 / (g h) with BP2's standing height: 21.4 at the paper's 10.74 m/s."""
-    return speed**2 / (conventions.GRAVITY * bp2.STANDING_HEIGHT)
+def froude_number(speed: float, size: float = 1.0) -> float:
+    """v^2 / (g h) with BP2's standing height, times the robot's size: 21.4 at the paper's 10.74 m/s."""
+    return speed**2 / (conventions.GRAVITY * size * bp2.STANDING_HEIGHT)
 
 
 def motor_demand(run: Trajectory, speed: float) -> float:
     """The `power_demand` of the robot that ran."""
     hardware = run.hardware
-    return power_demand(run.mass, conventions.GRAVITY, speed, hardware.joint_peak_torque, hardware.joint_no_load_speed)
+    power = float(np.mean(hardware.joint_peak_torque * hardware.joint_no_load_speed))
+    return power_demand(run.mass, conventions.GRAVITY, speed, power, 1.0)
 
 
 # --- Motors --------------------------------------------------------------------------------------------------

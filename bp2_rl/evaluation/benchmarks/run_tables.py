@@ -60,7 +60,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
         Row("Electrical power", f"{m.electrical_power:.0f} W", "mean, with copper heat, steady window"),
         *(account_rows(m.account) if m.account else ()),
-        Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m"),
+        Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m for BP2"),
         Row("Motor demand", show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
     )
 
