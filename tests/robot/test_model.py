@@ -403,7 +403,7 @@ def test_timestep_is_the_callers():
         ("<mujoco><worldbody><body></worldbody></mujoco>", "not valid MJCF"),
         (
             "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>",
-            "not a model of BP2: it has no body 'trunk'",
+            "not a model of the robot: it has no body 'trunk'",
         ),
         ("not xml at all", "not valid MJCF"),
     ],

@@ -99,7 +99,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     said = conditions(policy, describe_ramp(ramp), describe_fleet_simulator(setup.backend), setup)
     return Evaluation(
         benchmark="robustness",
-        subject=f"{robots} of the {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
+        subject=f"{robots} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
         backend="MJX" if setup.backend == "mjx" else "BP2's kernel",
         conditions=said
         | {

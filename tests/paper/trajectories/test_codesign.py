@@ -44,7 +44,7 @@ def test_a_free_design_is_cheaper_than_bp2_and_within_its_bounds(design):
     fixed = solve(PROBLEM, resample(design.problem, design.motion, PROBLEM))
     assert design.cost < 0.99 * fixed.cost  # 1 %: far beyond what IPOPT leaves open, far less than what is gained
     for name, (low, high) in SETTINGS.bounds.of(PARAMETERS).items():
-        value = getattr(design.problem.hardware, name)
+        value = design.problem.hardware.parameter(name)
         assert low * (1 - 1e-7) <= value <= high * (1 + 1e-7)  # IPOPT widens every bound by 1e-8
 
 

@@ -42,7 +42,7 @@ def codesign_figure(study: Codesign) -> Figure:
         for (label, figure_of), axes in zip(ROWS, column, strict=True):
             _draw(axes, scans, figure_of)
             axes.yaxis.set_major_locator(MaxNLocator(5))
-            axes.axvline(_shown(name, getattr(IDEAL, name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.axvline(_shown(name, IDEAL.parameter(name)), color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
             if axes in panels[:, 0]:
                 axes.set_ylabel(label)
         for scan in scans:
