@@ -35,12 +35,12 @@ class PipelineState(struct.PyTreeNode):
     mean_action: Float[Array, "... 12"]  # averaged over `rewards.ACTION_AVERAGING`
 
     @property
-    def q(self) -> Float[Array, "... 23"]:
+    def q(self) -> Float[Array, "... nq"]:
         """Return the coordinates, by the name that Brax's renderer asks for."""
         return self.physics.qpos
 
     @property
-    def qd(self) -> Float[Array, "... 22"]:
+    def qd(self) -> Float[Array, "... nv"]:
         """Return MuJoCo's velocities: m/s, rad/s."""
         return self.physics.qvel
 
@@ -106,7 +106,7 @@ class EpisodeStarts:
         qvel *= 1.0 + jax.random.uniform(key_velocity, qvel.shape, minval=-spread, maxval=spread)
         return self._without_self_collision(qpos, jnp.where(standing, 0.0, qvel))
 
-    def _without_self_collision(self, qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> tuple[Array, Array]:
+    def _without_self_collision(self, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> tuple[Array, Array]:
         """Return a state whose legs keep clear of each other: where they do not, each leg is put in its hip's plane."""
         self_collision = termination.self_collision(qpos, self._config.termination, self._config.hardware)
         if self_collision is None:
@@ -116,7 +116,7 @@ class EpisodeStarts:
         return jnp.where(self_collision, straight[0], qpos), jnp.where(self_collision, straight[1], qvel)
 
 
-def _physics_at_rest(qpos: Float[Array, "23"], qvel: Float[Array, "22"], targets: Targets) -> Physics:
+def _physics_at_rest(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], targets: Targets) -> Physics:
     """Return a state without torque, in which the joints have followed these targets for as long as is remembered."""
     # One array, taken apart again: XLA would fuse separate ones with the reference, and round them otherwise.
     now = jnp.stack([targets.position, targets.velocity])

@@ -75,7 +75,7 @@ class Measurement(struct.PyTreeNode):
     angular_velocity: Float[Array, "... 3"]  # rad/s, body frame
 
 
-def sense(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> Measurement:
+def sense(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Measurement:
     """Return the noise-free measurement of a state in MuJoCo's coordinates (free joint: rates in the body frame)."""
     return Measurement(
         joint_position=joint_positions(qpos),
@@ -159,7 +159,7 @@ class TrunkMotion(struct.PyTreeNode):
         return jnp.append(self.velocity[:2], self.yaw_rate)
 
 
-def trunk_motion(qpos: Float[Array, "23"], qvel: Float[Array, "22"]) -> TrunkMotion:
+def trunk_motion(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> TrunkMotion:
     """Return velocity, body vertical axis and yaw rate in the heading frame."""
     quat = qpos[3:7]
     yaw = yaw_of(quat)
@@ -179,7 +179,7 @@ class Soles(struct.PyTreeNode):
     rate: Float[Array, "... 4"]  # m/s
 
 
-def soles(qpos: Float[Array, "23"], qvel: Float[Array, "22"], hardware: HardwareSpec) -> Soles:
+def soles(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], hardware: HardwareSpec) -> Soles:
     """Return how high each sole is over flat ground, and how fast it rises."""
     now = sense(qpos, qvel)
     joints = now.joint_position.reshape(4, 3), compressions(qpos)

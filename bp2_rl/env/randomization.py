@@ -68,7 +68,7 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
     )
 
 
-def push(qvel: Float[Array, "22"], config: RandomizationConfig, key: Array) -> Float[Array, "22"]:
+def push(qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array) -> Float[Array, " nv"]:
     """Return the velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
     if not config.enabled or config.push_velocity == 0.0:
         return qvel

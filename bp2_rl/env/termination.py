@@ -25,7 +25,7 @@ class Fall(NamedTuple):
         return down if self.self_collision is None else down | self.self_collision
 
 
-def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: TerminationConfig) -> Fall:
+def fall(qpos: Float[Any, "... nq"], qvel: Float[Any, "... nv"], config: TerminationConfig) -> Fall:
     """Return whether and why a robot in this state, in MuJoCo's coordinates, is down; NumPy and JAX alike."""
     xp = qpos.__array_namespace__()
     # Every comparison is one that NaN fails.
@@ -35,8 +35,8 @@ def fall(qpos: Float[Any, "... 23"], qvel: Float[Any, "... 22"], config: Termina
 
 
 def fall_in_training(
-    qpos: Float[Any, "... 23"],
-    qvel: Float[Any, "... 22"],
+    qpos: Float[Any, "... nq"],
+    qvel: Float[Any, "... nv"],
     torque: Float[Any, "... 12"],
     action: Float[Any, "... 12"],
     config: EnvConfig,
@@ -50,7 +50,7 @@ def fall_in_training(
 
 
 def self_collision(
-    qpos: Float[Any, "... 23"], config: TerminationConfig, hardware: HardwareSpec
+    qpos: Float[Any, "... nq"], config: TerminationConfig, hardware: HardwareSpec
 ) -> Bool[Any, "..."] | None:
     """Return whether a leg is deeper in another, or in the trunk, than it may be; None where legs are not solid.
 

@@ -65,7 +65,7 @@ class Photographer:
             remedy = "set MUJOCO_GL=egl, or osmesa, before Python starts"
             raise UserError(f"MuJoCo finds no GL library for render_mode=rgb_array: {remedy} ({error})") from error
 
-    def picture(self, qpos: Float[np.ndarray, "23"]) -> Picture:
+    def picture(self, qpos: Float[np.ndarray, " nq"]) -> Picture:
         """Return the robot in a state, as rows and columns of red, green and blue."""
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)

@@ -54,7 +54,7 @@ class Looks:
             parts.append(VisiblePart(body, vertices, faces, color))
         return parts
 
-    def place(self, qpos: Float[np.ndarray, "23"]) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
+    def place(self, qpos: Float[np.ndarray, " nq"]) -> tuple[Float[np.ndarray, "B 3"], Float[np.ndarray, "B 4"]]:
         """(Position in m, w-x-y-z quaternion) of every body but the world in the frame of the one that it hangs on.
 
         The trunk's is the world's, moved along so that the trunk is above its origin.

@@ -13,7 +13,7 @@ from bp2_rl.env.termination import fall
 from bp2_rl.evaluation.published.sprints import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
-from bp2_rl.robot.coordinates import joint_velocities
+from bp2_rl.robot.coordinates import joint_velocities, with_legs
 from bp2_rl.robot.easing import launch_rate
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.kinematics import yaw_of
@@ -178,7 +178,7 @@ class Session:
         return self._worked
 
     @property
-    def qpos(self) -> Float[np.ndarray, "23"]:
+    def qpos(self) -> Float[np.ndarray, " nq"]:
         """The robot's state in MuJoCo's coordinates."""
         return self.data.qpos
 
@@ -186,7 +186,7 @@ class Session:
         """The ground's force on each foot, N, world frame."""
         return foot_forces(self.data).copy()
 
-    def reference(self) -> Float[np.ndarray, "23"]:
+    def reference(self) -> Float[np.ndarray, " nq"]:
         """The reference motion at this moment where the robot is: `qpos` of its ghost."""
         qpos = self.qpos.copy()
         if (reference := self._runner.reference) is None:
@@ -196,9 +196,7 @@ class Session:
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_mulQuat(qpos[3:7], turn, lean / np.linalg.norm(lean))
         qpos[2] = float(reference.height[0])
-        joints = np.asarray(reference.joint_position)[0].reshape(4, 3)
-        qpos[7:] = np.column_stack((joints, np.asarray(reference.spring_compression)[0])).ravel()
-        return qpos
+        return with_legs(qpos, np.asarray(reference.joint_position)[0], np.asarray(reference.spring_compression)[0])
 
     # --- Within -----------------------------------------------------------------------------------------------
 
@@ -228,7 +226,7 @@ class Session:
         if self.finished:
             self.best = min(self.best, self.sprint)
 
-    def _seen_from_line(self) -> Float[np.ndarray, "23"]:
+    def _seen_from_line(self) -> Float[np.ndarray, " nq"]:
         """The state in the frame of the line that the robot is to keep to: the operator steers along its x axis."""
         qpos = self.qpos
         if self._asked[1:].any():

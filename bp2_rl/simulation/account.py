@@ -128,9 +128,9 @@ def split_constraints(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     floor: int,
-    ground: Float[np.ndarray, "22"],
-    legs: Float[np.ndarray, "22"],
-    stops: Float[np.ndarray, "22"],
+    ground: Float[np.ndarray, " nv"],
+    legs: Float[np.ndarray, " nv"],
+    stops: Float[np.ndarray, " nv"],
 ) -> None:
     """The constraints' forces on the coordinates by what exerts them."""
     if data.nefc == 0:

@@ -91,8 +91,8 @@ class PolicyRunner:
 
     def tick(
         self,
-        qpos: Float[np.ndarray, "N 23"],
-        qvel: Float[np.ndarray, "N 22"],
+        qpos: Float[np.ndarray, "N nq"],
+        qvel: Float[np.ndarray, "N nv"],
         scheduled: Float[np.ndarray, "N 3"],
         *drawn: np.ndarray,
     ) -> list[JointTargets]:

@@ -97,8 +97,8 @@ class Simulator:
     Attributes:
         models: each robot's model.
         data: each robot's state in MuJoCo; call `read` after a change.
-        qpos: (N, 23), the robots' positions.
-        qvel: (N, 22), the robots' velocities.
+        qpos: (N, nq), the robots' positions.
+        qvel: (N, nv), the robots' velocities.
         torque: (N, 12), Nm, last applied.
         foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame; 0 before it.
         motors: each robot's motors; `set_motors` changes them.

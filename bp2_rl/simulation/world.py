@@ -90,7 +90,9 @@ def shove(data: mujoco.MjData, forward: float, left: float) -> None:
     data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
 
 
-def sensed_pose(qpos: Float[np.ndarray, "23"], world: World, gyro_bias: float, time: float) -> Float[np.ndarray, "23"]:
+def sensed_pose(
+    qpos: Float[np.ndarray, " nq"], world: World, gyro_bias: float, time: float
+) -> Float[np.ndarray, " nq"]:
     """The state as the robot and its operator know it: upright is against gravity, and a heading strays.
 
     Args:

@@ -35,9 +35,9 @@ LONGEST_LATENCY = float(TARGET_AGES[0, -1])  # s, for which a target is remember
 class Physics(struct.PyTreeNode):
     """The simulated robot between two control steps: all that the simulator has to remember, and the motors."""
 
-    qpos: Float[Array, "... 23"]
-    qvel: Float[Array, "... 22"]
-    qacc_warmstart: Float[Array, "... 22"]
+    qpos: Float[Array, "... nq"]
+    qvel: Float[Array, "... nv"]
+    qacc_warmstart: Float[Array, "... nv"]
     torque: Float[Array, "... 12"]  # Nm, last applied
     targets: Targets  # the last two, newest first: "... 2 12" each
 

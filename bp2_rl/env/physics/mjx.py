@@ -27,9 +27,9 @@ SOLVER_LIMITS = 1 << 9 | 1 << 10
 class Remembered(NamedTuple):
     """The state that a physics step leaves to the next; all else in `mjx.Data` is computed anew, to save memory."""
 
-    qpos: Float[Array, "23"]
-    qvel: Float[Array, "22"]
-    qacc_warmstart: Float[Array, "22"]
+    qpos: Float[Array, " nq"]
+    qvel: Float[Array, " nv"]
+    qacc_warmstart: Float[Array, " nv"]
     torque: Float[Array, "12"]  # Nm
 
 

@@ -1,0 +1,47 @@
+"""A preset on another robot: BP2's settings stay, another robot's follow its size."""
+
+import dataclasses
+
+import pytest
+
+from bp2_rl.base.serialization import from_json, to_json
+from bp2_rl.robot.hardware import BUILT
+from bp2_rl.robot.kinematics import reach
+from bp2_rl.robot.named import find_robot, robot_names
+from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets.robots import sized, speed_factor
+from bp2_rl.settings.training import TrainConfig
+
+SHIPPED = [name for name in robot_names() if name not in ("built", "ideal")]
+
+
+def test_bp2_has_the_settings_that_were_written_for_it_however_it_is_changed():
+    env = make_config("relaxed", "gpu").env
+    assert sized(env) is env
+    longer = BUILT.changed(leg_length=0.4)
+    assert sized(dataclasses.replace(env, hardware=longer)).control == env.control
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_another_robots_settings_are_those_of_its_size(name):
+    robot, bp2 = find_robot(name), make_config("relaxed", "cpu").env
+    env, size = make_config("relaxed", "cpu", robot=name).env, robot.size
+    weight_times_length = robot.mass * robot.anatomy.leg_length / (BUILT.mass * BUILT.anatomy.leg_length)
+    assert size.torque == pytest.approx(weight_times_length)
+    assert env.control.stiffness == pytest.approx(weight_times_length * bp2.control.stiffness)
+    assert env.termination.min_height / robot.anatomy.leg_length == pytest.approx(
+        bp2.termination.min_height / BUILT.anatomy.leg_length
+    )
+    froude = [config.commands.slow**2 / one.anatomy.leg_length for config, one in ((env, robot), (bp2, BUILT))]
+    assert froude[0] == pytest.approx(froude[1])
+    assert env.commands.max_forward == pytest.approx(speed_factor(robot) * bp2.commands.max_forward)
+    assert env.reference == "kinematic"
+    # The legs can stretch as far as the gait sweeps.
+    stretched = size.length * (env.gait.height**2 + (env.gait.sweep / 2.0) ** 2) ** 0.5
+    assert stretched <= reach(hardware=robot)[1]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_run_holds_its_robot_whole(name):
+    config = make_config("imitation", "cpu", robot=name)
+    assert from_json(TrainConfig, to_json(config)) == config
