@@ -19,7 +19,7 @@ class TorqueSpeed:
     """The chart of a robot with these motors."""
 
     def __init__(self, motors: Actuator):
-        no_load, peak = float(np.max(motors.no_load_speed)), float(np.max(motors.peak_torque))
+        no_load, peak = (float(np.max(np.asarray(limit))) for limit in (motors.no_load_speed, motors.peak_torque))
         self._speed, self._torque = 1.4 * no_load, 1.15 * peak
         outlines = dict.fromkeys(self._outline(of_joint(motors, joint)) for joint in range(len(conventions.JOINTS)))
         self._head = (
