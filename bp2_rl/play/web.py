@@ -10,6 +10,7 @@ import html
 import http
 import logging
 import queue
+import socket
 import threading
 from collections.abc import Callable, Generator
 from typing import Any
@@ -77,6 +78,8 @@ class Page:
         # Browsers open connections ahead that they then never use: not worth a traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
         try:
+            family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+            socket.create_server(address[:2], family=family).close()  # at no such address viser waits for ever
             with refusing_foreign_names() if host in OWN_NAMES else contextlib.nullcontext():
                 self.server = viser.ViserServer(host=host, port=port, label="BP2", verbose=False)
         except (OSError, RuntimeError, OverflowError) as error:

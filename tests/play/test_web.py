@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from browser import browsing, find_browser
 
+from bp2_rl.base.errors import UserError
+
 pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
 BROWSER = find_browser()
 SPEED = "parseFloat(document.querySelector('[data-reading=speed]')?.textContent)"
@@ -104,6 +106,14 @@ def test_pages_of_other_sites_are_refused(served):
     assert answer(url, **socket, Origin=f"http://localhost:{port}") == 101
     for origin in ("https://example.org", f"http://localhost.example.org:{port}", "null", "file://"):
         assert answer(url, **socket, Origin=origin) == 403
+
+
+@pytest.mark.parametrize("host", ["nowhere.invalid", "203.0.113.7"])  # no name, and an address kept for examples
+def test_an_address_that_is_not_this_machines_is_refused(session, host):
+    from bp2_rl.play.web import Page
+
+    with pytest.raises(UserError, match=rf"cannot listen at {host}:8080: .*; choose another --host or --port"):
+        Page(session, host=host, port=8080)
 
 
 def visible(picture: np.ndarray) -> bool:
