@@ -174,7 +174,7 @@ def parse(
         raise SystemExit(OK)
     complaint = io.StringIO()
     # To tyro, None is a default like any other.
-    chosen: dict[str, Any] = {"prog": prog, "add_help": False, "config": usage.ONE_OF_SEVERAL} | (
+    chosen: dict[str, Any] = {"prog": prog, "add_help": False, "config": usage.one_of_several()} | (
         {} if default is None else {"default": default}
     )
     try:

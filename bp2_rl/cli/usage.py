@@ -9,8 +9,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import tyro
-
 HELP_ALL = "--help-all"
 HELP = ("-h", "--help", HELP_ALL)
 SCREEN = 60  # lines
@@ -80,8 +78,11 @@ def describe(
     return "\n".join([*head, *short, *_show(f"all of them with {HELP_ALL}", more)])
 
 
-ONE_OF_SEVERAL = (tyro.conf.AvoidSubcommands,)
-"""Of several dataclasses that a field may hold, flags are those of the one that it holds."""
+def one_of_several() -> tuple[Any, ...]:
+    """Return tyro's setting by which a field that may hold several dataclasses has the flags of the one it holds."""
+    import tyro  # not for `bp2 --help`
+
+    return (tyro.conf.AvoidSubcommands,)
 
 
 def nearest_flags(word: str, config: type[Any], prog: str, default: Any) -> list[str]:
@@ -95,7 +96,7 @@ def _parser(config: type[Any], prog: str, default: Any) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         chosen: dict[str, Any] = {} if default is None else {"default": default}
-        return get_parser(config, prog=prog, add_help=False, config=ONE_OF_SEVERAL, **chosen)
+        return get_parser(config, prog=prog, add_help=False, config=one_of_several(), **chosen)
 
 
 def _sections(parser: Any) -> Iterator[HelpSection]:
