@@ -7,6 +7,7 @@ Legs are in the order of `LEGS`; SI units.
 
 import dataclasses
 import functools
+import math
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +26,12 @@ class Link:
     mass: float  # kg
     com: Vector  # m, its centre of mass
     inertia: Inertia
+
+    @property
+    def inertia_matrix(self) -> np.ndarray:
+        """Return the inertia as a matrix (3, 3), kg m2."""
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +66,12 @@ class Leg:
         """How far left of the abduction axis the foot moves, m."""
         return self.hip[1] + self.knee[1] + self.foot[1]
 
+    def reach(self, compression: float = 0.0) -> tuple[float, float]:
+        """Least and greatest distance of the sole from the hip axis that the knee's range allows, m."""
+        thigh, lower = self.thigh_length, self.lower_length - compression
+        ends = sorted(math.sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(knee)) for knee in self.ranges[2])
+        return ends[0], ends[1]
+
     @property
     def links(self) -> tuple[Link, ...]:
         """The links from the trunk to the foot."""
@@ -81,6 +94,22 @@ class Anatomy:
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given
+
+    @classmethod
+    def of_parts(cls, trunk: Link, legs: tuple[Leg, Leg, Leg, Leg], trunk_size: Vector, **others: Any) -> "Anatomy":
+        """Return a body as heavy as its parts and as wide as its feet are apart, its motors' numbers at the joint.
+
+        `others` are the remaining fields by name.
+        """
+        return cls(
+            trunk=trunk,
+            legs=legs,
+            trunk_size=trunk_size,
+            weighed_mass=trunk.mass + sum(link.mass for leg in legs for link in leg.links),
+            footprint=(trunk_size[0], max(trunk_size[1], *(abs(leg.anchor[1] + leg.lateral) for leg in legs))),
+            gear_ratio=1.0,
+            **others,
+        )
 
     @property
     def sprung(self) -> bool:
@@ -133,3 +162,7 @@ class LegGeometry(NamedTuple):
     lower: Any  # knee axis to sole, spring at rest
     bend: Any  # sign of the knee's angle
     foot_radius: Any
+
+    def cast(self, xp: Any, dtype: Any) -> "LegGeometry":
+        """Return the lengths as arrays of the library `xp`, in a precision."""
+        return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))

@@ -90,7 +90,7 @@ class BP2Body:
 
     def _leg(self, index: int) -> Leg:
         fore, left = (1.0 if LEGS[index][0] == "F" else -1.0), (1.0 if LEGS[index][1] == "L" else -1.0)
-        seat = self.leg_length - bp2.TOE_LENGTH
+        thigh_twist = self.thigh_mass / bp2.THIGH_MASS * bp2.THIGH_TWIST_INERTIA
         return Leg(
             anchor=(fore * bp2.HIP_FORE_AFT, self.hip_laterals[index], 0.0),
             hip=(0.0, left * bp2.THIGH_LATERAL, 0.0),
@@ -98,20 +98,16 @@ class BP2Body:
             foot=(0.0, 0.0, bp2.FOOT_RADIUS - self.leg_length),
             foot_radius=bp2.FOOT_RADIUS,
             abad=Link(bp2.ABAD_MASS, (fore * bp2.ABAD_COM_FORE_AFT, 0.0, 0.0), _round(bp2.ABAD_INERTIA)),
-            thigh=Link(self.thigh_mass, _down(bp2.THIGH_COM), _rod(self.thigh_inertia, self._thigh_twist)),
+            thigh=Link(self.thigh_mass, _down(bp2.THIGH_COM), _rod(self.thigh_inertia, thigh_twist)),
             shank=Link(
                 bp2.SHANK_MASS,
                 _down(bp2.SHANK_LENGTH + bp2.SHANK_COM),
                 _rod(bp2.SHANK_INERTIA, bp2.SHANK_TWIST_INERTIA),
             ),
             toe=Link(self.toe_mass, _down(bp2.TOE_LENGTH + bp2.TOE_COM), _round(self.toe_inertia)),
-            seat=(0.0, 0.0, -seat),
+            seat=_down(self.leg_length - bp2.TOE_LENGTH),
             ranges=(bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE),
         )
-
-    @property
-    def _thigh_twist(self) -> float:
-        return self.thigh_mass / bp2.THIGH_MASS * bp2.THIGH_TWIST_INERTIA
 
 
 _ABAD_LINKS = 4.0 * (bp2.ABAD_INERTIA + bp2.ABAD_MASS * (bp2.HIP_FORE_AFT + bp2.ABAD_COM_FORE_AFT) ** 2)

@@ -26,16 +26,15 @@ _Geom = mujoco.mjtGeom
 _Sensor = mujoco.mjtSensor
 
 
-def build_spec(anatomy: Anatomy, *, name: str = "robot", spring_stiffness: float = bp2.SPRING_STIFFNESS) -> Any:
+def build_spec(anatomy: Anatomy, *, spring_stiffness: float = bp2.SPRING_STIFFNESS) -> Any:
     """Return the robot on BP2's ground as an `MjSpec`.
 
     Args:
-        anatomy: the robot's body.
-        name: of the model.
+        anatomy: the robot's body, which names the model.
         spring_stiffness: N/m, with which the springs sag in the keyframe `stand`.
     """
     spec = _ground().copy()
-    spec.modelname = name
+    spec.modelname = anatomy.name
     trunk = spec.worldbody.add_body(name="trunk")
     trunk.add_freejoint(name="root")
     _set_link(trunk, anatomy.trunk)
@@ -84,12 +83,11 @@ def _ground() -> mujoco.MjSpec:
 
 def _set_link(body: Any, link: Link) -> None:
     """Give a body its mass, with the inertia along principal axes, which a uniform scale of the mass keeps."""
-    xx, yy, zz, xy, xz, yz = link.inertia
     body.explicitinertial, body.mass, body.ipos = True, link.mass, link.com
-    if xy == xz == yz == 0.0:
-        body.inertia = (xx, yy, zz)
+    if not any(link.inertia[3:]):
+        body.inertia = link.inertia[:3]
         return
-    principal, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    principal, axes = np.linalg.eigh(link.inertia_matrix)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, axes.flatten())
@@ -209,9 +207,8 @@ def _add_motors_and_sensors(spec: Any, anatomy: Anatomy) -> None:
     spec.add_sensor(name="imu_gyro", type=_Sensor.mjSENS_GYRO, **site)
     spec.add_sensor(name="imu_accelerometer", type=_Sensor.mjSENS_ACCELEROMETER, **site)
     spec.add_sensor(name="imu_quat", type=_Sensor.mjSENS_FRAMEQUAT, **site)
-    joints = [
-        f"{leg}_{joint}" for leg in LEGS for joint in (*conventions.JOINTS, *(["spring"] if anatomy.sprung else []))
-    ]
+    coordinates = (*conventions.JOINTS, "spring") if anatomy.sprung else conventions.JOINTS
+    joints = [f"{leg}_{coordinate}" for leg in LEGS for coordinate in coordinates]
     for name in joints:
         spec.add_sensor(
             name=f"{name}_pos", type=_Sensor.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=name

@@ -82,7 +82,7 @@ def _segments(
     xp: Any, joints: Float[Array, "... 4 3"], compression: Float[Array, "... 4"], hardware: HardwareSpec
 ) -> tuple[Float[Array, "3 ... 4 3"], Float[Array, "3 ... 4 3"]]:
     """Where thigh, lower leg and foot of each leg begin and end, in the trunk frame, m; coordinates in front."""
-    geometry = type(hardware.anatomy.geometry)(*(xp.asarray(x, joints.dtype) for x in hardware.anatomy.geometry))
+    geometry = hardware.anatomy.geometry.cast(xp, joints.dtype)
     abad, outwards, drop = joints[..., 0], geometry.lateral, geometry.drop
     cos, sin = xp.cos(abad), xp.sin(abad)
     hips = xp.stack([xp.zeros_like(abad), outwards * cos + drop * sin, outwards * sin - drop * cos], axis=-1)

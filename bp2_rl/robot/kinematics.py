@@ -6,14 +6,12 @@ Everything is batched over leading axes, pure, and works on NumPy (float64 where
 arrays alike, in the caller's precision.
 """
 
-import math
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.arrays import Array, ArrayT
-from bp2_rl.robot.anatomy import LegGeometry
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
@@ -40,13 +38,12 @@ def foot_position(
         hardware: the robot, by the lengths of its legs.
     """
     xp = joints.__array_namespace__()
-    legs = _geometry(xp, joints.dtype, hardware)
+    legs = hardware.anatomy.geometry.cast(xp, joints.dtype)
     abad, hip, knee = joints[..., 0], joints[..., 1], joints[..., 2]
     lower, d = legs.lower - compression, legs.lateral
     x = -legs.thigh * xp.sin(hip) - lower * xp.sin(hip + knee)
-    h = (
-        legs.drop + legs.thigh * xp.cos(hip) + lower * xp.cos(hip + knee)
-    )  # below the abduction axis, in the leg's plane
+    # Below the abduction axis, in the leg's plane.
+    h = legs.drop + legs.thigh * xp.cos(hip) + lower * xp.cos(hip + knee)
     y = d * xp.cos(abad) + h * xp.sin(abad)
     z = d * xp.sin(abad) - h * xp.cos(abad)
     return xp.stack([x, y, z], axis=-1) + legs.origins
@@ -63,7 +60,7 @@ def joint_angles(
     result and its derivatives stay finite for every finite foot position.
     """
     xp = feet.__array_namespace__()
-    legs = _geometry(xp, feet.dtype, hardware)
+    legs = hardware.anatomy.geometry.cast(xp, feet.dtype)
     p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
     # A foot on the abduction axis is moved below it, by more than it can be above.
@@ -81,12 +78,7 @@ def joint_angles(
 
 def reach(compression: float = 0.0, hardware: HardwareSpec = IDEAL) -> tuple[float, float]:
     """Least and greatest distance of a sole from its hip axis, in the leg's plane, that every leg's knee allows, m."""
-    folded, straight = [], []
-    for leg in hardware.anatomy.legs:
-        thigh, lower = leg.thigh_length, leg.lower_length - compression
-        ends = sorted(thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(knee) for knee in leg.ranges[2])
-        folded.append(math.sqrt(ends[0]))
-        straight.append(math.sqrt(ends[1]))
+    folded, straight = zip(*(leg.reach(compression) for leg in hardware.anatomy.legs), strict=True)
     return max(folded), min(straight)
 
 
@@ -95,8 +87,3 @@ def yaw_of(quaternion: ArrayT) -> ArrayT:
     xp = quaternion.__array_namespace__()
     w, x, y, z = (quaternion[..., i] for i in range(4))
     return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _geometry(xp: Any, dtype: Any, hardware: HardwareSpec) -> LegGeometry:
-    """The legs' lengths in the caller's precision."""
-    return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in hardware.anatomy.geometry))

@@ -262,7 +262,7 @@ def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
 @functools.lru_cache(maxsize=8)
 def _packaged(body: BP2Body | Anatomy) -> mujoco.MjSpec:
     """The robot as it comes: to read it takes a hundred times as long as to copy it."""
-    return _parsed(None) if isinstance(body, BP2Body) else building.build_spec(body, name=body.name)
+    return _parsed(None) if isinstance(body, BP2Body) else building.build_spec(body)
 
 
 def _parsed(xml: Path | None) -> mujoco.MjSpec:

@@ -18,7 +18,7 @@ MARKS = {"abad": "s", "hip": "o", "knee": "D"}
 def draw_robot(hardware: HardwareSpec) -> Figure:
     """Draw the robot as it stands; axes in metres."""
     anatomy = hardware.anatomy
-    model = build_spec(anatomy, name=anatomy.name, spring_stiffness=hardware.spring_stiffness).compile()
+    model = build_spec(anatomy, spring_stiffness=hardware.spring_stiffness).compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     mujoco.mj_forward(model, data)

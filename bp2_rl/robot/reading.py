@@ -144,17 +144,14 @@ def read_model(
     if stand[1] == stand[2] == 0.0:
         stand = _assumed_stand(legs)
     body, size = _merge(model, data, trunk, np.zeros(3), np.eye(3)), _trunk_size(model, data, trunk, legs)
-    anatomy = Anatomy(
+    anatomy = Anatomy.of_parts(
+        body,
+        legs,
+        size,
         name=model.names.split(b"\0")[0].decode(errors="replace") or "robot",
-        trunk=body,
-        legs=legs,
         stand=stand,
-        trunk_size=size,
-        weighed_mass=body.mass + sum(link.mass for leg in legs for link in leg.links),
-        footprint=(size[0], max(size[1], *(abs(leg.anchor[1] + leg.lateral) for leg in legs))),
         thigh_radius=_radius(model, [chain.bodies[1] for chain in chains], legs[0].thigh_length),
         lower_radius=_radius(model, [body for chain in chains for body in chain.bodies[2:]], legs[0].thigh_length),
-        gear_ratio=1.0,
     )
     return RobotReading(
         anatomy=anatomy,
@@ -644,7 +641,11 @@ def _spring(model: mujoco.MjModel, chains: list[_Chain], notes: list[str]) -> Sp
             if model.wrap_objid[model.tendon_adr[i]] == j:
                 travels += [float(model.tendon_lengthspring[i, 1] - model.tendon_lengthspring[i, 0])]
         read.append(
-            (float(model.jnt_stiffness[j]), float(model.dof_damping[model.jnt_dofadr[j]]), min(travels, default=0.1))
+            (
+                float(model.jnt_stiffness[j]),
+                float(model.dof_damping[model.jnt_dofadr[j]]),
+                min(travels, default=LONGEST),
+            )
         )
     if not np.allclose(read, read[0]):
         notes.append("the legs' springs differ: their mean is taken")

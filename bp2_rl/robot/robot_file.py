@@ -259,12 +259,10 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
         if (left[0].toe is None) != (left[1].toe is None):
             raise UserError("fore.toe, hind.toe: give both, or neither")
         legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])
-        thick, width = SLENDER * left[0].thigh_length, max(leg.anchor[1] + leg.lateral for leg in left)
-        anatomy = Anatomy(
-            name=written.name, trunk=_link(trunk), legs=legs, stand=(0.0,) * len(MOTOR_NAMES), trunk_size=trunk.size,
-            weighed_mass=trunk.mass + sum(link.mass for leg in legs for link in leg.links),
-            footprint=(trunk.size[0], max(trunk.size[1], width)), thigh_radius=thick, lower_radius=thick,
-            gear_ratio=1.0,
+        thick = SLENDER * left[0].thigh_length
+        anatomy = Anatomy.of_parts(
+            _link(trunk), legs, trunk.size, name=written.name, stand=(0.0,) * len(MOTOR_NAMES), thigh_radius=thick,
+            lower_radius=thick,
         )  # fmt: skip
     changes: dict[str, Any] = {"name": written.name}
     if written.stand is not None:
@@ -336,20 +334,13 @@ def _check(anatomy: Anatomy) -> None:
 
 
 def _check_link(name: str, link: Link) -> None:
-    moments = principal_moments(link.inertia)
+    moments = np.linalg.eigvalsh(link.inertia_matrix)  # ascending
     if moments[0] <= 0.0 or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]):
         shown = ", ".join(f"{x:.3g}" for x in moments)
         raise UserError(
             f"{name}.inertia: principal moments {shown} kg m2 belong to no body: each must be positive and at most the "
             "sum of the others; the order is xx, yy, zz, xy, xz, yz about the centre of mass"
         )
-
-
-def principal_moments(inertia: Sequence[float]) -> tuple[float, float, float]:
-    """Return the moments about the principal axes, ascending, kg m2."""
-    xx, yy, zz, xy, xz, yz = inertia
-    low, middle, high = (float(x) for x in np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return low, middle, high
 
 
 # --- The file that a model fills in --------------------------------------------------------------------------

@@ -94,7 +94,8 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         *(
             f"{name} legs: thigh {leg.thigh_length:.3g} m, lower leg {leg.lower_length:.3g} m with a foot of "
             f"{leg.foot_radius:.3g} m, {leg.lateral:.3g} m beside the abduction axis, knee bent "
-            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach {_reach(leg)}"
+            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach {leg.reach()[0]:.3g} to {leg.reach()[1]:.3g} m from the "
+            "hip"
             for name, leg in (("fore", fore), ("hind", hind))
         ),
         f"spring: {hardware.spring_stiffness:g} N/m" if anatomy.sprung else "rigid shanks",
@@ -107,12 +108,6 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         *(f"assumed: {what}" for what in robot.assumed),
     ]
     return "\n".join(lines)
-
-
-def _reach(leg: Any) -> str:
-    a, b = leg.thigh_length, leg.lower_length
-    ends = [math.sqrt(a * a + b * b + 2.0 * a * b * math.cos(knee)) for knee in leg.ranges[2]]
-    return f"{min(ends):.3g} to {max(ends):.3g} m from the hip"
 
 
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
