@@ -131,14 +131,14 @@ class HardwareSpec:
         """Return the body as plain numbers, before masses are scaled."""
         return self.body if isinstance(self.body, Anatomy) else self.body.anatomy
 
-    def parameter(self, name: str) -> float:
-        """Return the number in a field of this robot or of its body."""
-        return getattr(self if hasattr(self, name) else self.body, name)
+    def parameter(self, name: str) -> Any:
+        """Return the value of a field of this robot or, where it has none, of BP2's body."""
+        return getattr(self if hasattr(self, name) else self.bp2, name)
 
     def changed(self, **parameters: Any) -> "HardwareSpec":
-        """Return the robot with other values of fields, its body's among them."""
+        """Return the robot with other values of fields, those of BP2's body among them."""
         of_body = {name: parameters.pop(name) for name in list(parameters) if not hasattr(self, name)}
-        body = dataclasses.replace(self.body, **of_body) if of_body else self.body
+        body = dataclasses.replace(self.bp2, **of_body) if of_body else self.body
         return dataclasses.replace(self, **{"body": body, **parameters})
 
     @property

@@ -20,17 +20,17 @@ PARTS: dict[str, tuple[str, ...]] = {
     "ground stiffness": ("contact_time", "contact_damping"),
     "rebound stop": ("rebound_stiffness", "rebound_damping"),
     "joint stops": ("joint_stop_time",),
-    "solid legs, tracks": ("solid_legs", "body"),
+    "solid legs, tracks": ("solid_legs", "fore_track", "hind_track"),
 }
-"""What tells a built robot from the ideal one: fields of `HardwareSpec` that belong together; `losses.x` is a loss."""
+"""What tells a built robot from the ideal one: parameters of a robot that belong together; `losses.x` is a loss."""
 
 
 def with_parts(robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]) -> HardwareSpec:
     """A robot with some `PARTS` of another."""
     fields = [field for part in parts for field in PARTS[part]]
-    own = {field: getattr(other, field) for field in fields if "." not in field}
+    own = {field: other.parameter(field) for field in fields if "." not in field}
     losses = {name: getattr(other.losses, name) for _, dot, name in (f.partition(".") for f in fields) if dot}
-    return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, **losses), **own)
+    return robot.changed(losses=dataclasses.replace(robot.losses, **losses), **own)
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:

@@ -22,6 +22,8 @@ def test_all_parts_together_make_the_other_robot():
     assert with_parts(BUILT, IDEAL, PARTS) == IDEAL
     assert differing(IDEAL, IDEAL) == ()
     assert set(differing(IDEAL, BUILT)) == set(PARTS) - {"braking limit"}
+    own = BUILT.changed(leg_length=0.4, thigh_mass=3.0)  # a part brings its own fields, and leaves the rest of the body
+    assert with_parts(own, IDEAL, PARTS) == IDEAL.changed(leg_length=0.4, thigh_mass=3.0)
 
 
 def test_every_loss_belongs_to_one_part():
