@@ -67,13 +67,13 @@ def new(config: NewConfig) -> None:
 
 def check(config: CheckConfig) -> None:
     """Print and draw a robot."""
-    from bp2_rl.base.assets import asset_path
     from bp2_rl.base.files import require_name
+    from bp2_rl.robot.named import shipped_files
 
-    shipped = {path.stem: path for path in asset_path("robots").glob("*.toml")}
+    shipped = shipped_files()
     path = shipped.get(config.robot, Path(config.robot))
     if path.suffix != ".toml":
-        raise UserError(f"no robot file {config.robot!r}: name ROBOT.toml, or one of {', '.join(sorted(shipped))}")
+        raise UserError(f"no robot file {config.robot!r}: name ROBOT.toml, or one of {', '.join(shipped)}")
     out = Path(f"{path.stem}.png") if config.out is None else config.out
     require_name(out)
     if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():

@@ -122,13 +122,12 @@ def let_converge(
 
 def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> mujoco.MjSpec:
     """The scene as an editable MjSpec with `hardware` applied; raises `ModelError` as `load_model` does."""
-    spec = (
-        _packaged(hardware.body if isinstance(hardware.body, Anatomy) else BP2Body()).copy()
-        if xml is None
-        else _parsed(xml)
-    )
-    if isinstance(hardware.body, BP2Body):
-        _apply_body(spec, hardware.body)
+    body = hardware.body
+    if isinstance(body, BP2Body):
+        spec = _packaged().copy() if xml is None else _parsed(xml)
+        _apply_body(spec, body)
+    else:
+        spec = _built(body, hardware.spring_stiffness).copy() if xml is None else _parsed(xml)
     _scale_masses(spec, hardware.mass_scale)
     if hardware.anatomy.sprung:
         _apply_springs(spec, hardware)
@@ -259,10 +258,15 @@ def _all(spec: mujoco.MjSpec, *kinds: str) -> list[Any]:
     return [element for kind in kinds for element in getattr(spec, kind)]
 
 
+@functools.cache
+def _packaged() -> mujoco.MjSpec:
+    """BP2 as it comes: to read it takes a hundred times as long as to copy it."""
+    return _parsed(None)
+
+
 @functools.lru_cache(maxsize=8)
-def _packaged(body: BP2Body | Anatomy) -> mujoco.MjSpec:
-    """The robot as it comes: to read it takes a hundred times as long as to copy it."""
-    return _parsed(None) if isinstance(body, BP2Body) else building.build_spec(body)
+def _built(body: Anatomy, spring_stiffness: float) -> mujoco.MjSpec:
+    return building.build_spec(body, spring_stiffness=spring_stiffness)
 
 
 def _parsed(xml: Path | None) -> mujoco.MjSpec:

@@ -7,9 +7,14 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
 
 
+def shipped_files() -> dict[str, Path]:
+    """Return the robot files that ship, by the robots' names."""
+    return {path.stem: path for path in sorted(asset_path("robots").glob("*.toml"))}
+
+
 def robot_names() -> tuple[str, ...]:
     """Return the names that `find_robot` takes."""
-    return (*ROBOTS, *sorted(path.stem for path in asset_path("robots").glob("*.toml")))
+    return (*ROBOTS, *shipped_files())
 
 
 def find_robot(name: str) -> HardwareSpec:
@@ -21,11 +26,10 @@ def find_robot(name: str) -> HardwareSpec:
     found = next((hardware for known, hardware in ROBOTS.items() if known == name), None)
     if found is not None:
         return found
-    if name in robot_names() or Path(name).suffix == ".toml":
-        from bp2_rl.robot.robot_file import load_robot
+    path = shipped_files().get(name, Path(name))
+    if path.suffix != ".toml":
+        known = ", ".join(robot_names())
+        raise UserError(f"there is no robot '{name}': choose one of {known}, or name a robot file, ROBOT.toml")
+    from bp2_rl.robot.robot_file import load_robot
 
-        path = asset_path(f"robots/{name}.toml") if name in robot_names() else Path(name)
-        return load_robot(path).hardware
-    raise UserError(
-        f"there is no robot '{name}': choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml"
-    )
+    return load_robot(path).hardware

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from bp2_rl.base.plotting import FAINT, INK, LEG_COLORS, QUIET, WIDTH, styled
-from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.conventions import JOINTS, LEGS
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.model import load_model
 
 MARKS = {"abad": "s", "hip": "o", "knee": "D"}
 
@@ -18,7 +18,7 @@ MARKS = {"abad": "s", "hip": "o", "knee": "D"}
 def draw_robot(hardware: HardwareSpec) -> Figure:
     """Draw the robot as it stands; axes in metres."""
     anatomy = hardware.anatomy
-    model = build_spec(anatomy, spring_stiffness=hardware.spring_stiffness).compile()
+    model = load_model(hardware)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     mujoco.mj_forward(model, data)

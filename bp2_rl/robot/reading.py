@@ -640,13 +640,8 @@ def _spring(model: mujoco.MjModel, chains: list[_Chain], notes: list[str]) -> Sp
         for i in range(model.ntendon):
             if model.wrap_objid[model.tendon_adr[i]] == j:
                 travels += [float(model.tendon_lengthspring[i, 1] - model.tendon_lengthspring[i, 0])]
-        read.append(
-            (
-                float(model.jnt_stiffness[j]),
-                float(model.dof_damping[model.jnt_dofadr[j]]),
-                min(travels, default=LONGEST),
-            )
-        )
+        travel, damping = min(travels, default=LONGEST), float(model.dof_damping[model.jnt_dofadr[j]])
+        read.append((float(model.jnt_stiffness[j]), damping, travel))
     if not np.allclose(read, read[0]):
         notes.append("the legs' springs differ: their mean is taken")
     stiffness, damping, travel = (float(x) for x in np.mean(read, axis=0))

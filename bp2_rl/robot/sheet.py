@@ -94,8 +94,8 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         *(
             f"{name} legs: thigh {leg.thigh_length:.3g} m, lower leg {leg.lower_length:.3g} m with a foot of "
             f"{leg.foot_radius:.3g} m, {leg.lateral:.3g} m beside the abduction axis, knee bent "
-            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach {leg.reach()[0]:.3g} to {leg.reach()[1]:.3g} m from the "
-            "hip"
+            f"{'backwards' if leg.bend < 0 else 'forwards'}, reach "
+            f"{' to '.join(f'{end:.3g}' for end in leg.reach())} m from the hip"
             for name, leg in (("fore", fore), ("hind", hind))
         ),
         f"spring: {hardware.spring_stiffness:g} N/m" if anatomy.sprung else "rigid shanks",

@@ -103,6 +103,12 @@ sys.exit(app.run(command))
     assert (tmp_path / "done").exists()
 
 
+def refusal(config, arguments) -> str:
+    with pytest.raises(UserError) as told:
+        app.parse(config, arguments, "tool")
+    return str(told.value)
+
+
 @dataclasses.dataclass(frozen=True)
 class Flags:
     speed: float | None = None
@@ -128,9 +134,7 @@ class Flags:
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_a_mistaken_flag_is_told_in_a_users_words(arguments, line, encoding, monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", encoding)
-    with pytest.raises(UserError) as told:
-        app.parse(Flags, arguments, "tool")
-    assert str(told.value) == f"{line} (see tool --help)"
+    assert refusal(Flags, arguments) == f"{line} (see tool --help)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,9 +150,7 @@ class Needs:
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_what_is_missing_is_told_by_its_name(arguments, missing, encoding, monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", encoding)
-    with pytest.raises(UserError) as told:
-        app.parse(Needs, arguments, "tool")
-    assert str(told.value) == f"missing: {missing} (see tool --help)"
+    assert refusal(Needs, arguments) == f"missing: {missing} (see tool --help)"
 
 
 def test_no_message_installs_from_an_index_what_is_not_on_one():

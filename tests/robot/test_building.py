@@ -52,10 +52,8 @@ def accelerations(model: mujoco.MjModel, seed: int) -> np.ndarray:
 
 
 def test_the_model_built_of_bp2s_numbers_is_bp2s(bp2: Anatomy):
-    built, written = (
-        build_spec(dataclasses.replace(bp2, name="bp2 on flat ground")).compile(),
-        load_model(solid_free(IDEAL)),
-    )
+    named = dataclasses.replace(bp2, name="bp2 on flat ground")
+    built, written = build_spec(named).compile(), load_model(solid_free(IDEAL))
     assert (built.nq, built.nv, built.nu) == (written.nq, written.nv, written.nu)
     for kind, count in (("body", "nbody"), ("joint", "njnt"), ("actuator", "nu"), ("sensor", "nsensor"),
                         ("site", "nsite"), ("tendon", "ntendon"), ("camera", "ncam"), ("light", "nlight")):  # fmt: skip

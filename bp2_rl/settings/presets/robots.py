@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bp2_rl.base.bounds import Range
+from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses, Size
 from bp2_rl.robot.kinematics import reach
 from bp2_rl.settings.env import CommandConfig, EnvConfig
@@ -76,15 +77,15 @@ def speed_factor(robot: HardwareSpec) -> float:
     """Return the greatest speed to ask of a robot over BP2's: what its size, joint speeds and power allow at most."""
     if robot.size == Size(1.0, 1.0):
         return 1.0
-    of_bp2 = _limits(IDEAL)
-    return min(robot.size.speed, *(own / theirs for own, theirs in zip(_limits(robot), of_bp2, strict=True)))
+    shares = (own / of_bp2 for own, of_bp2 in zip(_limits(robot), _limits(IDEAL), strict=True))
+    return min(robot.size.speed, *shares)
 
 
 def _limits(robot: HardwareSpec) -> tuple[float, float]:
     """Return a hip's no-load speed times the length of the leg, m/s, and motors' torque times speed by weight, m/s."""
-    torque, speed = (np.broadcast_to(x, 12) for x in (robot.joint_peak_torque, robot.joint_no_load_speed))
+    torque, speed = (np.broadcast_to(x, NUM_MOTORS) for x in (robot.joint_peak_torque, robot.joint_no_load_speed))
     hips = slice(1, None, 3)
-    power = float(np.mean(torque * speed)) / (robot.mass * 9.81)
+    power = float(np.mean(torque * speed)) / (robot.mass * GRAVITY)
     return float(np.min(speed[hips])) * 2.0 * robot.anatomy.leg_length, power
 
 
