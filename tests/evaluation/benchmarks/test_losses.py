@@ -13,6 +13,7 @@ from bp2_rl.evaluation.benchmarks.losses import (
     ramp_to_losses,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, Losses
 from bp2_rl.robot.variants import PARTS, differing, with_parts
 
@@ -30,7 +31,8 @@ def test_every_loss_belongs_to_one_part():
     fields = [field for part in PARTS.values() for field in part]
     assert len(set(fields)) == len(fields)
     assert {f"losses.{field.name}" for field in dataclasses.fields(Losses)} <= set(fields)
-    assert {field for field in fields if "." not in field} <= {f.name for f in dataclasses.fields(HardwareSpec)}
+    parameters = {f.name for part in (HardwareSpec, BP2Body) for f in dataclasses.fields(part)}
+    assert {field for field in fields if "." not in field} <= parameters
 
 
 def test_a_loss_of_a_robot_that_falls_costs_all_its_speed():
