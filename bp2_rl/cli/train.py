@@ -255,28 +255,30 @@ def _parse(argv: list[str], prog: str = PROG) -> TrainArguments:
         if parent is None and named.stage == "relaxed":
             parent = _newest_imitation_run()
         if parent is not None:
-            defaults = _continue(defaults, preset, parent, named.robot)
+            defaults = _continue(defaults.stage, preset, parent, named)
     arguments = app.parse(TrainArguments, argv, prog, default=train_arguments(defaults, parent))
     _require_runs(argv, arguments)
     return dataclasses.replace(arguments, preset=preset)
 
 
-def _continue(defaults: TrainConfig, preset: Preset, parent: Path, robot: RobotChoice | None) -> TrainConfig:
+def _continue(stage: Stage, preset: Preset, parent: Path, named: NamedDefaults) -> TrainConfig:
     """The stage's settings on the parent's robot, or the one named, its networks, and what was set for it alone."""
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
     theirs = old.env.hardware if isinstance(old.env.hardware.body, Anatomy) else robot_name(old.env.hardware) or "built"
-    before, now = (make_config(stage, preset, robot=theirs).env for stage in (old.stage, defaults.stage))
-    env = merge(before, old.env, now)
-    if robot and env.hardware != (other := find_robot(robot)):
+    before, now = (make_config(each, preset, named.weights, theirs) for each in (old.stage, stage))
+    env = merge(before.env, old.env, now.env)
+    if named.robot and env.hardware != (other := find_robot(named.robot)):
         if other.anatomy.name != env.hardware.anatomy.name:
-            raise UserError(f"--robot {robot}: {parent} was trained on {env.hardware.anatomy.name}, another robot")
+            raise UserError(
+                f"--robot {named.robot}: {parent} was trained on {env.hardware.anatomy.name}, another robot"
+            )
         env = on_robot(env, other)
     return dataclasses.replace(
-        defaults,
-        env=dataclasses.replace(env, reward=defaults.env.reward),
-        ppo=dataclasses.replace(defaults.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}),
+        now,
+        env=dataclasses.replace(env, reward=now.env.reward),
+        ppo=dataclasses.replace(now.ppo, **{name: getattr(old.ppo, name) for name in run.NETWORK}),
     )
 
 

@@ -36,9 +36,20 @@ def test_another_robots_settings_are_those_of_its_size(name):
     assert froude[0] == pytest.approx(froude[1])
     assert env.commands.max_forward == pytest.approx(speed_factor(robot) * bp2.commands.max_forward)
     assert env.reference == "kinematic"
+    assert env.curriculum.start_speed == pytest.approx(env.commands.max_forward / 4.0)  # nobody knows how fast it is
     # The legs can stretch as far as the gait sweeps.
     stretched = size.length * (env.gait.height**2 + (env.gait.sweep / 2.0) ** 2) ** 0.5
     assert stretched <= reach(hardware=robot)[1]
+
+
+def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_noise():
+    ours, of_bp2 = (make_config("relaxed", "cpu", robot=name) for name in ("go1", "built"))
+    assert ours.env.reward.tracking_shape.floor < of_bp2.env.reward.tracking_shape.floor
+    train_steps = ours.run.steps / ours.ppo.steps_per_train_step
+    assert ours.ppo.entropy_decay == pytest.approx(0.02 * train_steps)
+    # Neither the paper's rewards nor a first stage are touched.
+    assert make_config("relaxed", "cpu", "paper", "go1").env.reward == make_config("relaxed", "cpu", "paper").env.reward
+    assert make_config("imitation", "cpu", robot="go1").ppo == make_config("imitation", "cpu").ppo
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -11,7 +11,7 @@ from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.presets import cpu, first, gpu, smoke
-from bp2_rl.settings.presets.robots import sized
+from bp2_rl.settings.presets.robots import settled, sized
 from bp2_rl.settings.training import Preset, Stage, TrainConfig, Weights
 
 PRESETS = {
@@ -35,4 +35,5 @@ def make_config(
     require_one_of("weights", weights or "ours", get_args(Weights))
     chosen = weights or ("paper" if preset == "smoke" else "ours")
     config = PRESETS[preset][stage](chosen, find_robot(robot) if isinstance(robot, str) else robot)
-    return dataclasses.replace(config, env=sized(config.env))
+    config = dataclasses.replace(config, env=sized(config.env))
+    return settled(config) if stage == "relaxed" and chosen == "ours" else config
