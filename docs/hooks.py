@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -31,6 +32,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, page, content=_linked(ROOT / source)))
     files.append(File.generated(config, "reference/commands.md", content=_commands()))
     return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Let links to files of the root, which work where the repository is browsed, lead to their pages."""
+    names = "|".join(map(re.escape, PAGES))
+    return re.sub(rf"\]\(\.\./((?:\.\./)*)({names})", lambda found: f"]({found[1]}{PAGES[found[2]]}", markdown)
 
 
 def _linked(source: Path) -> str:
