@@ -48,8 +48,7 @@ def _linked(source: Path) -> str:
         if target in PAGES:
             return f"[{text}]({PAGES[target]}{anchor})"
         if target.startswith("docs/"):
-            place = target.removeprefix("docs/")
-            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'}{anchor})"
+            return f"[{text}]({target.removeprefix('docs/')}{anchor})"
         return found[0] if "://" in target else f"`{text}`"
 
     return re.sub(
