@@ -67,7 +67,7 @@ class TrainArguments:
     weights: Weights | None = None
     """rewards: ours, or the paper's Table S4"""
     robot: RobotWish = None
-    """built, ideal, go1, mini_cheetah or a robot file; by default that of --from, else built"""
+    """built, ideal, go1 or another that ships, or a file; by default that of --from, else built"""
     out: Path | None = None
     """the run's folder [runs/STAGE-DATE-TIME]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None

@@ -34,7 +34,7 @@ class BenchArguments(Bounded, path="--"):
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu"""
     robot: RobotWish = None
-    """which is simulated: built, ideal, go1, mini_cheetah or a robot file [built]"""
+    """which is simulated: built, ideal, go1 or another that ships, or a file [built]"""
     impl: Impl = "jax"
     """the physics, as for train.py"""
     robots: tuple[Size, ...] = ()
