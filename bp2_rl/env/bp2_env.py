@@ -34,7 +34,7 @@ from bp2_rl.settings.env import EnvConfig, Impl
 
 
 class BP2Env(envs.Env):
-    """BP2 follows a velocity command (v_x, v_y, omega_z) on flat ground.
+    """A quadruped, by default BP2, follows a velocity command (v_x, v_y, omega_z) on flat ground.
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD, envelope, motor) recomputed at
     each. Actions are 12 joint position targets (see `ControlConfig`). Observations: `state`, what the policy sees
@@ -308,8 +308,14 @@ def make_env(
 ) -> BP2Env:
     """Return the environment of this name; `config` replaces that environment's settings. See `BP2Env` for the rest.
 
+    Args:
+        name: `bp2`; `bp2_ideal`, without losses; or `bp2_kinematic`, on the kinematic gait, at 3 m/s.
+
     Raises:
         UserError: there is no such environment, or it cannot be.
+
+    Examples:
+        make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

@@ -32,6 +32,10 @@ def train(
     Raises:
         UserError: `config` is no `TrainConfig`; or see `learning.run.start`.
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+
+    Examples:
+        first = train(preset("imitation", "cpu"), "runs/first")
+        train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
     if type(config) is not TrainConfig:
         raise UserError(f'train takes settings, such as preset("imitation", "cpu") gives, got {config!r}')

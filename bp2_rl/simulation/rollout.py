@@ -39,7 +39,11 @@ returns whether the run ends, and may change the robot's motors."""
 
 @dataclasses.dataclass(frozen=True)
 class RunRequest:
-    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so."""
+    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
+
+    Examples:
+        RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
+    """
 
     schedule: Schedule
     hardware: HardwareSpec | None = None
@@ -75,10 +79,18 @@ def rollout(
 ) -> Trajectory:
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
-    The robot is the one that the policy was trained for, unless `hardware` names another. `RunRequest` explains the
-    other options, and `simulate` the policy and its config.
+    Args:
+        policy, config, backend: as `simulate` takes them.
+        schedule: the command over time; a ramp rises no faster than the policy's controller lets it, so that its hold
+            begins at the full speed.
+        hardware, operator, world, noise_seed: as `RunRequest` has them.
 
-    A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
+    Raises:
+        UserError: as `simulate` does.
+
+    Examples:
+        run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule

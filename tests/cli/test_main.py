@@ -101,3 +101,12 @@ def test_the_package_runs_as_a_module():
 def test_the_version_is_the_packages(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"bp2_rl {bp2_rl.__version__}\n"
+
+
+@pytest.mark.parametrize("script", ["train.py", "eval.py"])
+def test_a_python_without_our_packages_is_told_to_activate_the_environment(script):
+    path = Path(bp2_rl.__file__).parents[1] / script
+    ended = subprocess.run([sys.executable, "-S", "-E", path, "--help"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: this Python lacks ")
+    assert ended.stderr.count("\n") == 1
