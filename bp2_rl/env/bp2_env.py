@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -291,6 +291,7 @@ class BP2Env(envs.Env):
 
 
 def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
+    require_one_of("physics", impl, get_args(Impl))
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
@@ -318,4 +319,6 @@ def make_env(
         make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
+    if not isinstance(config, EnvConfig | None):
+        raise UserError(f'make takes settings, such as preset("imitation", "cpu").env, got {config!r}')
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
@@ -93,6 +93,8 @@ def rollout(
         run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
+    if not isinstance(schedule, Schedule) or schedule.duration <= 0.0:
+        raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
     request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
     [run] = simulate(policy, [request], config, backend=backend)
@@ -122,6 +124,7 @@ def simulate(
             gives, or a request that MJX does not run.
     """
     config = _config_of(policy, config)
+    require_one_of("backend", backend, TITLES)
     if backend == "mujoco":
         return _in_parts(policy, requests, config)
     from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds

@@ -142,6 +142,8 @@ class Course:
 
     def to(self, command: Command, seconds: float) -> "Course":
         """Return this course with one more leg: to a command in so many seconds."""
+        if np.shape(command) != (3,):
+            raise UserError(f"a course leads to three numbers (forward, left, yaw rate); got {command}")
         return Course((*self.legs, CourseLeg(command, seconds)))
 
     def hold(self, seconds: float) -> "Course":
