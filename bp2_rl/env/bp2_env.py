@@ -319,6 +319,6 @@ def make_env(
         make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
-    if not isinstance(config, EnvConfig | None):
+    if config is not None and type(config) is not EnvConfig:
         raise UserError(f'make takes settings, such as preset("imitation", "cpu").env, got {config!r}')
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

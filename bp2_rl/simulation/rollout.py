@@ -93,7 +93,7 @@ def rollout(
         run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
-    if not isinstance(schedule, Schedule) or schedule.duration <= 0.0:
+    if getattr(schedule, "duration", 0.0) <= 0.0:
         raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
     request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
