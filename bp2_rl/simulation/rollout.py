@@ -79,14 +79,11 @@ def rollout(
 ) -> Trajectory:
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
-    Args:
-        policy, config, backend: as `simulate` takes them.
-        schedule: the command over time; a ramp rises no faster than the policy's controller lets it, so that its hold
-            begins at the full speed.
-        hardware, operator, world, noise_seed: as `RunRequest` has them.
+    A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
+    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them.
 
     Raises:
-        UserError: as `simulate` does.
+        UserError: as `simulate` does, and for a schedule that does not last.
 
     Examples:
         run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
