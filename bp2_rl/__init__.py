@@ -9,7 +9,12 @@
     env = bp2.make("bp2")  # a Brax environment
     bp2.train(bp2.preset("imitation", "cpu"), "runs/first")  # in a Python of its own it takes all processors
 
-`help(bp2_rl)` shows the public names.
+The public names, each with its own help, such as `help(bp2_rl.rollout)`:
+
+    load_policy, rollout, simulate, RunRequest    run policies in C MuJoCo
+    Ramp, Course, World, Push                     what the robot is asked to do, and what it meets
+    preset, train, resume                         train policies
+    make, BP2Env, EnvConfig, HardwareSpec         the environment, its settings and its robot
 """
 
 import pkgutil

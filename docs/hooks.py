@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -33,6 +34,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Let links to files of the root, which work where the repository is browsed, lead to their pages."""
+    names = "|".join(map(re.escape, PAGES))
+    return re.sub(rf"\]\(\.\./((?:\.\./)*)({names})", lambda found: f"]({found[1]}{PAGES[found[2]]}", markdown)
+
+
 def _linked(source: Path) -> str:
     """The text of a file of the root, with its links as they are within `docs/`; code is not on the site."""
 
@@ -41,8 +48,7 @@ def _linked(source: Path) -> str:
         if target in PAGES:
             return f"[{text}]({PAGES[target]}{anchor})"
         if target.startswith("docs/"):
-            place = target.removeprefix("docs/")
-            return f"[{text}]({place if Path(place).suffix else f'{place}/index.md'}{anchor})"
+            return f"[{text}]({target.removeprefix('docs/')}{anchor})"
         return found[0] if "://" in target else f"`{text}`"
 
     return re.sub(

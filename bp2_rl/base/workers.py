@@ -91,7 +91,7 @@ def use_one_xla_thread() -> None:
 
     On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
     the pool for help from inside the pool, which one thread cannot. XLA reads NPROC when JAX starts its backend.
-    Trainings in BP2's own kernel take all processors (`use_all_processors`).
+    Trainings in the fused kernel take all processors (`use_all_processors`).
     """
     on_cpu = os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None
     if NPROC_IS_OURS and on_cpu:

@@ -185,8 +185,7 @@ def parse(
     except SystemExit:
         said = _in_one_line(complaint.getvalue())
         if unknown := re.match("unknown option ([^=]+)", said):
-            near = usage.nearest_flags(unknown[1], config, prog, default)
-            said = unknown[0] + "".join(f": did you mean {flag}?" for flag in near)
+            said = unknown[0] + usage.nearest_flag(unknown[1], config, prog, default)
         line = f"{said} (see {prog} --help)"
         raise (UserError if re.search(r"Error parsing (?!--)", complaint.getvalue()) else FlagError)(line) from None
 
@@ -221,7 +220,7 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
-     lambda found: f"{found[2]} {found[1]}: there are {_choices(found[3])}"),
+     lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}"),
     (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
     (r"Unrecognized options: (-[^,]+)", lambda found: f"unknown option {found[1]}"),
@@ -231,8 +230,9 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
 
 
 def _choices(listed: str) -> str:
-    """Python's `'a', None, 'b'`, in an order of their own: a, b; None is what a flag that is not given stands for."""
-    return ", ".join(sorted(set(re.findall(r"'([^']+)'", listed)) - {"None"}))
+    """Python's `'a', None, 'b'`, in an order of their own: a or b; None is what a flag that is not given stands for."""
+    *others, last = sorted(set(re.findall(r"'([^']+)'", listed)) - {"None"})
+    return f"{', '.join(others)} or {last}" if others else f"only {last}"
 
 
 def _in_words(metavar: str) -> str:

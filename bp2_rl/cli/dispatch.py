@@ -83,6 +83,7 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
         print(f"{text}\n\n`{prog} COMMAND --help` lists a command's flags.")
         return OK
     if name not in commands:
-        print(f"error: no command {name!a}; {prog} has: {', '.join(commands)}", file=sys.stderr)
+        near = usage.did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
+        print(f"error: no command {name!a}{near}", file=sys.stderr)
         return WRONG_INPUT
     return commands[name][1](rest)

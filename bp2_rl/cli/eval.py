@@ -17,7 +17,8 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.files import require_name
 from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
-from bp2_rl.settings.training import RobotChoice
+from bp2_rl.learning.policy import find_policy
+from bp2_rl.settings.training import RobotWish
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HeadingHold
 
@@ -40,6 +41,10 @@ class EvalConfig:
     """Run a policy from a standing start, measure it, and leave a report with table, plots and film.
 
     Without a policy: the one that ships with bp2_rl.
+
+    Examples:
+        python eval.py --no-video                 # the policy that ships
+        python eval.py runs/RUN --benchmark sprint
     """
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
@@ -50,9 +55,9 @@ class EvalConfig:
     topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
     on robots other than the one assumed. all: one after the other. `bp2 paper eval` has the deep ones: endurance,
     mechanism, efficiency, stability."""
-    robot: RobotChoice | None = None
-    """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
-    is neither"""
+    robot: RobotWish = None
+    """built: BP2 with losses and solid legs; ideal: without; by default built, or the policy's own robot where that is
+    neither"""
     backend: Backend = "mujoco"
     """mujoco: C MuJoCo. mjx: MJX, the reference engine of training."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
@@ -94,8 +99,9 @@ def evaluate(
     """
     setup = setup_type(**{field.name: getattr(config, field.name) for field in dataclasses.fields(setup_type)})
     path = config.run or asset_path(DEFAULT_POLICY)
-    for name in filter(None, (path, config.out)):
-        require_name(name)
+    find_policy(path)
+    if config.out is not None:
+        require_name(config.out)
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

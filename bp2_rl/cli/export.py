@@ -9,6 +9,7 @@ import tyro
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.dispatch import Command
+from bp2_rl.learning.policy import find_policy
 from bp2_rl.robot.easing import COMMAND_LIMITS
 
 
@@ -17,6 +18,10 @@ class ExportConfig:
     """Copy a run's policy to a folder of its own, to keep it or to pass it on, or write what a robot's computer needs.
 
     With reports, the copy's card says what was measured: run eval.py on the policy first.
+
+    Examples:
+        bp2 export runs/RUN --to my_policy
+        bp2 export built --to my_robot --format onnx
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")]
@@ -42,6 +47,7 @@ def export(config: ExportConfig) -> None:
     """Export as configured; nothing is written before everything has been read and fits together."""
     if config.format == "onnx" and config.report:
         raise UserError("--report adds to a policy's card, and a bundle has none: leave out --report or --format onnx")
+    find_policy(config.run)
     # MuJoCo binds this library when imported and fails if it is not there; nothing is drawn here.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

@@ -13,10 +13,10 @@ import tyro
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, not_installed
-from bp2_rl.base.files import require_name
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.eval import DEFAULT_POLICY
-from bp2_rl.settings.training import RobotChoice
+from bp2_rl.learning.policy import find_policy
+from bp2_rl.settings.training import RobotWish
 
 WEB = ("viser", "trimesh")  # packages that a page needs
 
@@ -26,15 +26,19 @@ class PlayConfig(Bounded, path="--"):
     """Steer a policy's robot in C MuJoCo, in real time: speed, turn, pushes, friction.
 
     In a window where there is a display, else in a browser. Ctrl-C ends it.
+
+    Examples:
+        bp2 play                         # the policy that ships
+        bp2 play runs/RUN --robot ideal
     """
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_POLICY")] = None
     """A training run's folder or a policy folder; by default the policy that ships with bp2_rl."""
     web: bool = False
     """In a browser, though there is a display."""
-    robot: RobotChoice | None = None
-    """built: with losses, a bus and solid legs; ideal: without; by default built, or the card's own where its robot
-    is neither"""
+    robot: RobotWish = None
+    """built: BP2 with losses and solid legs; ideal: without; by default built, or the policy's own robot where that is
+    neither"""
     host: str = "127.0.0.1"
     """Address at which the page is served; 0.0.0.0: to all machines that can reach this one, under any name."""
     port: Annotated[int, Within(1, 65535)] = 8080
@@ -48,7 +52,7 @@ class PlayConfig(Bounded, path="--"):
 def play(config: PlayConfig) -> None:
     """Play as configured. What can be wrong is looked at before the robot is set on its feet."""
     path = config.run or asset_path(DEFAULT_POLICY)
-    require_name(path)
+    find_policy(path)
     web = config.web or not has_display()
     if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
         raise not_installed("bp2 play in a browser", missing, "play")

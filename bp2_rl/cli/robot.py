@@ -17,6 +17,9 @@ class NewConfig:
     """Write a robot file, filled in from an MJCF, with CONFIRM beside each number that you must confirm.
 
     Structure tells which joint is which: a free trunk with four legs of abduction, hip and knee. Meshes may be missing.
+
+    Examples:
+        bp2 robot new my_robot.xml     # writes my_robot.toml
     """
 
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
@@ -35,7 +38,12 @@ class NewConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CheckConfig:
-    """Print a robot on one sheet, with what to mend behind "!", and draw it; it stands 5 s in C MuJoCo for this."""
+    """Print a robot on one sheet, with what to mend behind "!", and draw it, after 5 s of standing in C MuJoCo.
+
+    Examples:
+        bp2 robot check go1
+        bp2 robot check my_robot.toml
+    """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     """A robot that ships as a file, by its name, or a robot file."""

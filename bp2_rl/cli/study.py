@@ -25,6 +25,9 @@ class StudyArguments(Bounded, path="--"):
 
     One training on each GPU at a time, or each a job of a cluster. Stopped, it goes on where it stands when called
     again. The table grows as trainings end.
+
+    Examples:
+        bp2 study --variants ours kinematic --seeds 0 1 2
     """
 
     variants: Annotated[tuple[str, ...], tyro.conf.arg(help=VARIANTS_HELP)] = tuple(VARIANTS)

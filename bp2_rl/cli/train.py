@@ -25,7 +25,7 @@ from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.settings.tracking import Tracker, choose_tracker
-from bp2_rl.settings.training import Preset, RobotChoice, RunConfig, Stage, TrainConfig, Weights, load_run_config
+from bp2_rl.settings.training import Preset, RobotWish, RunConfig, Stage, TrainConfig, Weights, load_run_config
 
 Config = TypeVar("Config")
 EVERYDAY = {
@@ -52,27 +52,32 @@ class ProcessOptions:
 
 @dataclasses.dataclass(frozen=True)
 class TrainArguments:
-    """Train BP2 to run. A preset chooses the settings; flags change them."""
+    """Train a robot to run. A preset chooses the settings; flags change them.
+
+    Examples:
+        python train.py --stage imitation
+        python train.py --stage relaxed        # on from the newest imitation run
+        python train.py --resume runs/RUN
+    """
 
     stage: Stage = "imitation"
-    """imitation: from random weights; relaxed: on from an imitation run"""
+    """imitation first, then relaxed"""
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu or cpu; first: learn to trot, in minutes; smoke: tests"""
     weights: Weights | None = None
-    """rewards of Table S4, the default of smoke; or ours, in which tracking is worth more"""
-    robot: RobotChoice | None = None
-    """built: with losses and solid legs; ideal: without; by default that of --from, else built"""
+    """rewards: ours, or the paper's Table S4"""
+    robot: RobotWish = None
+    """built, ideal, go1 or another that ships, or a file; by default that of --from, else built"""
     out: Path | None = None
     """the run's folder [runs/STAGE-DATE-TIME]"""
     parent: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """take networks, and settings other than its preset's, from this run; for relaxed by default the newest finished
-    imitation run"""
+    """take networks and settings from this run [relaxed: the newest imitation run]"""
     resume: Path | None = None
     """go on with this stopped run where it stands"""
     replay: Path | None = None
-    """repeat the train step that was not finite in this run, and say what was not finite first"""
+    """repeat this run's train step that was not finite, and say what was not finite first"""
     impl: Impl = "jax"
-    """physics: jax is stock MJX; kernel, BP2's own, the fastest; warp MJX-Warp"""
+    """physics: jax: stock MJX; kernel: fused, the fastest; warp: MJX-Warp"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
     run: RunConfig = RunConfig()
@@ -193,7 +198,7 @@ class NamedDefaults(NamedTuple):
     stage: Stage
     preset: Preset | None
     weights: Weights | None
-    robot: RobotChoice | None
+    robot: RobotWish
     parent: Path | None
     goes_on: Path | None  # with this run's own settings
     impl: str | None
@@ -283,7 +288,7 @@ def _continue(stage: Stage, preset: Preset, parent: Path, named: NamedDefaults) 
 
 
 def defaults_here(
-    stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotChoice | None = None
+    stage: Stage, named: str | None, weights: Weights | None = None, robot: RobotWish = None
 ) -> tuple[Preset, TrainConfig]:
     """Return the named preset, or else the one for this machine, and its settings."""
     from bp2_rl.cli.runtime import find_backend

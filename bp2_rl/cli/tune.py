@@ -27,6 +27,9 @@ class TuneArguments(Bounded, path="--"):
 
     Optuna proposes, and keeps what it knows in DIR/tune.db. Stopped, the search goes on where it stands when called
     again.
+
+    Examples:
+        bp2 tune --search ppo.learning-rate=1e-4:1e-3:log env.reward.tracking=0.5:3
     """
 
     search: tuple[str, ...] = SEARCH
@@ -56,7 +59,7 @@ def _tune(arguments: TuneArguments) -> None:
     for one in space:
         for value in one.extremes:  # what train.py would refuse is refused here
             words = ["--preset", arguments.preset, "--robot", arguments.robot, f"--{one.flag}", value]
-            answer_early(words, "bp2 tune", train_arguments)
+            answer_early(words, "bp2 train", train_arguments)
     if importlib.util.find_spec("optuna") is None:
         raise not_installed("bp2 tune", "optuna", "tune")
     arguments.jobs.require()

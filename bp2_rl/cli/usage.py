@@ -1,6 +1,7 @@
 """What `--help` prints: aligned columns on one screen; `--help-all` prints every setting, in sections."""
 
 import difflib
+import inspect
 import pkgutil
 import re
 import shutil
@@ -48,7 +49,7 @@ def describe(
     """Return the help of a command.
 
     Args:
-        config: the dataclass of its flags.
+        config: the dataclass of its flags; the section `Examples:` of its docstring ends the help.
         prog: the command as the user types it.
         default: the instance whose values are shown as defaults; None for the dataclass's own defaults.
         everyday: headings and flags of the screen that stands for a longer help; None for those that are not nested.
@@ -61,8 +62,9 @@ def describe(
     words = [_flag(action).written if action.required else f"[{_flag(action).written}]" for action in given]
     head = [" ".join(("usage:", prog, *words, "[FLAGS]")), *_wrap(f"{parser.description or ''} {note}")]
     whole = [line for section in sections for line in _show(section.what or "flags", section.flags)]
-    if everything or len(head) + len(whole) <= SCREEN:
-        return "\n".join([*head, *whole])
+    foot = _examples(config)
+    if everything or len(head) + len(whole) + len(foot) <= SCREEN:
+        return "\n".join([*head, *whole, *foot])
     known = {name: flag for section in sections for flag in section.flags for name in flag.names or (flag.written,)}
     own = {"flags": [flag.names[0] if flag.names else flag.written for flag in sections[0].flags]}
     chosen = {title: [known[name] for name in names] for title, names in (everyday or own).items()}
@@ -75,7 +77,12 @@ def describe(
             rest[name] = what, count + hidden
     more = [Flag((), f"--{name}.*", f"{what} ({count})") for name, (what, count) in rest.items()]
     short = [line for title, flags in chosen.items() for line in _show(title, flags)]
-    return "\n".join([*head, *short, *_show(f"all of them with {HELP_ALL}", more)])
+    return "\n".join([*head, *short, *_show(f"all of them with {HELP_ALL}", more), *foot])
+
+
+def _examples(config: type[Any]) -> list[str]:
+    _, _, lines = inspect.cleandoc(config.__doc__ or "").partition("\nExamples:\n")
+    return ["", "examples:", *textwrap.indent(textwrap.dedent(lines), "  ").splitlines()] if lines else []
 
 
 def one_of_several() -> tuple[Any, ...]:
@@ -85,9 +92,14 @@ def one_of_several() -> tuple[Any, ...]:
     return (tyro.conf.AvoidSubcommands,)
 
 
-def nearest_flags(word: str, config: type[Any], prog: str, default: Any) -> list[str]:
-    """Return the flag of a command that is spelled most like a word, if one is spelled somewhat like it."""
-    return difflib.get_close_matches(word, _parser(config, prog, default)._option_string_actions, 1)
+def nearest_flag(word: str, config: type[Any], prog: str, default: Any) -> str:
+    """Return the question whether a command's flag was meant that is spelled somewhat like a word."""
+    return did_you_mean(word, _parser(config, prog, default)._option_string_actions)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the question whether that of the `known` was meant that is spelled most like a word, if one is like it."""
+    return "".join(f": did you mean {near}?" for near in difflib.get_close_matches(word, list(known), 1))
 
 
 def _parser(config: type[Any], prog: str, default: Any) -> Any:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +34,7 @@ from bp2_rl.settings.env import EnvConfig, Impl
 
 
 class BP2Env(envs.Env):
-    """BP2 follows a velocity command (v_x, v_y, omega_z) on flat ground.
+    """A quadruped, by default BP2, follows a velocity command (v_x, v_y, omega_z) on flat ground.
 
     One control step is 5 ms: 5 physics steps of 1 ms, with the joint torque (PD, envelope, motor) recomputed at
     each. Actions are 12 joint position targets (see `ControlConfig`). Observations: `state`, what the policy sees
@@ -291,6 +291,7 @@ class BP2Env(envs.Env):
 
 
 def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robots: int) -> PhysicsEngine:
+    require_one_of("physics", impl, get_args(Impl))
     motors = motors_of(config)
     resistance = Resistance.from_hardware(config.hardware)
     if impl == "kernel":
@@ -308,8 +309,16 @@ def make_env(
 ) -> BP2Env:
     """Return the environment of this name; `config` replaces that environment's settings. See `BP2Env` for the rest.
 
+    Args:
+        name: `bp2`; `bp2_ideal`, without losses; or `bp2_kinematic`, on the kinematic gait, at 3 m/s.
+
     Raises:
         UserError: there is no such environment, or it cannot be.
+
+    Examples:
+        make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
+    if config is not None and type(config) is not EnvConfig:
+        raise UserError(f'make takes settings, such as preset("imitation", "cpu").env, got {config!r}')
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

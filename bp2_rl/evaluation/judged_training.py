@@ -21,7 +21,7 @@ def train(
 ) -> Path:
     """Train a new run in the folder `run_dir`; return the folder.
 
-    A training in BP2's own kernel takes all processors, where JAX has not computed anything yet.
+    A training in the fused kernel takes all processors, where JAX has not computed anything yet.
 
     Args:
         config: the settings, such as `preset` gives them.
@@ -32,6 +32,10 @@ def train(
     Raises:
         UserError: `config` is no `TrainConfig`; or see `learning.run.start`.
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
+
+    Examples:
+        first = train(preset("imitation", "cpu"), "runs/first")
+        train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
     if type(config) is not TrainConfig:
         raise UserError(f'train takes settings, such as preset("imitation", "cpu") gives, got {config!r}')
@@ -55,7 +59,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
 def _judge(config: TrainConfig) -> Generator[Judge | None]:
     """Start the judge, if this process is to have one; the judge warms up while the training compiles.
 
-    Before that a training in BP2's own kernel takes all processors.
+    Before that a training in the fused kernel takes all processors.
     """
     if config.impl == "kernel":
         use_all_processors()

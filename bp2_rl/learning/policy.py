@@ -165,8 +165,7 @@ def load_policy(
     Raises:
         PolicyError: one line that says what is wrong with the policy and, where we know, how to mend it.
     """
-    shipped = asset_path(f"policies/{path}")
-    directory = _find(shipped if str(path) in SHIPPED and not Path(path).exists() else Path(path))
+    directory = find_policy(path)
     card = _read_card(directory)
     if card.library_sha256 and card.library_sha256 != card.env.library.sha256:
         raise PolicyError(
@@ -184,7 +183,13 @@ def load_policy(
 
 
 # --- Reading --------------------------------------------------------------------------------------------------
-def _find(path: Path) -> Path:
+def find_policy(path: Path | str) -> Path:
+    """Return the directory of a policy, which `path` names as for `load_policy`.
+
+    Raises:
+        PolicyError: there is none.
+    """
+    path = asset_path(f"policies/{path}") if str(path) in SHIPPED and not Path(path).exists() else Path(path)
     require_name(path)
     for directory in map(find_folder, (path, path / "policy")):
         if (directory / CARD).is_file():

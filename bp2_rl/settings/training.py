@@ -19,6 +19,8 @@ Preset = Literal["smoke", "first", "cpu", "gpu"]
 Weights = Literal["ours", "paper"]
 RobotChoice = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
 """A robot by its name or by the path of its robot file: `robot.named`."""
+RobotWish = Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")]
+"""A `RobotChoice`, or None for what holds where no robot is named."""
 Steps = Annotated[int, Within(1, 10**15)]
 CONFIG = "config.json"
 """In a run's folder: its settings."""
@@ -40,7 +42,7 @@ class RunConfig:
     until: Annotated[float | None, Within(0.1, 100.0), tyro.conf.arg(prefix_name=False, metavar="M/S")] = None
     """end the run when a policy reaches this speed, m/s, from a stand in C MuJoCo and holds it"""
     films: bool = False
-    """film each judged policy's launch, into films.html in the run's folder"""
+    """film judged policies, in films.html"""
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""

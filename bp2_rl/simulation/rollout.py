@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
@@ -39,7 +39,11 @@ returns whether the run ends, and may change the robot's motors."""
 
 @dataclasses.dataclass(frozen=True)
 class RunRequest:
-    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so."""
+    """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
+
+    Examples:
+        RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
+    """
 
     schedule: Schedule
     hardware: HardwareSpec | None = None
@@ -75,12 +79,19 @@ def rollout(
 ) -> Trajectory:
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
-    The robot is the one that the policy was trained for, unless `hardware` names another. `RunRequest` explains the
-    other options, and `simulate` the policy and its config.
-
     A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
+    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them.
+
+    Raises:
+        UserError: as `simulate` does, and for a schedule that does not last.
+
+    Examples:
+        run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
+    if getattr(schedule, "duration", 0.0) <= 0.0:
+        raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
     request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
     [run] = simulate(policy, [request], config, backend=backend)
@@ -110,6 +121,7 @@ def simulate(
             gives, or a request that MJX does not run.
     """
     config = _config_of(policy, config)
+    require_one_of("backend", backend, TITLES)
     if backend == "mujoco":
         return _in_parts(policy, requests, config)
     from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds

@@ -132,12 +132,18 @@ class CourseLeg(Bounded, path="leg."):
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """From rest through one command after the other: launch, hold, brake, turn."""
+    """From rest through one command after the other: launch, hold, brake, turn.
+
+    Examples:
+        Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch in 3 s, run for 4 s, stop in 2 s
+    """
 
     legs: tuple[CourseLeg, ...] = ()
 
     def to(self, command: Command, seconds: float) -> "Course":
         """Return this course with one more leg: to a command in so many seconds."""
+        if np.shape(command) != (3,):
+            raise UserError(f"a course leads to three numbers (forward, left, yaw rate); got {command}")
         return Course((*self.legs, CourseLeg(command, seconds)))
 
     def hold(self, seconds: float) -> "Course":

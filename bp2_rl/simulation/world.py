@@ -20,7 +20,7 @@ EVEN = 1.0  # m, around the start: there it is even
 
 @dataclasses.dataclass(frozen=True)
 class Push(Bounded, path="push."):
-    """A jump of the whole robot's velocity, in the frame of its heading."""
+    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in the frame of its heading."""
 
     time: Annotated[float, Within(0.0, 600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
@@ -30,6 +30,8 @@ class Push(Bounded, path="push."):
 @dataclasses.dataclass(frozen=True)
 class World(Bounded, path="world."):
     """Ground and disturbances; the default is a level, even floor where nothing happens.
+
+    `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the lowest point to the highest.
 
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and speeds are those over the slope,
     and sensors are told where the true vertical is. Rough ground is a field of heights drawn evenly, at points `GRID`

@@ -124,7 +124,7 @@ class Flags:
         (["--robots", "1.5"], "--robots takes a whole number, got 1.5"),
         (["--limit", "x"], "--limit takes a number, got x"),
         (["--limit"], "--limit needs a value"),
-        (["--kind", "c"], "--kind c: there are a, b"),
+        (["--kind", "c"], "--kind takes a or b; got c"),
         (["--spede", "3"], "unknown option --spede: did you mean --speed?"),
         (["--spede=3", "--robots", "1.5"], "unknown option --spede: did you mean --speed?"),
         (["--zzz", "3"], "unknown option --zzz"),

@@ -44,6 +44,11 @@ def test_an_unknown_command_is_one_line_and_status_2(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err == f"error: no command 'fly'; bp2 has: {', '.join(COMMANDS)}\n"
 
 
+def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(capsys: pytest.CaptureFixture[str]):
+    assert main(["tarin"]) == 2
+    assert capsys.readouterr().err == "error: no command 'tarin': did you mean train?\n"
+
+
 def test_help_imports_nothing_slow():
     program = (
         "import sys; from bp2_rl.cli.__main__ import main; status = main(['--help']); "
@@ -59,7 +64,8 @@ def test_help_imports_nothing_slow():
         "train --track neptune",
         "train --nope", "train --ppo.clipping nan", "train --stage relaxed --run.seed x", "bench --seconds 0",
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
-        "eval --hold 1e6", "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
+        "eval --hold 1e6", "eval nowhere", "play nowhere --web", "export nowhere --to here",
+        "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
         "trajopt solve --speed 0", "paper pendulum torque --length 0", "paper figures scaling --nope",
         "paper figures speed",
         "play --port 0", "play --speed fast", "robot check nobody", "robot new robot.xml --foot-radius 0",
@@ -95,3 +101,12 @@ def test_the_package_runs_as_a_module():
 def test_the_version_is_the_packages(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"bp2_rl {bp2_rl.__version__}\n"
+
+
+@pytest.mark.parametrize("script", ["train.py", "eval.py"])
+def test_a_python_without_our_packages_is_told_to_activate_the_environment(script):
+    path = Path(bp2_rl.__file__).parents[1] / script
+    ended = subprocess.run([sys.executable, "-S", "-E", path, "--help"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: this Python lacks ")
+    assert ended.stderr.count("\n") == 1

@@ -101,15 +101,25 @@ def test_the_usage_is_what_one_types_with_what_may_be_left_out_in_brackets(words
     assert shown(capsys, *words.split(), "--help").splitlines()[0] == line
 
 
+@pytest.mark.parametrize(
+    "command", ["train", "eval", "play", "robot new", "robot check", "study", "tune", "bench", "export"]
+)
+def test_help_ends_with_examples_that_name_the_command(command, capsys):
+    *_, last = shown(capsys, *command.split(), "--help").split("\n\n")
+    title, *lines = last.splitlines()
+    assert title == "examples:"
+    assert all(line.startswith((f"  bp2 {command}", f"  python {command}.py")) for line in lines)
+
+
 @pytest.mark.parametrize("script", ["train.py", "eval.py"])
 def test_a_script_is_called_as_it_was_typed(script):
     said = subprocess.run([sys.executable, ROOT / script, "--help"], capture_output=True, text=True, check=True).stdout
     assert said.startswith(f"usage: python {script} [")
 
 
-def test_a_flag_that_tune_does_not_find_is_answered_with_tunes_help(capsys):
+def test_a_flag_that_tune_does_not_find_is_answered_with_the_help_of_train(capsys):
     assert main(["tune", "--search", "ppo.lerning-rate=1:2"]) == 2
-    line = "error: unknown option --ppo.lerning-rate: did you mean --ppo.learning-rate? (see bp2 tune --help)\n"
+    line = "error: unknown option --ppo.lerning-rate: did you mean --ppo.learning-rate? (see bp2 train --help)\n"
     assert capsys.readouterr().err == line
 
 

@@ -5,7 +5,7 @@ envelope, with an offset to their targets that is learnt from stride to stride, 
 remains is the reference's own merit: how closely it can be followed, with what torque, and the force that the
 ground gives back, whose mean should be the robot's weight upwards and nothing forwards.
 
-    python tests/gait/test_on_rails.py      prints the tables of docs/notes/kinematic_gait.md
+    python tests/reference/test_on_rails.py      prints the table of docs/notes/kinematic_gait.md
 """
 
 import dataclasses

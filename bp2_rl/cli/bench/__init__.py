@@ -1,4 +1,4 @@
-"""`bp2 bench`: how fast BP2 trains on the present devices."""
+"""`bp2 bench`: how fast training is on this machine."""
 
 import dataclasses
 import sys
@@ -13,7 +13,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.training import Preset, RobotChoice, TrainConfig
+from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
 
 Size = Annotated[int, Within(1, 2**24)]
 OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
@@ -22,27 +22,31 @@ STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd"
 
 @dataclasses.dataclass(frozen=True)
 class BenchArguments(Bounded, path="--"):
-    """Measure how fast BP2 trains on the present devices: steps a second, memory and compilation, part by part.
+    """Measure how fast training is on this machine, part by part: steps a second, memory, compilation.
 
     The presets set the sizes, as for train.py.
+
+    Examples:
+        bp2 bench                               # this machine, its preset
+        bp2 bench --preset cpu --robots 1024
     """
 
     preset: Preset | Literal["auto"] = "auto"
     """auto: gpu where JAX sees an accelerator, else cpu"""
-    robot: RobotChoice | None = None
-    """which is simulated, as for train.py; by default built"""
+    robot: RobotWish = None
+    """which is simulated: built, ideal, go1 or another that ships, or a file [built]"""
     impl: Impl = "jax"
-    """the physics' implementation, as for train.py"""
+    """the physics, as for train.py"""
     robots: tuple[Size, ...] = ()
-    """numbers of robots, all devices together; default the preset's"""
+    """numbers of robots, all devices together; by default the preset's"""
     devices: tuple[Size, ...] = ()
-    """numbers of devices; default all there are"""
+    """numbers of devices; by default all there are"""
     parts: tuple[OwnPart, ...] = ()
-    """what to measure; default what a train step consists of, with --scaling the train step alone"""
+    """what to measure; by default the parts of a train step, with --scaling the train step alone"""
     scaling: bool = False
     """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
     max_robots: Size | None = None
-    """with --scaling: the most robots to try; default 8 times the preset's"""
+    """with --scaling: the most robots to try; by default 8 times the preset's"""
     peer: Literal["brax", "gymnasium"] | None = None
     """brax: also run stock Brax's acting loop on the same environment and networks, one device; gymnasium: beside the
     environment alone, run Gymnasium's, with one robot and with all"""
@@ -53,7 +57,7 @@ class BenchArguments(Bounded, path="--"):
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
     """of timed calls, for each part"""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """the report's folder; default reports/bench-DATE-TIME"""
+    """the report's folder [reports/bench-DATE-TIME]"""
     env: EnvConfig = EnvConfig()
     ppo: PPOConfig = PPOConfig()
 

@@ -1,4 +1,4 @@
-"""The five physics steps of a control step in BP2's own kernel, all robots of a batch side by side."""
+"""The five physics steps of a control step in the fused kernel, all robots of a batch side by side."""
 
 from typing import Any, NamedTuple
 

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.settings.training import LARGEST_SEED, RobotChoice
+from bp2_rl.settings.training import LARGEST_SEED, RobotWish
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
@@ -16,7 +16,7 @@ class Setup(Bounded, path="--"):
     """The flags of a benchmark; None leaves the choice to it."""
 
     backend: Backend = "mujoco"
-    robot: RobotChoice | None = None
+    robot: RobotWish = None
     speed: Annotated[float, Within(0.01, 100.0)] | None = None  # m/s
     acceleration: Annotated[float, Within(0.05, 1000.0)] | None = None  # m/s2
     hold: Annotated[float, Within(LEAST_HOLD, 600.0)] | None = None  # s

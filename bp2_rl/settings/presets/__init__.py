@@ -25,7 +25,13 @@ PRESETS = {
 def make_config(
     stage: Stage, preset: Preset, weights: Weights | None = None, robot: str | HardwareSpec = "built"
 ) -> TrainConfig:
-    """Return a stage's settings for a size of machine; the default rewards are `paper` with `smoke`, else `ours`.
+    """Return a stage's settings for a size of machine.
+
+    Args:
+        stage: `imitation`, from random weights, or `relaxed`, on from a run of imitation.
+        preset: `gpu`, `cpu`, `first` (to trot, in minutes) or `smoke` (for tests).
+        weights: the rewards; by default `paper` with `smoke`, else `ours`.
+        robot: a robot's name, its robot file's path, or its hardware.
 
     Raises:
         UserError: there is no such stage, preset, set of weights or robot.

@@ -1,4 +1,4 @@
-"""The preset `gpu`: the recipe of the shipped policies, in BP2's own physics kernel."""
+"""The preset `gpu`: the recipe of the shipped policies, in the fused physics kernel."""
 
 import dataclasses
 

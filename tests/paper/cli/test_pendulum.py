@@ -39,7 +39,7 @@ def test_the_commands_are_listed(capsys):
         (["simulate", "--mass-ratio", *"1234567"], "--mass-ratio takes 1 to 6 values, got 7"),
         (["simulate", "--amplitude", "4"], "--amplitude must be from 0.001 to 3.1, got 4"),
         (["simulate", "--periods", "1e9"], "--periods must be from 2 to 1000, got 1e+09"),
-        (["sections", "--instant", "never"], "--instant never: there are beam, pendulum"),
+        (["sections", "--instant", "never"], "--instant takes beam or pendulum; got never"),
         (["torque", "--phase", "7"], "--phase must be from -6.28319 to 6.28319, got 7"),
         (["torque", "--length", "-1"], "--length must be from 0.001 to 1000, got -1"),
         (["torque", "--frequency", "0.49848657"], "is a pendulum's own frequency at a length of 1 m"),
