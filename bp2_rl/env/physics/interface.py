@@ -3,7 +3,7 @@
 Every engine recomputes the joint torque (PD law, current loop, envelope, bus) at each physics step:
 
     jax     MJX as it is (`physics.mjx`): the reference, runs anywhere
-    kernel  BP2's own fused form of the same equations (`physics.kernel`): the fastest, runs anywhere
+    kernel  the project's fused form of the same equations (`physics.kernel`): the fastest, runs anywhere
     warp    MJX on NVIDIA's Warp (`physics.mjx`): for NVIDIA GPUs, not exactly repeatable
 """
 

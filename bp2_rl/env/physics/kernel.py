@@ -1,4 +1,4 @@
-"""The five physics steps of a control step in BP2's own kernel, all robots of a batch side by side."""
+"""The five physics steps of a control step in the fused kernel, all robots of a batch side by side."""
 
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ class KernelPhysics:
     """`robot.kernel`, on any device.
 
     Args:
-        model: BP2 on flat ground, with feet as its only contacts.
+        model: the robot on flat ground, with feet as its only contacts.
         motors: its motors at full strength.
         resistance: of the robot as designed, if anything resists.
 
