@@ -1,8 +1,6 @@
-"""From numbers to a MuJoCo model: the hand-written MJCF with a `HardwareSpec` applied to it.
+"""From numbers to a MuJoCo model: a robot's MJCF, BP2's written by hand, with a `HardwareSpec` applied to it.
 
-State layout: `qpos` is the trunk's position (3) and quaternion (4), then per leg FR, FL, RR, RL the angles of abad,
-hip and knee and the compression of the spring; `qvel` is the trunk's linear velocity (world frame), its angular
-velocity (body frame), then the same 16 coordinates. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
+`robot.coordinates` says what is in `qpos` and `qvel`. `ctrl` is the 12 joint torques in the order of `MOTOR_NAMES`.
 """
 
 import functools
@@ -39,7 +37,7 @@ FAR = 1e3
 
 
 class ModelError(UserError):
-    """The robot's XML is missing, broken, or not BP2's."""
+    """An XML is missing, broken, or not the robot's."""
 
 
 def load_model(
@@ -52,7 +50,7 @@ def load_model(
     scene: Callable[[mujoco.MjSpec], None] | None = None,
     xml: Path | None = None,
 ) -> mujoco.MjModel:
-    """BP2 on flat ground as a compiled model.
+    """A robot on flat ground as a compiled model.
 
     Args:
         hardware: the robot's parameters.
@@ -65,7 +63,7 @@ def load_model(
         xml: another MJCF file in place of the packaged scene.
 
     Raises:
-        ModelError: the XML cannot be read, does not compile, or lacks a part of BP2.
+        ModelError: the XML cannot be read, does not compile, or lacks a part of the robot.
     """
     spec = load_spec(hardware, xml=xml)
     spec.option.timestep = timestep

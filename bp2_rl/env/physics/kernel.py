@@ -25,7 +25,7 @@ class KernelPhysics:
     """`robot.kernel`, on any device.
 
     Args:
-        model: BP2 on flat ground, with feet as its only contacts.
+        model: the robot on flat ground, with feet as its only contacts.
         motors: its motors at full strength.
         resistance: of the robot as designed, if anything resists.
 

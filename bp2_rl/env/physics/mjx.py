@@ -34,7 +34,7 @@ class Remembered(NamedTuple):
 
 
 class MjxPhysics:
-    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of BP2's motors.
+    """Stock `mjx.step`, on JAX or on NVIDIA's Warp, under the torques of the robot's motors.
 
     Before each step of 1 ms the motors' torque is computed (PD law, current loop, envelope, bus) and applied as `ctrl`;
     what resists motion (`robot.losses`) is applied as `qfrc_applied`. Torque is held for the step and keeps to the
@@ -42,7 +42,7 @@ class MjxPhysics:
     is honoured in C MuJoCo alone (`simulation.simulator`); training treats it as `start`, in every engine.
 
     Args:
-        model: BP2 on flat ground, without what is only seen.
+        model: the robot on flat ground, without what is only seen.
         motors: its motors at full strength.
         resistance: of the robot as designed, if anything resists.
         impl: `jax` runs anywhere and is deterministic; `warp` is for NVIDIA GPUs and not exactly repeatable.

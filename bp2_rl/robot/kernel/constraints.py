@@ -5,12 +5,14 @@ MuJoCo's convex cost over accelerations x,
     1/2 x' M x - x' f + sum over rows D/2 min(J x - aref, 0)^2,
 
 is minimised by Newton's method. The cost is quadratic wherever the same rows push, so a full step ends at the minimum
-as soon as those of the minimum are known, after one to four of them. No step is searched along its line: what that
-would guard against has not been met (`tests/robot/kernel`).
+as soon as the rows that push there are known. A robot has settled when a step leaves them as they were. Most robots
+settle in one or two steps, one in a thousand needs more than four, and robots deep in their joint stops need up to six.
+No step is searched along its line: what that would guard against has not been met (`tests/robot/kernel`).
 
 A foot has four rows, the edges of its friction pyramid: normal +- mu x tangent, along the world's axes.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -23,8 +25,12 @@ from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers
 from bp2_rl.robot.kernel.legs import RobotPose
 from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, cross, dot, over_legs, scaled
 
-ITERATIONS = 4
-"""How many steps Newton's method takes."""
+STEPS_ON_GPU = 4
+"""Newton's steps of every robot in a fused GPU kernel, which has no loop of its own for a robot that needs more."""
+MOST_STEPS = 10
+"""After so many of Newton's steps a robot counts as settled; on a CPU `COMMON_STEPS` come before."""
+COMMON_STEPS, SHARE = 2, 8
+"""On a CPU all robots take so many steps together; those that have not settled go on, an eighth of all at a time."""
 
 
 class Floor(NamedTuple):
@@ -119,11 +125,22 @@ class Constraints(NamedTuple):
         return ArrowheadMatrix(trunk, coupling, legs)
 
 
-class ConstrainedMotion(NamedTuple):
-    """What the constraints make of a state."""
+class _Problem(NamedTuple):
+    """The cost that is minimised."""
 
-    acceleration: GeneralizedVector
-    force: GeneralizedVector  # all that acts, the constraints' forces included
+    inertia: ArrowheadMatrix
+    force: GeneralizedVector
+    constraints: Constraints
+
+
+class _Iterate(NamedTuple):
+    """Where Newton's method is."""
+
+    steps: Array
+    x: GeneralizedVector
+    right: GeneralizedVector  # of the next step
+    pushing: RowValues  # D of the rows that push at x
+    changed: Array  # (4, N), 1 for legs of which other rows push than before the last step, else 0
 
 
 def solve_constraints(
@@ -132,15 +149,62 @@ def solve_constraints(
     force: GeneralizedVector,
     constraints: Constraints,
     guess: GeneralizedVector,
-) -> ConstrainedMotion:
+) -> GeneralizedVector:
     """Find the acceleration that obeys the constraints, from a guess, say the acceleration of the step before."""
+    problem = _Problem(inertia, force, constraints)
+    if barriers.always is None:
 
-    def iterate(_: Array | int, x: GeneralizedVector) -> GeneralizedVector:
-        right, stiff = barriers(_newton_right_side, constraints, force, x)
-        return solve(barriers, inertia, right, barriers(Constraints.curvature, constraints, stiff))
+        def iterate(_: Array | int, x: GeneralizedVector) -> GeneralizedVector:
+            right, pushing = barriers(_newton_right_side, constraints, force, x)
+            return solve(barriers, inertia, right, barriers(Constraints.curvature, constraints, pushing))
 
-    x: GeneralizedVector = jax.lax.fori_loop(0, ITERATIONS, iterate, guess)
-    return ConstrainedMotion(x, barriers(_force_in_all, constraints, force, x))
+        return jax.lax.fori_loop(0, STEPS_ON_GPU, iterate, guess)
+    return _settle_the_rest(barriers, problem, *_newton(barriers, COMMON_STEPS, problem, guess))
+
+
+def _newton(
+    barriers: FusionBarriers, most: int, problem: _Problem, guess: GeneralizedVector
+) -> tuple[GeneralizedVector, Array]:
+    """Take Newton's steps until all robots have settled, at most so many; return the last `x` and `changed`."""
+    inertia, force, constraints = problem
+
+    def unsettled(at: _Iterate) -> Array:
+        return (at.steps < most) & (jnp.max(at.changed) > 0.0)
+
+    def step(at: _Iterate) -> _Iterate:
+        x = solve(barriers, inertia, at.right, barriers(Constraints.curvature, constraints, at.pushing))
+        right, pushing = barriers(_newton_right_side, constraints, force, x)
+        return _Iterate(at.steps + 1, x, right, pushing, barriers(_changed, at.pushing, pushing))
+
+    right, pushing = barriers(_newton_right_side, constraints, force, guess)
+    first = _Iterate(jnp.int32(0), guess, right, pushing, jnp.ones_like(constraints.floor.stiffness))
+    last = jax.lax.while_loop(unsettled, step, first)
+    return last.x, last.changed
+
+
+def _changed(before: RowValues, after: RowValues) -> Array:
+    """Return 1 for legs of which other rows push than before, else 0, (4, N)."""
+    rows = zip((*before.edges, *before.stops), (*after.edges, *after.stops), strict=True)
+    return jnp.where(functools.reduce(jnp.logical_or, (a != b for a, b in rows)), 1.0, 0.0)
+
+
+def _settle_the_rest(
+    barriers: FusionBarriers, problem: _Problem, x: GeneralizedVector, changed: Array
+) -> GeneralizedVector:
+    """Go on with the robots that have not settled, picked from all into smaller batches."""
+    robots = changed.shape[-1]
+
+    def pick(which: Array, batch: tuple[_Problem, GeneralizedVector]) -> tuple[_Problem, GeneralizedVector]:
+        return jax.tree.map(lambda a: a.at[..., which].get(mode="clip") if a.shape[-1] == robots else a, batch)
+
+    def settle_some(state: tuple[GeneralizedVector, Array]) -> tuple[GeneralizedVector, Array]:
+        x, left = state
+        (which,) = jnp.nonzero(left, size=-(-robots // SHARE), fill_value=robots)  # no robot has the last number
+        settled, _ = _newton(barriers, MOST_STEPS, *barriers(pick, which, (problem, x)))
+        x = jax.tree.map(lambda all_, some: all_.at[..., which].set(some, mode="drop"), x, settled)
+        return x, left.at[which].set(False, mode="drop")
+
+    return jax.lax.while_loop(lambda state: jnp.any(state[1]), settle_some, (x, jnp.any(changed > 0.0, axis=0)))[0]
 
 
 def _newton_right_side(
@@ -158,17 +222,6 @@ def _newton_right_side(
         tuple(d * ref for d, ref in zip(pushing.stops, stops.references, strict=True)),
     )
     return constraints.add_forces(force, pull), pushing
-
-
-def _force_in_all(constraints: Constraints, force: GeneralizedVector, x: GeneralizedVector) -> GeneralizedVector:
-    """f + J' times the rows' forces at x."""
-    floor, stops = constraints
-    on_floor, on_stops = constraints.residuals(x)
-    push = RowValues(
-        tuple(-floor.stiffness * jnp.minimum(residual, 0.0) for residual in on_floor),
-        tuple(-d * jnp.minimum(residual, 0.0) for residual, d in zip(on_stops, stops.stiffness, strict=True)),
-    )
-    return constraints.add_forces(force, push)
 
 
 def find_constraints(

@@ -3,16 +3,17 @@
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from bp2_rl.robot.kernel.arrowhead import ArrowheadMatrix, GeneralizedVector, solve
-from bp2_rl.robot.kernel.constraints import ConstrainedMotion, Constraints, find_constraints, solve_constraints
+from bp2_rl.robot.kernel.constraints import Constraints, find_constraints, solve_constraints
 from bp2_rl.robot.kernel.design import TRUNK, Design, Masses, Robots
 from bp2_rl.robot.kernel.equations import inertia_matrix, smooth_force
 from bp2_rl.robot.kernel.fusion_barriers import FusionBarriers, in_one_kernel
 from bp2_rl.robot.kernel.legs import Legs, RobotPose, Rotation
-from bp2_rl.robot.kernel.vectors import Number, Vector
+from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector
 
 Quaternion = tuple[Number, Number, Number, Number]
 
@@ -63,8 +64,8 @@ def _step(robots: Robots, state: _RobotState, applied: GeneralizedVector) -> tup
     force, constraints, guess, heights = in_one_kernel(
         partial(_forces_and_constraints, barriers), robots, pose, state, applied
     )
-    constrained = in_one_kernel(partial(solve_constraints, barriers), inertia, force, constraints, guess)
-    after = in_one_kernel(partial(_advance, barriers), robots.design, inertia, pose.rotation, state, constrained)
+    acceleration = in_one_kernel(partial(solve_constraints, barriers), inertia, force, constraints, guess)
+    after = in_one_kernel(partial(_advance, barriers), robots.design, inertia, pose.rotation, state, acceleration)
     return after, heights
 
 
@@ -92,22 +93,26 @@ def _advance(
     inertia: ArrowheadMatrix,
     rotation: Rotation,
     state: _RobotState,
-    constrained: ConstrainedMotion,
+    acceleration: GeneralizedVector,
 ) -> _RobotState:
-    """The state after the step under the force in all; the next step's guess is the constrained acceleration."""
-    damped = solve(barriers, _implicit_inertia(inertia, design), constrained.force)
-    after = barriers(partial(_integrated, design.timestep), state, damped.in_mujoco(rotation))
-    return after._replace(warmstart=constrained.acceleration.in_mujoco(rotation))
+    """The state after the step, whose acceleration is also the first guess of the next step's.
+
+    The force in all, M x, moves M + dt C, for the damping C is implicit: by x - (M + dt C)^-1 dt C x.
+    """
+    steps = [design.timestep * damping for damping in design.damping]
+    moved = acceleration
+    if any(step is not ZERO for step in steps):
+        rows = zip(inertia.legs, steps, strict=True)
+        implicit = inertia._replace(legs=[[*row[:-1], row[-1] + step] for row, step in rows])
+        resisted = [step * x for step, x in zip(steps, acceleration.legs, strict=True)]
+        less = solve(barriers, implicit, GeneralizedVector([ZERO] * TRUNK, resisted))
+        moved = jax.tree.map(jnp.subtract, acceleration, less)
+    after = barriers(partial(_integrated, design.timestep), state, moved.in_mujoco(rotation))
+    return after._replace(warmstart=acceleration.in_mujoco(rotation))
 
 
 def _pose(design: Design, masses: Masses, quaternion: Quaternion, coordinates: list[Number]) -> RobotPose:
     return RobotPose(Rotation.of(_unit(quaternion)), Legs.of(design, masses, coordinates))
-
-
-def _implicit_inertia(inertia: ArrowheadMatrix, design: Design) -> ArrowheadMatrix:
-    """The matrix of the implicit step."""
-    rows = zip(inertia.legs, design.damping, strict=True)
-    return inertia._replace(legs=[[*row[:-1], row[-1] + design.timestep * damping] for row, damping in rows])
 
 
 def _integrated(dt: Number, state: _RobotState, acceleration: GeneralizedVector) -> _RobotState:
