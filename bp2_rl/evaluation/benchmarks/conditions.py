@@ -9,6 +9,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import bp2
 from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
@@ -18,6 +19,8 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot
+CRUISE = 0.6
+"""Share of a robot's top speed."""
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
@@ -31,6 +34,25 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
         if speed is not None:
             return speed
     return policy.card.env.commands.max_forward
+
+
+def top_speed(policy: Policy) -> float:
+    """A policy's own top speed, m/s: what `topspeed` left on its card, else what the judge of its training measured.
+
+    A policy that nobody measured gives the fastest command of its training.
+    """
+    judged = policy.card.results.get("judged", {}).get("speed", 0.0)
+    return on_card(policy, "topspeed", "best_speed") or judged or policy.card.env.commands.max_forward
+
+
+def cruising_speed(policy: Policy) -> float:
+    """A speed, m/s, at which a robot should be safe: fleets, stops, pushes and rehearsals run at it.
+
+    BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own top speed.
+    """
+    if isinstance(policy.card.env.hardware.body, BP2Body):
+        return bp2.OUTDOOR_TOP_SPEED
+    return round(CRUISE * top_speed(policy), 2)
 
 
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
