@@ -58,6 +58,11 @@ def test_another_robot_of_a_bundle_moves_as_the_benchmarks_does(onboard, another
     start_only = dataclasses.replace(env, hardware=dataclasses.replace(env.hardware, envelope="start"))
     simulator = settled([RobotSetup(start_only)])
     assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-12)
+    ours, judges = robot.model, simulator.models[0]
+    for what in ("body_mass", "body_pos", "body_inertia", "body_iquat", "dof_armature", "jnt_range", "dof_damping"):
+        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=2e-5, abs=1e-6), what  # XML: six digits
+    robot.model, robot.data = judges, mujoco.MjData(judges)  # so that the laws alone are compared
+    robot.data.qpos[:], robot.data.ctrl[:] = simulator.data[0].qpos, simulator.data[0].ctrl
     stand, hardest = np.array(env.hardware.anatomy.stand), np.zeros(12)
     for _ in range(40):
         position, velocity = stand + rng.uniform(-1.0, 1.0, 12), rng.uniform(-3.0, 3.0, 12)
