@@ -110,16 +110,25 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 
 def describe_robot(hardware: HardwareSpec) -> str:
     """The robot in one line."""
-    losses = hardware.losses
-    return {
-        "ideal": "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
-        "through each other",
-        "built": f"built: CdA {losses.drag_area:g} m², gears {losses.gear_efficiency:.0%}, joint friction "
-        f"{losses.joint_friction:g} Nm + {losses.joint_viscosity:g} Nm s/rad, slides {losses.spring_friction:g} N, bus "
-        f"{1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in with {losses.bus_sag:.2%} "
-        f"sag a kW, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, friction "
-        f"{hardware.friction:g}, solid legs",
-    }.get(robot_name(hardware) or "", f"{title_of(hardware)}: config {config_hash(hardware)}")
+    losses, name = hardware.losses, robot_name(hardware)
+    if name == "ideal":
+        return (
+            "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
+            "through each other"
+        )
+    is_bp2 = isinstance(hardware.body, BP2Body)
+    if is_bp2 and name is None:
+        return f"{title_of(hardware)}: config {config_hash(hardware)}"
+    slides = f", slides {losses.spring_friction:g} N" if hardware.anatomy.sprung else ""
+    out, into = 1e-3 * losses.bus_power_out, 1e-3 * losses.bus_power_in
+    bus = f", bus {out:g} kW out and {into:g} kW in with {losses.bus_sag:.2%} sag a kW" if math.isfinite(out) else ""
+    legs = "solid legs" if hardware.solid_legs else "legs that pass through each other"
+    return (
+        f"{name if is_bp2 else f'{title_of(hardware)}, {hardware.mass:.3g} kg'}: CdA {losses.drag_area:g} m², gears "
+        f"{losses.gear_efficiency:.0%}, joint friction {losses.joint_friction:g} Nm + {losses.joint_viscosity:g} "
+        f"Nm s/rad{slides}{bus}, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, "
+        f"friction {hardware.friction:g}, {legs}{'' if is_bp2 else f'; config {config_hash(hardware)}'}"
+    )
 
 
 def title_of(hardware: HardwareSpec) -> str:
