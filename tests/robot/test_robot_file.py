@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from odd_robots import anymal_like, sprung
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
+from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
@@ -181,15 +183,36 @@ def damaged() -> Iterator[bytes]:
 
 
 @pytest.mark.attack
-def test_damaged_files_end_in_one_line(tmp_path: Path):
+def test_damaged_files_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path, files = tmp_path / "robot.toml", list(damaged())
     assert len(files) >= 200
     for content in files:
         path.write_bytes(content)
-        with pytest.raises(UserError) as refusal:
-            load_robot(path)
-        assert "\n" not in str(refusal.value)
-        assert str(path) in str(refusal.value)
+        assert command.main(["check", str(path), "--out", str(tmp_path / "robot.png")]) == 2
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.startswith("error: ")
+        assert said.err.count("\n") == 1
+        assert str(path) in said.err
+
+
+@pytest.mark.attack
+def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(tmp_path: Path, monkeypatch, capsys):
+    """Every number of the file in turn is made far too large, far too small, or of the other sign."""
+    monkeypatch.setattr("bp2_rl.robot.sheet.STAND_TIME", 0.02)
+    monkeypatch.setattr("bp2_rl.robot.portrait.draw_robot", lambda _: Figure())
+    head, path, ended = GO1[GO1.index("[stand]") :], tmp_path / "robot.toml", []
+    places = [found.span() for found in re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", head)]
+    for i, (start, end) in enumerate(places):
+        factor = (1e4, -1.0, 1e-6)[i % 3]
+        text = f"{head[:start]}{factor * float(head[start:end]):.9g}{head[end:]}"
+        path.write_text(GO1[: GO1.index("[stand]")] + text)
+        ended.append(command.main(["check", str(path), "--out", str(tmp_path / "robot.svg")]))
+        said = capsys.readouterr()
+        assert (said.err.count("\n"), bool(said.out)) == ((0, True) if ended[-1] == 0 else (1, False)), text
+        assert "Traceback" not in said.err
+    assert len(places) >= 100
+    assert set(ended) == {0, 2}
 
 
 def test_a_folder_and_nothing_are_refused(tmp_path: Path):

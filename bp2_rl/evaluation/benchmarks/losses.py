@@ -89,13 +89,14 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     different = list(dict.fromkeys(robots))
     ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
+    is_bp2 = isinstance(built.body, BP2Body)
     found = greatest_speeds() if robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
-        rows.append(PricedLoss(part, alone, without, added, found.get(f"ideal + {part}")))
+        name = part if is_bp2 else part.removesuffix(", tracks")
+        rows.append(PricedLoss(name, alone, without, added, found.get(f"ideal + {part}")))
     pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
-    is_bp2 = isinstance(built.body, BP2Body)
     metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair, is_bp2)
     return Evaluation(
         benchmark="losses",

@@ -106,7 +106,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="robustness",
         subject=f"{robots} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
-        backend="MJX" if setup.backend == "mjx" else "the fused kernel",
+        backend="MJX" if setup.backend == "mjx" else "the kernel",
         conditions=said
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),

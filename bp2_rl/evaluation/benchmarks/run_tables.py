@@ -23,7 +23,8 @@ ENERGY = {
     "integration": "lost by steps of 1 ms (no loss of the robot's)",
 }
 
-OF_SPRINGS = "slides", "dampers"
+OF_SPRINGS = ("slides", "dampers")
+"""Causes that a robot with rigid shanks does not have."""
 
 
 def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
@@ -121,7 +122,11 @@ def energy_table(account: Account, sprung: bool) -> Table:
     p = account.power
     shares = {**p.lost, "stored": p.stored, "integration": p.integration}
     lines = [
-        (ENERGY[cause], f"{watts:.0f}", f"{watts / p.mean:.1%}" if p.mean > 0.0 else NOT_MEASURED)
+        (
+            ENERGY[cause] if sprung else ENERGY[cause].removesuffix(", springs"),
+            f"{watts:.0f}",
+            f"{watts / p.mean:.1%}" if p.mean > 0.0 else NOT_MEASURED,
+        )
         for cause, watts in shares.items()
         if sprung or cause not in OF_SPRINGS
     ]

@@ -15,7 +15,7 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
     top_speed,
 )
-from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
+from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, CAPTION_OF_BP2, manoeuvres_figure
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
     CHATTER_WINDOW,
     STOPPED,
@@ -38,6 +38,7 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
@@ -75,6 +76,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0, sizes)
     metrics = summarise(level, cruise, simulate_all(outcome_of, policy, asked))
+    caption = CAPTION_OF_BP2 if isinstance(robot.body, BP2Body) else CAPTION
     said = conditions(policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
@@ -85,7 +87,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         good=metrics.passed == len(metrics.outcomes),
         rows=manoeuvre_rows(metrics),
         tiles=TILES,
-        pictures=(Picture("manoeuvres", CAPTION, manoeuvres_figure(metrics.outcomes)),),
+        pictures=(Picture("manoeuvres", caption, manoeuvres_figure(metrics.outcomes)),),
         metrics=metrics,
         results=manoeuvre_results(metrics),
         tables=(manoeuvre_table(metrics),),

@@ -81,7 +81,7 @@ def sizes_of(robot: HardwareSpec, top: float, cruise: float, commands: CommandCo
         slow=tuple(speed for speed in of_bp2.slow if speed <= top) or (round(top / 2.0, 2),),
         sideways=sideways,
         backwards=times(size.speed, of_bp2.backwards),
-        spins=times(size.rate, of_bp2.spins),
+        spins=tuple(round(size.rate * rate, 1) for rate in of_bp2.spins),
         pushes=times(size.speed, of_bp2.pushes),
         roughness=times(size.length, of_bp2.roughness),
         most_turning=MOST_TURNING * commands.max_yaw_rate,
