@@ -1,5 +1,6 @@
 """A robot file becomes a robot that stands, or one line that says what is wrong with it."""
 
+import dataclasses
 import importlib.util
 import json
 import random
@@ -20,7 +21,8 @@ from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
-from bp2_rl.robot.sheet import sheet, stand
+from bp2_rl.robot.sheet import sheet, stand, trained_gains
+from bp2_rl.settings.presets import make_config
 
 SHIPPED = sorted(asset_path("robots").glob("*.toml"))
 GO1 = asset_path("robots/go1.toml").read_text()
@@ -233,6 +235,17 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
     uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace("knee = -1.8", "knee = [-1.8, -0.9]")
     robot = load_robot(write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0")))
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
+
+
+def test_the_sheet_says_where_training_has_other_gains():
+    robot = load_robot(asset_path("robots/go1.toml"))
+    control = make_config("imitation", "cpu", robot="go1").env.control
+    assert trained_gains(robot) == pytest.approx((control.stiffness, control.damping))
+    (note,) = [line for line in sheet(robot, stand(robot)).splitlines() if line.startswith("note: training's loop")]
+    assert f"{control.stiffness:.3g} Nm/rad" in note
+    assert "--env.control.stiffness 35 --env.control.damping 0.5" in note
+    own = dataclasses.replace(robot, stiffness=None, damping=None)
+    assert "training's loop" not in sheet(own, stand(own))
 
 
 def test_the_sheet_names_the_models_joints(tmp_path: Path):
