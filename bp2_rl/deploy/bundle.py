@@ -36,8 +36,11 @@ from bp2_rl.deploy.onboard.controller import (
 from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
+from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
 from bp2_rl.learning.policy import Policy
+from bp2_rl.reference import stepping, trot_law
 from bp2_rl.robot import actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
@@ -54,34 +57,12 @@ LAWS = [
     str(module.__file__)
     for module in (
         *(arrays, bounds, errors, polynomials),
-        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses),
+        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses, stepping, trot_law),
     )
 ]
 """The modules of bp2_rl that the code on board shares; a bundle holds copies of them, so that it is whole."""
-FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|robot)(?: (?=import)|\.)", re.MULTILINE)
+FROM_PACKAGE = re.compile(r"^from bp2_rl\.(?:base|reference|robot)(?: (?=import)|\.)", re.MULTILINE)
 """What the imports of these modules begin with."""
-WATCH = WatchdogLimits(
-    silence=0.05,
-    ahead=0.005,  # a tick: stamp and `now` may be read in either order
-    rate=2.0,
-    stand_time=0.1,  # longer, and a robot at a walk is on its side before its feet are under it
-    braking=1.0,  # what policies brake at on bad ground
-    joint_margin=0.3,  # joints bounce off their stops by .1
-    joint_speed=100.0,  # five times what the motors can do
-    turning=50.0,
-    up_length=0.2,
-    tilt=math.radians(60.0),  # training ends an episode at 37 deg: no policy knows what is beyond
-    frozen=0.1,  # slow drivers repeat a value for some 20 ms
-    frozen_target=0.1,  # 25 Nm at the default stiffness, which moves any joint
-    window=0.5,  # a stride and more
-    mismatch=0.5,  # finds speeds half or twice as large, and wrong signs
-    joint_noise=0.1,  # ten times an encoder's noise in training
-    up_noise=0.05,  # five times the IMU's: 3 deg
-    off_target=0.8,  # a hip with the wrong sign is off by 1.24 in a stand
-    opposed=0.5,
-    swing=0.1,
-)
-"""The limits, with reasons; docs/deploy.md has what normal running uses of each."""
 
 
 def write_bundle(directory: Path, policy: Policy) -> None:
@@ -142,7 +123,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         "units": UNITS,
         "rates": {"policy": conventions.POLICY_RATE, "drives": conventions.FORCE_LOOP_RATE},  # Hz
         "joints": list(conventions.MOTOR_NAMES),
-        "joint_range": [list(bounds) for bounds in (bp2.ABAD_RANGE, bp2.HIP_RANGE, bp2.KNEE_RANGE) * 4],
+        "joint_range": [list(ends) for leg in env.hardware.anatomy.legs for ends in leg.ranges],
         "observation": [list(entry) for entry in card.observation_layout],
         "control": {
             "mode": control.mode,
@@ -151,14 +132,15 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "feedforward": control.feedforward,
             "clock_at_rest": control.clock_at_rest,
             **_limits({name: getattr(control, name) for name in COMMAND_LIMITS}),
-            "stand": list(bp2.STAND_JOINTS),
+            "stand": list(env.hardware.anatomy.stand),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},
         "command": {
             "least": [-commands.max_backward, *(-most for most in sideways)],
             "most": [commands.max_forward, *sideways],
         },
-        "watchdog": dataclasses.asdict(WATCH),
+        "watchdog": dataclasses.asdict(watchdog_limits(env.hardware)),
+        "rehearsal": {"speed": cruising_speed(policy)},  # m/s
         "reference": reference,
         "operator": dataclasses.asdict(HEADING_HOLD),
         "fall": {"height": env.termination.min_height, "up": env.termination.min_up},
@@ -167,8 +149,36 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return settings, arrays
 
 
+def watchdog_limits(robot: HardwareSpec) -> WatchdogLimits:
+    """Return a robot's limits, with reasons; docs/deploy.md has what normal running uses of each."""
+    size, fastest = robot.size, float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED
+    return WatchdogLimits(
+        silence=0.05,
+        ahead=0.005,  # a tick: stamp and `now` may be read in either order
+        rate=2.0,
+        stand_time=size.time * 0.1,  # longer, and a robot at a walk is on its side before its feet are under it
+        braking=1.0,  # what policies brake at on bad ground
+        joint_margin=0.3,  # joints bounce off their stops by .1
+        joint_speed=fastest * 100.0,  # five times what the motors can do
+        turning=size.rate * 50.0,
+        up_length=0.2,
+        tilt=math.radians(60.0),  # training ends an episode at 37 deg: no policy knows what is beyond
+        frozen=0.1,  # slow drivers repeat a value for some 20 ms
+        frozen_target=0.1,  # 25 Nm at BP2's stiffness, as much of another robot's weight: it moves any joint
+        window=0.5,  # a stride and more
+        mismatch=0.5,  # finds speeds half or twice as large, and wrong signs
+        joint_noise=0.1,  # ten times an encoder's noise in training
+        up_noise=0.05,  # five times the IMU's: 3 deg
+        off_target=0.8,  # a hip with the wrong sign is off by 1.24 in BP2's stand
+        opposed=0.5,
+        swing=0.1,
+    )
+
+
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
-    """Return the robots to rehearse on: `built`, `ideal`, and the policy's own robot as `own` if it has no name."""
+    """Return the robots to rehearse on: BP2's two, and first the policy's own as `own` if it is another."""
+    if not isinstance(env.hardware.body, BP2Body):
+        return {"own": env.hardware}
     own = {} if robot_name(env.hardware) else {"own": env.hardware}
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}
 
@@ -189,9 +199,15 @@ def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
     return described
 
 
-def _limits(values: Mapping[str, float]) -> dict[str, float | None]:
-    """Return the limits by name with None for an infinite one, because JSON has no infinity."""
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}
+def _limits(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return limits by name, a number or twelve, with None for an infinite one, because JSON has no infinity."""
+
+    def plain(value: Any) -> Any:
+        if np.ndim(value):
+            return [plain(one) for one in value]
+        return float(value) if math.isfinite(value) else None
+
+    return {name: plain(value) for name, value in values.items()}
 
 
 def _texts(values: dict[str, Any]) -> dict[str, str]:

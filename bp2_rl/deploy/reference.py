@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motion_of
+from bp2_rl.reference.kinematic_trot import KinematicGait
 from bp2_rl.reference.library.table import load_table
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
-from bp2_rl.reference.stepping import nominal_feet
+from bp2_rl.reference.stepping import foot_circle
 from bp2_rl.robot import bp2, kinematics
 from bp2_rl.settings.env import EnvConfig
 
@@ -23,7 +23,7 @@ def playback(config: EnvConfig) -> Playback:
     """Return the numbers of the reference motion that `config` names, for the robot of `config`.
 
     Raises:
-        UserError: the controller of a bundle cannot play this motion.
+        UserError: the motion library cannot be read.
     """
     motion = motion_of(config)
     if isinstance(motion, CollocationGait):
@@ -32,10 +32,14 @@ def playback(config: EnvConfig) -> Playback:
         with jax.enable_x64(True):
             pose, rate = motion(jnp.zeros(3), jnp.zeros(())), motion.phase_rate(jnp.zeros(3))
         return {"kind": "none", "phase_rate": float(rate)}, {"pose": np.asarray(pose.joint_position)}
-    raise UserError(
-        f"a policy trained on the {config.reference} reference cannot be exported as onnx: the controller plays "
-        "collocation and none; train with --reference collocation"
-    )
+    assert isinstance(motion, KinematicGait)
+    return _kinematic(motion)
+
+
+def _kinematic(gait: KinematicGait) -> Playback:
+    law = dict(vars(gait.law))
+    arrays = {**law.pop("legs")._asdict(), **{name: law.pop(name) for name in ("nominal", "sole_clearance")}}
+    return {"kind": "kinematic", **law}, arrays
 
 
 def _trot(gait: CollocationGait) -> Playback:
@@ -48,7 +52,7 @@ def _trot(gait: CollocationGait) -> Playback:
     settings = {
         "kind": "collocation",
         "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
-        "foot_circle": float(np.max(np.linalg.norm(nominal_feet(hardware), axis=-1))),  # m, of the outermost foot
+        "foot_circle": foot_circle(hardware),  # m, of the outermost foot
         "sag": float(sag[0]),  # m, of a spring at rest
         "foot_radius": bp2.FOOT_RADIUS,  # m
         "leg_length": hardware.bp2.leg_length,  # m, of the thigh and of the lower leg alike

@@ -5,20 +5,22 @@ import math
 from bp2_rl.evaluation.published.sprints import PAPER_BP2, TIMES, TRACK
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session
+from bp2_rl.robot.bp2_body import BP2Body
 
-PAPER = f"the paper's robot: {TIMES[PAPER_BP2]:g} s"
+PAPER = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
 
 
 def readings(session: Session, pace: Pace) -> dict[str, str]:
     """Return what the robot does and is told, how its sprint goes, and how well the time is kept."""
     (forward, left, turn), told = session.velocity, session.command
+    paper = PAPER if isinstance(session.hardware.body, BP2Body) else ""
     fallen = "" if session.down_since is None else "fell; "
     return {
         "speed": f"{forward:z.2f} m/s, told {told[0]:z.2f}",
         "sideways": f"{left:z.2f} m/s, told {told[1]:z.2f}",
         "turn": f"{turn:z.2f} rad/s, told {told[2]:z.2f}",
         f"{TRACK:g} m": sprint(session),
-        "best": f"{f'{session.best:.2f} s' if math.isfinite(session.best) else 'none yet'}; {PAPER}",
+        "best": f"{f'{session.best:.2f} s' if math.isfinite(session.best) else 'none yet'}{paper}",
         "run": f"{fallen}{session.distance:.0f} m in {session.time:.1f} s; falls: {session.falls}",
         "pace": str(pace),
     }

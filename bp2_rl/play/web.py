@@ -33,7 +33,7 @@ from bp2_rl.play.session import Session, Wish, wish_limits
 from bp2_rl.robot.model import SOLE_SITES, foot_geom_ids
 
 CELL, SECTION = 1.0, 10.0  # m, of the lines on the ground
-NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which there is none
+NEWTONS_A_METRE, LEAST_FORCE = 1500.0, 20.0  # N/m, of an arrow; N, below which there is none: BP2's
 LEG_COLORS = (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167)  # as `plotting.LEG_COLORS`
 GHOST_COLOR, GHOST_OPACITY = (80, 150, 255), 0.3
 SEEN = 1e-4  # m, and of a quaternion: what moves by less stays where it is
@@ -81,7 +81,9 @@ class Page:
             family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
             socket.create_server(address[:2], family=family).close()  # at no such address viser waits for ever
             with refusing_foreign_names() if host in OWN_NAMES else contextlib.nullcontext():
-                self.server = viser.ViserServer(host=host, port=port, label="BP2", verbose=False)
+                self.server = viser.ViserServer(
+                    host=host, port=port, label=session.hardware.anatomy.name, verbose=False
+                )
         except (OSError, RuntimeError, OverflowError) as error:
             raise UserError(f"cannot listen at {host}:{port}: {error}; choose another --host or --port") from error
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
@@ -205,6 +207,8 @@ class _Scene:
             scene.add_mesh_simple(
                 f"/ghost/{name}/{i}", *shape, color=GHOST_COLOR, opacity=GHOST_OPACITY, cast_shadow=False
             )
+        size = session.hardware.size
+        self._least_force, self._stiffness = size.mass * LEAST_FORCE, size.mass / size.length * NEWTONS_A_METRE
         self._toes = self._looks.model.geom_bodyid[foot_geom_ids(self._looks.model)]
         self._sole = self._looks.model.site(SOLE_SITES[0]).pos.copy()
         # On the toes, so that they stay on the feet whatever a browser draws first.
@@ -232,9 +236,9 @@ class _Scene:
         """Arrows from the soles; to be called with the robot in its place."""
         turns = self._looks.data.xmat[self._toes].reshape(-1, 3, 3)
         for arrow, turn, force in zip(self._arrows, turns, forces, strict=True):
-            arrow.visible = bool(np.linalg.norm(force) > LEAST_FORCE)
+            arrow.visible = bool(np.linalg.norm(force) > self._least_force)
             if arrow.visible:
-                arrow.points = np.array([[self._sole, self._sole + turn.T @ force / NEWTONS_A_METRE]])
+                arrow.points = np.array([[self._sole, self._sole + turn.T @ force / self._stiffness]])
 
 
 class _Figure:

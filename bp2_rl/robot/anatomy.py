@@ -14,6 +14,11 @@ import numpy as np
 
 from bp2_rl.base.bounds import Range
 
+# Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
+# derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
+_COSINE_MARGIN = 1e-6
+_SHORTEST_SQUARED = 1e-8  # m2
+
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
 """kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
@@ -166,3 +171,21 @@ class LegGeometry(NamedTuple):
     def cast(self, xp: Any, dtype: Any) -> "LegGeometry":
         """Return the lengths as arrays of the library `xp`, in a precision."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))
+
+    def joint_angles(self, feet: Any, compression: Any = 0.0) -> Any:
+        """Joint angles ("... 4 3", rad) that put each sole at `feet` ("... 4 3", m); `kinematics.joint_angles`."""
+        xp = feet.__array_namespace__()
+        legs = self.cast(xp, feet.dtype)
+        p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral
+        x, y, z = p[..., 0], p[..., 1], p[..., 2]
+        # A foot on the abduction axis is moved below it, by more than it can be above.
+        z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z)
+        from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
+        abad = xp.atan2(d * z + from_abad * y, d * y - from_abad * z)
+        h, lower = from_abad - legs.drop, legs.lower - compression
+        cosine = (x * x + h * h - thigh * thigh - lower * lower) / (2.0 * thigh * lower)
+        cosine = xp.clip(cosine, -1.0 + _COSINE_MARGIN, 1.0 - _COSINE_MARGIN)
+        sine = legs.bend * xp.sqrt(1.0 - cosine * cosine)
+        knee = xp.atan2(sine, cosine)
+        hip = xp.atan2(-x, h) - xp.atan2(lower * sine, thigh + lower * cosine)
+        return xp.stack([abad, hip, knee], axis=-1)

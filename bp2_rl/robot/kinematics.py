@@ -14,11 +14,6 @@ from jaxtyping import Float
 from bp2_rl.base.arrays import Array, ArrayT
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
-# Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
-# derivative stays finite. Inside the joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
-_COSINE_MARGIN = 1e-6
-_SHORTEST_SQUARED = 1e-8  # m2
-
 
 def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
     """Where each leg's abduction axis crosses the plane of its hip axis, in the trunk frame, m."""
@@ -59,21 +54,7 @@ def joint_angles(
     Exact inside reach. A foot out of reach is met in direction only, with the knee straight (or folded); the
     result and its derivatives stay finite for every finite foot position.
     """
-    xp = feet.__array_namespace__()
-    legs = hardware.anatomy.geometry.cast(xp, feet.dtype)
-    p, thigh, d = feet - legs.origins, legs.thigh, legs.lateral
-    x, y, z = p[..., 0], p[..., 1], p[..., 2]
-    # A foot on the abduction axis is moved below it, by more than it can be above.
-    z = xp.where(y * y + z * z < _SHORTEST_SQUARED, z - 2.0 * _SHORTEST_SQUARED**0.5, z)
-    from_abad = xp.sqrt(xp.maximum(y * y + z * z - d * d, _SHORTEST_SQUARED))
-    abad = xp.atan2(d * z + from_abad * y, d * y - from_abad * z)
-    h, lower = from_abad - legs.drop, legs.lower - compression
-    cosine = (x * x + h * h - thigh * thigh - lower * lower) / (2.0 * thigh * lower)
-    cosine = xp.clip(cosine, -1.0 + _COSINE_MARGIN, 1.0 - _COSINE_MARGIN)
-    sine = legs.bend * xp.sqrt(1.0 - cosine * cosine)
-    knee = xp.atan2(sine, cosine)
-    hip = xp.atan2(-x, h) - xp.atan2(lower * sine, thigh + lower * cosine)
-    return xp.stack([abad, hip, knee], axis=-1)
+    return hardware.anatomy.geometry.joint_angles(feet, compression)
 
 
 def reach(compression: float = 0.0, hardware: HardwareSpec = IDEAL) -> tuple[float, float]:

@@ -22,7 +22,9 @@ STAND_TIME = 5.0
 FALLEN = 0.7
 """Share of the standing height below which it has fallen; and cosine of the trunk's tilt."""
 GAINS = 250.0, 3.0
-"""Nm/rad and Nm s/rad of BP2's position loop, scaled by the robot's size where a file gives none."""
+"""Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size whatever its file says."""
+LIKE = 0.1
+"""Relative difference up to which two loops count as one."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
 
@@ -67,10 +69,16 @@ def stand(robot: RobotFile) -> StandingTrial:
     )
 
 
-def gains(robot: RobotFile) -> tuple[Any, Any]:
-    """Return stiffness and damping of the position loop, each a number or one for each motor."""
+def trained_gains(robot: RobotFile) -> tuple[float, float]:
+    """Return stiffness (Nm/rad) and damping (Nm s/rad) of the position loop in training."""
     size = robot.hardware.size
-    otherwise = size.torque * GAINS[0], size.torque * size.time * GAINS[1]
+    return size.torque * GAINS[0], size.torque * size.time * GAINS[1]
+
+
+def gains(robot: RobotFile) -> tuple[Any, Any]:
+    """Return stiffness and damping of the position loop, each a number or one for each motor: those of training where
+    the file gives none."""
+    otherwise = trained_gains(robot)
 
     def of_motors(given: Any, default: float) -> Any:
         return np.tile(given, len(LEGS)) if isinstance(given, tuple) else default if given is None else given
@@ -144,6 +152,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
         lines = [f"stands {STAND_TIME:g} s at {stood.height:.3f} m, {stood.feet_down} feet down ({loop})"]
         if stood.feet_down < len(LEGS):
             lines.append("! not all feet are down: mend [stand], so that fore and hind legs are equally high")
+    lines += _note_of_gains(robot)
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "
         f"robot push {_push(robot):.2g} times its weight"
@@ -151,6 +160,18 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     if stood.touching:
         lines.append(f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs")
     return lines
+
+
+def _note_of_gains(robot: RobotFile) -> list[str]:
+    """Say where training's position loop is another one than the file's, and how to train with the file's."""
+    ours, theirs = trained_gains(robot), [float(np.mean(x)) for x in gains(robot)]
+    if np.allclose(ours, theirs, rtol=LIKE):
+        return []
+    flags = f"--env.control.stiffness {theirs[0]:.3g} --env.control.damping {theirs[1]:.3g}"
+    return [
+        f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
+        f"size; to train with [gains]: {flags}"
+    ]
 
 
 def _push(robot: RobotFile) -> float:

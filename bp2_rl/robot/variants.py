@@ -1,9 +1,11 @@
 """From one robot to another, a property or a loss at a time."""
 
 import dataclasses
+import math
 from collections.abc import Iterable
 
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
 
 PARTS: dict[str, tuple[str, ...]] = {
     "air": ("losses.drag_area", "losses.headwind"),
@@ -25,12 +27,24 @@ PARTS: dict[str, tuple[str, ...]] = {
 """What tells a built robot from the ideal one: parameters of a robot that belong together; `losses.x` is a loss."""
 
 
+def ideal_of(robot: HardwareSpec) -> HardwareSpec:
+    """Return the robot that loses nothing: BP2's ideal one, or any other robot on its own ground and stops."""
+    if not isinstance(robot.body, Anatomy):
+        return IDEAL
+    free = {"losses": Losses(), "envelope": IDEAL.envelope, "braking_speed": math.inf, "solid_legs": False}
+    return dataclasses.replace(robot, **free)
+
+
 def with_parts(robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]) -> HardwareSpec:
     """A robot with some `PARTS` of another."""
-    fields = [field for part in parts for field in PARTS[part]]
+    fields = [field for part in parts for field in PARTS[part] if "." in field or _has(robot, field)]
     own = {field: other.parameter(field) for field in fields if "." not in field}
     losses = {name: getattr(other.losses, name) for _, dot, name in (f.partition(".") for f in fields) if dot}
     return robot.changed(losses=dataclasses.replace(robot.losses, **losses), **own)
+
+
+def _has(robot: HardwareSpec, field: str) -> bool:
+    return hasattr(robot, field) or not isinstance(robot.body, Anatomy)  # what is no field is of BP2's body
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:

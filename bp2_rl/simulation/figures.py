@@ -134,25 +134,27 @@ def gait_figure(run: Trajectory, width: float = WIDTH) -> Figure:
 
 @styled
 def joint_figure(run: Trajectory, width: float = WIDTH) -> Figure:
-    """The last strides of one diagonal pair: hip and knee with the policy's targets, and the springs' travel."""
+    """The last strides of one diagonal pair: hip and knee with the policy's targets, and any springs' travel."""
     strides = _last_strides(run)
     angle, target = (np.rad2deg(x).reshape(-1, 4, 3) for x in (strides.joint_position, strides.target))
     figure = Figure(figsize=(width, 6.0), layout="constrained")
-    hip, knee, spring = figure.subplots(3, 1, sharex=True)
+    panels = figure.subplots(3 if run.hardware.anatomy.sprung else 2, 1, sharex=True)
+    hip, knee = panels[:2]
     for leg in PAIR:
         i, color = conventions.LEGS.index(leg), LEG_COLORS[leg]
         for axes, j in ((hip, 1), (knee, 2)):
             axes.plot(strides.time, angle[:, i, j], color=color, label=leg)
             axes.plot(strides.time, target[:, i, j], color=color, linewidth=0.8, linestyle=(0, (2, 1.5)), alpha=0.8)
-        spring.plot(strides.time, 1e3 * strides.spring_compression[:, i], color=color)
+        for spring in panels[2:]:
+            spring.plot(strides.time, 1e3 * strides.spring_compression[:, i], color=color)
     hip.set(title="Hip angle", ylabel="Angle [deg]")
     hip.plot([], [], color=INK, linewidth=0.8, linestyle=(0, (2, 1.5)), label="target")
     legend_above(hip)
     knee.set(title="Knee angle", ylabel="Angle [deg]")
-    travel = 1e3 * run.hardware.spring_travel
-    mark_level(spring, travel, "stop")
-    spring.set(title="Spring compression", ylabel="Travel [mm]", xlabel="Time [s]")
-    spring.set(xlim=(strides.time[0], strides.time[-1]))
+    for spring in panels[2:]:
+        mark_level(spring, 1e3 * run.hardware.spring_travel, "stop")
+        spring.set(title="Spring compression", ylabel="Travel [mm]")
+    panels[-1].set(xlabel="Time [s]", xlim=(strides.time[0], strides.time[-1]))
     return figure
 
 
@@ -169,7 +171,8 @@ FIGURES: dict[str, tuple[Draw, str]] = {
     ),
     "joints": (
         joint_figure,
-        "The last strides of one diagonal pair: joint angles with the policy's targets, and the travel of the springs.",
+        "The last strides of one diagonal pair: joint angles with the policy's targets; below, if there are springs, "
+        "their travel.",
     ),
 }
 """What a report shows of a run, in order, by the name of the file, each with its caption."""

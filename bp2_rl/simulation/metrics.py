@@ -10,6 +10,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from bp2_rl.robot import actuator, bp2, conventions
+from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.building import standing
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.gait import LegMetrics, evenness, leg_metrics, leg_room, mean_stride_frequency, on_stop
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window, hold_phase, steady_window, window_means
@@ -185,7 +188,7 @@ def measure(run: Trajectory) -> RunMetrics:
         electrical_cost_of_transport=electrical * joules_per_watt if joules_per_watt is not None else None,
         mechanical_power=mechanical,
         electrical_power=electrical,
-        froude_number=froude_number(best.speed, run.hardware.size.length) if best is not None else None,
+        froude_number=froude_number(best.speed, standing_height(run.hardware)) if best is not None else None,
         motor_demand=motor_demand(run, best.speed) if best is not None else None,
         peak_foot_force=max(leg.peak_foot_force for leg in legs),
         peak_spring_travel=max(leg.peak_spring_travel for leg in legs),
@@ -231,9 +234,16 @@ def lateral_drift(run: Trajectory) -> float:
     return float(np.max(np.abs(np.cos(yaw) * offset[:, 1] - np.sin(yaw) * offset[:, 0])))
 
 
-def froude_number(speed: float, size: float = 1.0) -> float:
-    """v^2 / (g h) with BP2's standing height, times the robot's size: 21.4 at the paper's 10.74 m/s."""
-    return speed**2 / (conventions.GRAVITY * size * bp2.STANDING_HEIGHT)
+def froude_number(speed: float, height: float = bp2.STANDING_HEIGHT) -> float:
+    """v^2 / (g h) with the height (m) of the trunk's centre in a stand: of BP2 21.4 at the paper's 10.74 m/s."""
+    return speed**2 / (conventions.GRAVITY * height)
+
+
+def standing_height(hardware: HardwareSpec) -> float:
+    """Return the height of the trunk's centre in a stand, m: BP2's is published."""
+    if isinstance(hardware.body, Anatomy):
+        return float(standing(hardware.body, hardware.spring_stiffness)[2])
+    return bp2.STANDING_HEIGHT
 
 
 def motor_demand(run: Trajectory, speed: float) -> float:

@@ -11,12 +11,11 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
-from bp2_rl.deploy.bundle import describe, write_bundle
+from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.deploy.onboard.controller import OBSERVATION
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.robot import bp2, conventions
-from bp2_rl.settings.env import EnvConfig
 
 ALONE = """
 import sys
@@ -70,6 +69,26 @@ def test_its_settings_say_what_a_robot_needs(bundle, shipped):
     assert settings["policy"]["weights_sha256"] == shipped.card.weights_sha256
     assert settings["joint_range"][2] == list(bp2.KNEE_RANGE)
     assert set(settings["robots"]) >= {"built", "ideal"}
+    assert settings["rehearsal"] == {"speed": 10.74}
+    limits = settings["watchdog"]
+    assert [limits[name] for name in ("stand_time", "joint_speed", "turning")] == [0.1, 100.0, 50.0]
+
+
+def test_another_robots_settings_are_its_own(another):
+    policy, folder = another("go1")
+    robot, settings = policy.card.env.hardware, json.loads((folder / "deploy.json").read_text())
+    assert settings["control"]["stand"] == [0.0, 0.9, -1.8] * 4
+    assert settings["joint_range"][:3] == [[-0.863, 0.863], [-0.686, 4.501], [-2.818, -0.888]]
+    assert settings["robots"]["own"]["motors"]["peak_torque"] == [23.7, 23.7, 35.55] * 4
+    assert settings["robots"]["own"]["motors"]["braking_speed"] is None
+    assert settings["gains"]["stiffness"] == policy.card.env.control.stiffness
+    assert list(settings["robots"]) == ["own"]
+    assert settings["rehearsal"]["speed"] == pytest.approx(0.6 * policy.card.env.commands.max_forward, abs=0.005)
+    # By similarity: a leg's size is 0.64 of BP2's; the motors' no-load speed is 30 rad/s in place of 21.4.
+    size = robot.anatomy.leg_length / 0.35
+    assert settings["watchdog"]["stand_time"] == pytest.approx(0.1 * size**0.5)
+    assert settings["watchdog"]["turning"] == pytest.approx(50.0 / size**0.5)
+    assert settings["watchdog"]["joint_speed"] == pytest.approx(100.0 * 30.0 / 21.4)
 
 
 def test_the_command_writes_it_and_says_how_to_try_it(here, make_card, capsys):
@@ -114,12 +133,9 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(here, make_ca
 
 
 def test_what_the_controller_cannot_run_is_refused_by_name(make_card, tmp_path):
-    kinematic = EnvConfig(reference="kinematic")
-    with pytest.raises(UserError, match="trained on the kinematic reference"):
-        write_bundle(tmp_path / "robot", tiny(make_card, env=kinematic))
     layout = (*make_card().observation_layout, ("smell", 2))
     with pytest.raises(UserError, match="the policy sees smell, which"):
-        describe(tiny(make_card, observation_layout=layout))
+        write_bundle(tmp_path / "robot", tiny(make_card, observation_layout=layout))
     assert not (tmp_path / "robot").exists()
 
 
@@ -130,7 +146,7 @@ def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     for name in ("policy.onnx", "reference.npz"):
         (tmp_path / name).write_bytes((bundle / name).read_bytes())
     for changed, words in (
-        ({"format": 99}, "has format 99, this controller reads 3"),
+        ({"format": 99}, "has format 99, this controller reads 4"),
         ({"observation": [["command", 3], ["smell", 2]]}, "reads .* numbers"),
     ):
         (tmp_path / "deploy.json").write_text(json.dumps(settings | changed))

@@ -7,12 +7,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bp2_rl.base.errors import UserError
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motion_of
 from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.settings.presets.robots import sized
 
+GO1 = find_robot("go1")
+LEGS = [dataclasses.replace(leg, bend=1, ranges=(*leg.ranges[:2], (0.1, 2.6))) for leg in GO1.anatomy.legs[2:]]
+KNEES_TO_EACH_OTHER = dataclasses.replace(
+    GO1,
+    body=dataclasses.replace(
+        GO1.anatomy, legs=(*GO1.anatomy.legs[:2], *LEGS), stand=(0.0, 0.9, -1.8) * 2 + (0.0, -0.9, 1.8) * 2
+    ),
+)
 MOMENTS = 600
 ROUNDING = 1e-9  # of float64; knees all but straight take a thousandfold of it
 
@@ -29,11 +38,16 @@ def moments():
 
 @pytest.mark.parametrize(
     ("reference", "hardware"),
-    [("collocation", IDEAL), ("collocation", dataclasses.replace(BUILT, mass_scale=1.2)), ("none", IDEAL)],
-    ids=["ideal", "built_and_heavier", "standing"],
+    [
+        *(("collocation", IDEAL), ("collocation", dataclasses.replace(BUILT, mass_scale=1.2)), ("none", IDEAL)),
+        *(("kinematic", robot) for robot in (IDEAL, GO1, KNEES_TO_EACH_OTHER)),
+        ("none", GO1),
+    ],
+    ids=["ideal", "built_and_heavier", "standing", "kinematic", "kinematic_go1", "knees_to_each_other", "go1_stands"],
 )
 def test_it_is_the_gait_of_training(onboard, reference, hardware):
-    config = dataclasses.replace(EnvConfig(), reference=reference, hardware=hardware)
+    config = sized(dataclasses.replace(EnvConfig(), hardware=hardware))
+    config = dataclasses.replace(config, reference=reference)
     gait, (command, phase) = motion_of(config), moments()
     motion = onboard.motion.load_motion(*playback(config))
     with jax.enable_x64(True):
@@ -47,12 +61,27 @@ def test_it_is_the_gait_of_training(onboard, reference, hardware):
         law = getattr(expected, name if name == "torque" else f"joint_{name}")
         if not (reference == "none" and name == "torque"):  # standing still needs no feed-forward: no policy asks
             assert np.stack(found) == pytest.approx(np.asarray(law), abs=ROUNDING), name
-    if reference == "collocation":
+    if reference != "none":
         assert np.ptp(np.stack([pose.position for pose in played]), axis=0).max() > 1.0  # it moves
 
 
 def test_a_gait_that_it_cannot_play_is_refused_by_name(onboard):
-    with pytest.raises(UserError, match="trained on the kinematic reference cannot be exported"):
-        playback(dataclasses.replace(EnvConfig(), reference="kinematic"))
-    with pytest.raises(ValueError, match="'walk': this controller plays collocation, none"):
+    with pytest.raises(ValueError, match="'walk': this controller plays collocation, kinematic, none"):
         onboard.motion.load_motion({"kind": "walk"}, {})
+
+
+def test_a_rate_is_the_derivative(onboard):
+    """Each function against a central difference, whose error is some 1e-9 at this step."""
+    duals, step = onboard.duals, 3e-6
+    dual = duals.DualFunctions
+
+    def law(t, xp):
+        a, b = xp.sin(3.0 * t) + 1.5, 2.0 - t * t
+        parts = xp.stack([a / b, xp.sqrt(b) * a**3, 1.0 / a - xp.cos(t), xp.atan2(a, b)], axis=-1)
+        kept = [xp.maximum(t, 0.3), xp.clip(t, 0.1, 0.4), xp.where(t < 0.2, -t, t * t)]
+        return xp.concat([parts, xp.stack(kept, axis=-1)], axis=-1)
+
+    time = np.array([0.05, 0.25, 0.35, 0.7])
+    (value,), (rate,) = duals.differentiate(lambda t: (law(t, dual),), time)
+    assert value == pytest.approx(law(time, np), abs=1e-15)
+    assert rate == pytest.approx((law(time + step, np) - law(time - step, np)) / (2.0 * step), abs=1e-8)

@@ -10,7 +10,7 @@ from plain_simulation import PlainRobot
 from bp2_rl.robot.actuator import bus_power
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, load_model
-from bp2_rl.simulation.simulator import RobotSetup
+from bp2_rl.simulation.simulator import RobotSetup, settled
 
 STAND = np.array([0.0, 0.62, -1.24] * 4)
 
@@ -48,6 +48,41 @@ def test_the_robot_of_a_bundle_moves_as_the_benchmarks_does(robots, onboard, shi
     if hardware is BUILT:  # both limits of its bus were reached
         assert max(powers) == pytest.approx(BUILT.losses.bus_power_out, rel=1e-6)
         assert min(powers) == pytest.approx(-BUILT.losses.bus_power_in, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
+def test_another_robot_of_a_bundle_moves_as_the_benchmarks_does(onboard, another, name):
+    policy, folder = another(name)
+    robot, rng = onboard.robot.SimulatedRobot(folder, "own"), np.random.default_rng(0)
+    env = policy.card.env
+    start_only = dataclasses.replace(env, hardware=dataclasses.replace(env.hardware, envelope="start"))
+    simulator = settled([RobotSetup(start_only)])
+    assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-12)
+    ours, judges = robot.model, simulator.models[0]
+    for what in ("body_mass", "body_pos", "body_inertia", "body_iquat", "dof_armature", "jnt_range", "dof_damping"):
+        assert getattr(ours, what) == pytest.approx(getattr(judges, what), rel=2e-5, abs=1e-6), what  # XML: six digits
+    robot.model, robot.data = judges, mujoco.MjData(judges)  # so that the laws alone are compared
+    robot.data.qpos[:], robot.data.ctrl[:] = simulator.data[0].qpos, simulator.data[0].ctrl
+    stand, hardest = np.array(env.hardware.anatomy.stand), np.zeros(12)
+    for _ in range(40):
+        position, velocity = stand + rng.uniform(-1.0, 1.0, 12), rng.uniform(-3.0, 3.0, 12)
+        for _ in range(5):
+            torque = simulator.millisecond(position[None], velocity[None])[0]
+            robot.millisecond(onboard.controller.DriveTargets(position, velocity))
+            assert robot.data.ctrl == pytest.approx(torque, abs=1e-8)
+            hardest = np.maximum(hardest, np.abs(torque))
+    assert np.sum(hardest > 0.99 * np.broadcast_to(env.hardware.joint_peak_torque, 12)) >= 3  # the envelope was reached
+    assert robot.data.qpos == pytest.approx(simulator.data[0].qpos, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["go1", "mini_cheetah"])
+def test_another_robot_whose_sensors_fall_silent_ends_in_its_own_stand(onboard, another, name):
+    policy, folder = another(name)
+    plan = onboard.world.RehearsalPlan(0.02, acceleration=3.0, fault="silence", fault_at=0.6, after=0.9)
+    world, controller = rehearse_in_steps(onboard, folder, plan, "own")
+    assert controller.fault.startswith("silence: ")
+    assert np.abs(world.targets[-500:] - np.array(policy.card.env.hardware.anatomy.stand)).max() < 1e-9
+    assert world.fell_at is None
 
 
 @pytest.mark.parametrize("name", ["built", "ideal"])
@@ -105,9 +140,9 @@ def test_a_radio_hears_its_peer_alone_and_the_newest(onboard):
             radio.close()
 
 
-def rehearse_in_steps(onboard, folder, plan):
+def rehearse_in_steps(onboard, folder, plan, robot="built"):
     """Run the rehearsal without sockets and clocks: as fast as possible, with the same result each time."""
-    world, inbox = onboard.world.RehearsalWorld(folder, "built", plan), onboard.rehearse.Inbox()
+    world, inbox = onboard.world.RehearsalWorld(folder, robot, plan), onboard.rehearse.Inbox()
     controller = onboard.controller.OnboardController(folder)
     for k in range(world.milliseconds):
         now = k * onboard.robot.DT

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from runs import run_one
 
+from bp2_rl.learning.policy import Policy
 from bp2_rl.play.pace import FRAMES, Pace, play_on
 from bp2_rl.play.readings import readings
-from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Wish
+from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish
 from bp2_rl.robot.conventions import CONTROL_STEP
 from bp2_rl.robot.easing import eased
+from bp2_rl.settings.presets import make_config
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
@@ -318,3 +320,27 @@ def test_speeds_are_means_over_a_stride(session):
     assert len(session._velocities) == round(0.1 / CONTROL_STEP)
     run(session, RIPPLE)
     assert len(session._velocities) == round(RIPPLE / CONTROL_STEP)
+
+
+def test_another_robot_is_played_within_its_own_speeds(make_card, monkeypatch):
+    """A policy that follows the kinematic trot, as nobody trained it: what is asked for is clipped at its top speed."""
+    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
+    card = make_card(env=make_config("imitation", "smoke", robot="go1").env)
+    size = card.observation_size
+    layers = (
+        (np.zeros((size, 4), np.float32), np.zeros(4, np.float32)),
+        (np.zeros((4, 12), np.float32), np.zeros(12, np.float32)),
+    )
+    session = Session(Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers))
+    assert session.hardware.anatomy.name == "Unitree Go1"
+    for _ in range(40):
+        session.step(speed=1, turn=1)
+    commands = card.env.commands
+    assert session.wish == pytest.approx((commands.max_forward, 0.0, commands.max_yaw_rate))
+    assert commands.max_forward < 3.0  # of BP2's 3
+    session.wish = Wish(0.3)
+    run(session, 0.5)
+    assert session.qpos.shape == session.reference().shape == (19,)
+    assert session.down_since is None
+    said = readings(session, Pace())
+    assert "paper" not in " ".join(said.values())

@@ -1,5 +1,6 @@
 """A robot file becomes a robot that stands, or one line that says what is wrong with it."""
 
+import dataclasses
 import importlib.util
 import json
 import random
@@ -9,16 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from odd_robots import anymal_like, sprung
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
+from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
-from bp2_rl.robot.sheet import sheet, stand
+from bp2_rl.robot.sheet import sheet, stand, trained_gains
+from bp2_rl.settings.presets import make_config
 
 SHIPPED = sorted(asset_path("robots").glob("*.toml"))
 GO1 = asset_path("robots/go1.toml").read_text()
@@ -181,15 +185,36 @@ def damaged() -> Iterator[bytes]:
 
 
 @pytest.mark.attack
-def test_damaged_files_end_in_one_line(tmp_path: Path):
+def test_damaged_files_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path, files = tmp_path / "robot.toml", list(damaged())
     assert len(files) >= 200
     for content in files:
         path.write_bytes(content)
-        with pytest.raises(UserError) as refusal:
-            load_robot(path)
-        assert "\n" not in str(refusal.value)
-        assert str(path) in str(refusal.value)
+        assert command.main(["check", str(path), "--out", str(tmp_path / "robot.png")]) == 2
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.startswith("error: ")
+        assert said.err.count("\n") == 1
+        assert str(path) in said.err
+
+
+@pytest.mark.attack
+def test_numbers_that_no_robot_has_end_in_a_sheet_or_in_one_line(tmp_path: Path, monkeypatch, capsys):
+    """Every number of the file in turn is made far too large, far too small, or of the other sign."""
+    monkeypatch.setattr("bp2_rl.robot.sheet.STAND_TIME", 0.02)
+    monkeypatch.setattr("bp2_rl.robot.portrait.draw_robot", lambda _: Figure())
+    head, path, ended = GO1[GO1.index("[stand]") :], tmp_path / "robot.toml", []
+    places = [found.span() for found in re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", head)]
+    for i, (start, end) in enumerate(places):
+        factor = (1e4, -1.0, 1e-6)[i % 3]
+        text = f"{head[:start]}{factor * float(head[start:end]):.9g}{head[end:]}"
+        path.write_text(GO1[: GO1.index("[stand]")] + text)
+        ended.append(command.main(["check", str(path), "--out", str(tmp_path / "robot.svg")]))
+        said = capsys.readouterr()
+        assert (said.err.count("\n"), bool(said.out)) == ((0, True) if ended[-1] == 0 else (1, False)), text
+        assert "Traceback" not in said.err
+    assert len(places) >= 100
+    assert set(ended) == {0, 2}
 
 
 def test_a_folder_and_nothing_are_refused(tmp_path: Path):
@@ -210,6 +235,17 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
     uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace("knee = -1.8", "knee = [-1.8, -0.9]")
     robot = load_robot(write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0")))
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
+
+
+def test_the_sheet_says_where_training_has_other_gains():
+    robot = load_robot(asset_path("robots/go1.toml"))
+    control = make_config("imitation", "cpu", robot="go1").env.control
+    assert trained_gains(robot) == pytest.approx((control.stiffness, control.damping))
+    (note,) = [line for line in sheet(robot, stand(robot)).splitlines() if line.startswith("note: training's loop")]
+    assert f"{control.stiffness:.3g} Nm/rad" in note
+    assert "--env.control.stiffness 35 --env.control.damping 0.5" in note
+    own = dataclasses.replace(robot, stiffness=None, damping=None)
+    assert "training's loop" not in sheet(own, stand(own))
 
 
 def test_the_sheet_names_the_models_joints(tmp_path: Path):

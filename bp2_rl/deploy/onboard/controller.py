@@ -25,7 +25,7 @@ from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 from .motion import Pose, load_motion
 from .watchdog import SensorFault, SensorReading, Watchdog
 
-FORMAT = 3
+FORMAT = 4
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
 
@@ -237,9 +237,18 @@ def read_settings(folder: Path | str) -> dict[str, Any]:
     return settings
 
 
-def numbers(values: Mapping[str, float | None]) -> dict[str, float]:
-    """Return limits by name as `deploy.json` has them, where None stands for infinity, which JSON does not have."""
-    return {name: math.inf if value is None else value for name, value in values.items()}
+def numbers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return limits by name as `deploy.json` has them, where None stands for infinity, which JSON does not have.
+
+    A limit is a number, or an array of twelve where joints differ.
+    """
+
+    def number(value: Any) -> Any:
+        if isinstance(value, list):
+            return np.array([number(one) for one in value])
+        return math.inf if value is None else value
+
+    return {name: number(value) for name, value in values.items()}
 
 
 def command_limits(settings: Mapping[str, Any]) -> ForwardLimits:

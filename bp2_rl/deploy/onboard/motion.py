@@ -1,8 +1,8 @@
 """Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
 
-The laws are those of `bp2_rl.reference` for one robot, leg by leg in Python's own floats: for numbers as few as
-these NumPy would be several times slower. Rates are by hand what forward differentiation makes of them there. All
-numbers come from `reference.npz` and `deploy.json`.
+The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg in Python's own floats: for
+numbers as few as these NumPy would be several times slower; its rates are by hand what forward differentiation makes of
+them there. The kinematic trot is the very law of training. All numbers come from `reference.npz` and `deploy.json`.
 """
 
 import math
@@ -13,6 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bp2_rl.base.polynomials import hermite_and_rate
+from bp2_rl.reference.trot_law import TrotLaw
+from bp2_rl.robot.anatomy import LegGeometry
+
+from .duals import differentiate
 
 SIDE = (-1.0, 1.0, -1.0, 1.0)  # FR, FL, RR, RL
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
@@ -31,13 +35,13 @@ class Pose(NamedTuple):
     torque: np.ndarray  # (12) Nm
 
 
-def load_motion(settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> "Trot | Stand":
+def load_motion(settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> "Trot | KinematicTrot | Stand":
     """The motion that `deploy.json` describes in `reference`, of the arrays in `reference.npz`.
 
     Raises:
         ValueError: a motion of another kind.
     """
-    kinds = {"collocation": Trot, "none": Stand}
+    kinds = {"collocation": Trot, "kinematic": KinematicTrot, "none": Stand}
     if settings["kind"] not in kinds:
         raise ValueError(f"reference motion {settings['kind']!r}: this controller plays {', '.join(kinds)}")
     return kinds[settings["kind"]](settings, arrays)
@@ -61,6 +65,34 @@ class Stand:
     def __call__(self, command: Sequence[float], phase: float) -> Pose:
         """Return the standing pose."""
         return self._pose
+
+
+class KinematicTrot:
+    """The kinematic trot of `bp2_rl.reference.trot_law`, whose numbers are those of the robot.
+
+    Args:
+        settings: `reference` of `deploy.json`: the law's numbers.
+        arrays: the law's arrays, and those of `LegGeometry`.
+    """
+
+    def __init__(self, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]):
+        legs = LegGeometry(**{name: arrays[name].astype(float) for name in LegGeometry._fields})
+        own = {name: arrays[name].astype(float) for name in ("nominal", "sole_clearance")}
+        self._law = TrotLaw(legs=legs, **own, **{name: x for name, x in settings.items() if name != "kind"})
+
+    def phase_rate(self, command: Sequence[float]) -> float:
+        """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
+        return float(self._law.phase_rate(np.array(command)))
+
+    def stepping(self, command: Sequence[float]) -> float:
+        """0 when standing, 1 on the move."""
+        return float(self._law.stepping(np.array(command)))
+
+    def __call__(self, command: Sequence[float], phase: float) -> Pose:
+        """The joints at this command and phase (cycles); the law knows no torques."""
+        cycle = np.array(phase - math.floor(phase))
+        q, qd, _, _ = self._law.joints(np.array(command), cycle, differentiate)
+        return Pose(q.reshape(12), qd.reshape(12), np.zeros(12))
 
 
 class _PlayedStride(NamedTuple):

@@ -1,6 +1,6 @@
 """Run a bundle's controller against C MuJoCo as if it were the robot: in real time, over UDP, on one core.
 
-    python -m onboard.rehearse                     # in the bundle's folder: 10.74 m/s for 20 s
+    python -m onboard.rehearse                     # in the bundle's folder: 20 s at `rehearsal` in deploy.json
     python -m onboard.rehearse --fault nan --fault-at 3
 
 The robot is a process of its own. It sends measurements and the operator's command every 5 ms and has its drives
@@ -183,8 +183,9 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--robot", help="one of deploy.json's robots (default: the first)")
     for field in dataclasses.fields(RehearsalPlan):
         flag = f"--{field.name.replace('_', '-')}"
+        default = None if field.name == "speed" else field.default  # deploy.json has the robot's
         choices = FAULTS[1:] if field.name == "fault" else None
-        parser.add_argument(flag, type=type(field.default), default=field.default, choices=choices)
+        parser.add_argument(flag, type=float if default is None else type(default), default=default, choices=choices)
     parser.add_argument("--core", type=int, help="the core for both processes (default: the last; -1: any)")
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON")
     return parser.parse_args(argv)
@@ -193,7 +194,7 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if the robot fell or the watchdog stopped it unexpectedly, 2 if the input is wrong."""
     args = parse(argv)
-    plan = RehearsalPlan(**{field.name: getattr(args, field.name) for field in dataclasses.fields(RehearsalPlan)})
+    plan = {field.name: getattr(args, field.name) for field in dataclasses.fields(RehearsalPlan)}
     core = args.core
     if core is None and hasattr(os, "sched_getaffinity"):
         core = max(os.sched_getaffinity(0))
@@ -202,6 +203,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         robot = args.robot or next(iter(settings["robots"]))
         if robot not in settings["robots"]:
             raise ValueError(f"no robot {robot!r} in {args.folder}: choose from {', '.join(settings['robots'])}")
+        plan = RehearsalPlan(**plan | ({} if args.speed is not None else settings["rehearsal"]))
         print(f"{describe(settings)}, on the {robot} robot for {plan.duration:.1f} s", file=sys.stderr)
         result = in_real_time(args.folder, robot, plan, None if core == -1 else core)
     except (OSError, ValueError) as error:

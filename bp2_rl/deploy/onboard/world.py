@@ -19,7 +19,7 @@ FAULTS = ("", "nan", "silence", "operator")
 class RehearsalPlan:
     """A rehearsal: the robot accelerates from a stand to a speed and holds it; a fault may occur on the way."""
 
-    speed: float = 10.74  # m/s
+    speed: float  # m/s
     acceleration: float = 2.4  # m/s2
     hold: float = 20.0  # s
     loss: float = 0.05  # share of the datagrams that are lost, in each direction

@@ -9,6 +9,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import bp2
 from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
@@ -18,6 +19,8 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot
+CRUISE = 0.6
+"""Share of a robot's top speed."""
 
 
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
@@ -31,6 +34,25 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
         if speed is not None:
             return speed
     return policy.card.env.commands.max_forward
+
+
+def top_speed(policy: Policy) -> float:
+    """A policy's own top speed, m/s: what `topspeed` left on its card, else what the judge of its training measured.
+
+    A policy that nobody measured gives the fastest command of its training.
+    """
+    judged = policy.card.results.get("judged", {}).get("speed", 0.0)
+    return on_card(policy, "topspeed", "best_speed") or judged or policy.card.env.commands.max_forward
+
+
+def cruising_speed(policy: Policy) -> float:
+    """A speed, m/s, at which a robot should be safe: fleets, stops, pushes and rehearsals run at it.
+
+    BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own top speed.
+    """
+    if isinstance(policy.card.env.hardware.body, BP2Body):
+        return bp2.OUTDOOR_TOP_SPEED
+    return round(CRUISE * top_speed(policy), 2)
 
 
 def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
@@ -88,16 +110,25 @@ def describe_subject(policy: Policy, setup: Setup) -> str:
 
 def describe_robot(hardware: HardwareSpec) -> str:
     """The robot in one line."""
-    losses = hardware.losses
-    return {
-        "ideal": "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
-        "through each other",
-        "built": f"built: CdA {losses.drag_area:g} m², gears {losses.gear_efficiency:.0%}, joint friction "
-        f"{losses.joint_friction:g} Nm + {losses.joint_viscosity:g} Nm s/rad, slides {losses.spring_friction:g} N, bus "
-        f"{1e-3 * losses.bus_power_out:g} kW out and {1e-3 * losses.bus_power_in:g} kW in with {losses.bus_sag:.2%} "
-        f"sag a kW, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, friction "
-        f"{hardware.friction:g}, solid legs",
-    }.get(robot_name(hardware) or "", f"{title_of(hardware)}: config {config_hash(hardware)}")
+    losses, name = hardware.losses, robot_name(hardware)
+    if name == "ideal":
+        return (
+            "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
+            "through each other"
+        )
+    is_bp2 = isinstance(hardware.body, BP2Body)
+    if is_bp2 and name is None:
+        return f"{title_of(hardware)}: config {config_hash(hardware)}"
+    slides = f", slides {losses.spring_friction:g} N" if hardware.anatomy.sprung else ""
+    out, into = 1e-3 * losses.bus_power_out, 1e-3 * losses.bus_power_in
+    bus = f", bus {out:g} kW out and {into:g} kW in with {losses.bus_sag:.2%} sag a kW" if math.isfinite(out) else ""
+    legs = "solid legs" if hardware.solid_legs else "legs that pass through each other"
+    return (
+        f"{name if is_bp2 else f'{title_of(hardware)}, {hardware.mass:.3g} kg'}: CdA {losses.drag_area:g} m², gears "
+        f"{losses.gear_efficiency:.0%}, joint friction {losses.joint_friction:g} Nm + {losses.joint_viscosity:g} "
+        f"Nm s/rad{slides}{bus}, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, "
+        f"friction {hardware.friction:g}, {legs}{'' if is_bp2 else f'; config {config_hash(hardware)}'}"
+    )
 
 
 def title_of(hardware: HardwareSpec) -> str:

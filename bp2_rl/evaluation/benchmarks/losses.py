@@ -1,7 +1,8 @@
 """What each loss costs: the same policy from the ideal robot to the built one, a loss at a time.
 
 Every loss is tried alone on the ideal robot, and left out alone from the built one; then they are added one to the
-other, which is the waterfall. What is left between the built robot and what BP2 did is named, and not explained.
+other, which is the waterfall. What is left between the built robot and what BP2 did is named, and not explained. A
+robot of a file is the built one; the ideal one is that robot without its losses.
 """
 
 import dataclasses
@@ -26,8 +27,9 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
-from bp2_rl.robot.hardware import IDEAL, robot_name
-from bp2_rl.robot.variants import PARTS, differing, with_parts
+from bp2_rl.robot.bp2_body import BP2Body
+from bp2_rl.robot.hardware import robot_name
+from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -37,7 +39,10 @@ from bp2_rl.simulation.trajectory import Trajectory
 LOSSES_HOLD = 6.0  # s
 OPTIMISER = "reference_motions/greatest_speeds.json"
 """What `bp2 paper trajectories limits --losses --robot built` found; parts by the names of `robot.variants`."""
-TILES = "Ideal robot", "Built robot", "Costliest alone", "Over the treadmill", "Over outdoors"
+TREADMILL, OUTDOORS = "Over the treadmill", "Over outdoors"
+TILES = "Ideal robot", "Built robot", "Costliest alone"
+PUBLISHED = {TREADMILL: bp2.TREADMILL_TOP_SPEED, OUTDOORS: bp2.OUTDOOR_TOP_SPEED}
+"""m/s, what BP2 itself ran."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,13 +73,15 @@ class LossesMetrics:
     built: Tried
     losses: tuple[PricedLoss, ...]
     optimiser: tuple[float, float] | None  # m/s, greatest speeds of its ideal and its built robot
+    is_bp2: bool = True  # whether BP2's published speeds are those of this robot
 
 
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run all robots and compare."""
     built = robot_of(policy, setup)
-    parts = differing(IDEAL, built)
-    added = ideal = with_parts(built, IDEAL, PARTS)
+    lossless = ideal_of(built)
+    parts = differing(lossless, built)
+    added = ideal = with_parts(built, lossless, PARTS)
     robots = [ideal, built]
     for part in parts:
         added = with_parts(added, built, [part])
@@ -82,13 +89,15 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     different = list(dict.fromkeys(robots))
     ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
+    is_bp2 = isinstance(built.body, BP2Body)
     found = greatest_speeds() if robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):
         alone, without, added = (tried[robot] for robot in robots[2 + 3 * i : 5 + 3 * i])
-        rows.append(PricedLoss(part, alone, without, added, found.get(f"ideal + {part}")))
+        name = part if is_bp2 else part.removesuffix(", tracks")
+        rows.append(PricedLoss(name, alone, without, added, found.get(f"ideal + {part}")))
     pair = (found["ideal"], found["built"]) if {"ideal", "built"} <= set(found) else None
-    metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair)
+    metrics = LossesMetrics(ramp.target[0], tried[ideal], tried[built], tuple(rows), pair, is_bp2)
     return Evaluation(
         benchmark="losses",
         subject=describe_subject(policy, setup),
@@ -97,8 +106,8 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         verdict=verdict(metrics),
         good=metrics.built.fell_at is None,
         rows=losses_rows(metrics),
-        tiles=TILES,
-        pictures=(Picture("losses", CAPTION, losses_figure(metrics)),),
+        tiles=(*TILES, *(PUBLISHED if is_bp2 else ())),
+        pictures=(Picture("losses", CAPTION.format(CAPTION_OF_BP2 if is_bp2 else ""), losses_figure(metrics)),),
         metrics=metrics,
         results=losses_results(metrics),
         tables=(loss_table(metrics),),
@@ -117,7 +126,8 @@ def ramp_to_losses(policy: Policy, setup: Setup) -> Ramp:
     Raises:
         UserError: the robot loses nothing.
     """
-    if not differing(IDEAL, robot_of(policy, setup)):
+    robot = robot_of(policy, setup)
+    if not differing(ideal_of(robot), robot):
         raise UserError("--benchmark losses: the robot of this policy's card has no losses to leave out")
     return ramp_to_topspeed(policy, setup, hold=LOSSES_HOLD)
 
@@ -132,9 +142,9 @@ def greatest_speeds() -> dict[str, float]:
 
 CAPTION = (
     "Mean speed held, from the ideal robot to the built one, one loss added after the other; circles: with that loss "
-    "alone; below, what BP2 itself ran, and what is left that nothing in the model explains. The axis does not "
-    "begin at 0."
+    "alone{}. The axis does not begin at 0."
 )
+CAPTION_OF_BP2 = "; below, what BP2 itself ran, and what is left that nothing in the model explains"
 
 
 def verdict(metrics: LossesMetrics) -> str:
@@ -142,24 +152,26 @@ def verdict(metrics: LossesMetrics) -> str:
     for name, tried in (("ideal", metrics.ideal), ("built", metrics.built)):
         if tried.fell_at is not None:
             return f"The {name} robot fell at {tried.fell_at:.2f} s."
-    ran = f"BP2: {bp2.TREADMILL_TOP_SPEED:g} and {bp2.OUTDOOR_TOP_SPEED:g} m/s"
-    return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s; {ran}."
+    ran = f"; BP2: {' and '.join(f'{speed:g}' for speed in PUBLISHED.values())} m/s" if metrics.is_bp2 else ""
+    return f"Built {metrics.built.speed:.2f} m/s, ideal {metrics.ideal.speed:.2f} m/s{ran}."
 
 
 def losses_rows(metrics: LossesMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
     costliest = max(metrics.losses, key=lambda loss: price(metrics.ideal, loss.alone))
-    rest = "built robot less BP2: unexplained"
     optimiser = metrics.optimiser or (None, None)
-    return (
+    rows = (
         Row("Ideal robot", show(metrics.ideal.speed, ".2f", "m/s"), "mean while held"),
         Row("Built robot", show(metrics.built.speed, ".2f", "m/s"), "mean while held"),
         Row("Costliest alone", costliest.name, show(price(metrics.ideal, costliest.alone), ".2f", "m/s")),
-        Row("Over the treadmill", _signed(metrics.built.speed - bp2.TREADMILL_TOP_SPEED), rest),
-        Row("Over outdoors", _signed(metrics.built.speed - bp2.OUTDOOR_TOP_SPEED), rest),
         Row("Optimiser, ideal", show(optimiser[0], ".2f", "m/s"), "greatest speed of its stride"),
         Row("Optimiser, built", show(optimiser[1], ".2f", "m/s"), "greatest speed of its stride"),
     )
+    if not metrics.is_bp2:
+        return rows[:3]
+    rest = "built robot less BP2: unexplained"
+    over = (Row(name, _signed(metrics.built.speed - speed), rest) for name, speed in PUBLISHED.items())
+    return (*rows[:3], *over, *rows[3:])
 
 
 def price(before: Tried, after: Tried) -> float:
@@ -176,7 +188,7 @@ def loss_table(metrics: LossesMetrics) -> Table:
         "All but this [m/s]",
         "Gain",
         "Added in turn [m/s]",
-        "Optimiser, alone [m/s]",
+        *(("Optimiser, alone [m/s]",) if metrics.is_bp2 else ()),
     )
     return Table(
         "Losses",
@@ -189,7 +201,7 @@ def loss_table(metrics: LossesMetrics) -> Table:
                 _speed(loss.without),
                 _signed(-price(metrics.built, loss.without)),
                 _speed(loss.added),
-                show(loss.optimiser, ".2f"),
+                *((show(loss.optimiser, ".2f"),) if metrics.is_bp2 else ()),
             )
             for loss in metrics.losses
         ],
@@ -230,8 +242,7 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         "ideal robot",
         *(loss.name for loss in metrics.losses),
         "built robot",
-        "BP2 on a treadmill",
-        "BP2 outdoors",
+        *(("BP2 on a treadmill", "BP2 outdoors") if metrics.is_bp2 else ()),
     ]
     _draw_total(axes, 0, metrics.ideal.speed, FRONT)
     before = metrics.ideal.speed
@@ -246,17 +257,20 @@ def losses_figure(metrics: LossesMetrics) -> Figure:
         before = after
     end = len(metrics.losses) + 1
     _draw_total(axes, end, metrics.built.speed, FRONT)
-    for place, speed in ((end + 1, bp2.TREADMILL_TOP_SPEED), (end + 2, bp2.OUTDOOR_TOP_SPEED)):
+    published = tuple(PUBLISHED.values()) if metrics.is_bp2 else ()
+    for place, speed in enumerate(published, end + 1):
         _draw_total(axes, place, speed, INK)
         gap = metrics.built.speed - speed
         axes.barh(place, gap, left=speed, height=0.62, color="none", edgecolor=QUIET, hatch="////", linewidth=0.8)
         axes.text(max(speed, metrics.built.speed) + 0.08, place, f"unexplained {gap:+.2f}", va="center", fontsize=8.5)
     axes.plot([], [], "o", ms=5, mfc="white", mec=INK, label="that loss alone, on the ideal robot")
     axes.legend(loc="center left", frameon=False)
-    speeds = [metrics.ideal.speed, bp2.OUTDOOR_TOP_SPEED, *(loss.added.speed for loss in metrics.losses)]
+    speeds = [metrics.ideal.speed, *published[1:], *(loss.added.speed for loss in metrics.losses)]
+    left, right = (2.2, 1.2) if metrics.is_bp2 else (0.25 * max(speeds), 0.1 * max(speeds))
     axes.set(
         yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6), xlabel="Mean speed held [m/s]",
-        xlim=(min(speeds) - 2.2, max(speeds) + 1.2), title="From the ideal robot to the built one, and to BP2",
+        xlim=(min(speeds) - left, max(speeds) + right),
+        title=f"From the ideal robot to the built one{', and to BP2' if metrics.is_bp2 else ''}",
     )  # fmt: skip
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)

@@ -1,4 +1,4 @@
-"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed.
+"""How many robots stay up: many, each drawn as in training, at the paper's outdoor top speed or another robot's cruise.
 
 `GOOD` says what counts. Legs pass through each other here, as in training; how deep is counted by itself.
 """
@@ -15,12 +15,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_ramp, describe_sensors, robot_of, title_of
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    cruising_speed,
+    describe_ramp,
+    describe_sensors,
+    robot_of,
+    title_of,
+)
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded, show
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig, EnvConfig, RandomizationConfig
 from bp2_rl.settings.presets.robots import on_robot
@@ -29,7 +36,6 @@ from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.schedule import Ramp
 
 NUM_ROBOTS = 200
-SPEED = bp2.OUTDOOR_TOP_SPEED
 ROBUSTNESS_HOLD = 15.0  # s
 CONFIDENCE_95 = 1.959964  # standard deviations of a normal distribution that hold 95 % of it
 GOOD = (
@@ -100,7 +106,7 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     return Evaluation(
         benchmark="robustness",
         subject=f"{robots} x {title_of(robot)}, {policy.card.stage} policy, told {ramp.target[0]:g} m/s",
-        backend="MJX" if setup.backend == "mjx" else "BP2's kernel",
+        backend="MJX" if setup.backend == "mjx" else "the kernel",
         conditions=said
         | {
             "steering": describe_steering(policy.card.env.commands, ramp.target[0]),
@@ -123,8 +129,8 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
-    """The schedule: the same for every policy, so that they can be compared."""
-    return ramp_to_topspeed(policy, setup, speed=SPEED, hold=ROBUSTNESS_HOLD)
+    """The schedule: of BP2 the same for every policy, so that they can be compared."""
+    return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD)
 
 
 _IMPLS: dict[str, Literal["kernel", "jax"]] = {"mujoco": "kernel", "mjx": "jax"}
@@ -133,7 +139,7 @@ _IMPLS: dict[str, Literal["kernel", "jax"]] = {"mujoco": "kernel", "mjx": "jax"}
 def describe_fleet_simulator(backend: str) -> str:
     """The physics in one line."""
     mjx = f"MJX {mujoco.__version__} on JAX {jax.__version__}"
-    engine = mjx if backend == "mjx" else f"BP2's kernel on JAX {jax.__version__}"
+    engine = mjx if backend == "mjx" else f"the fused kernel on JAX {jax.__version__}"
     return (
         f"{engine}, 1 kHz, in the environment of training: legs pass through each other, "
         "and torques keep to the envelope at the start of each ms; policy at 200 Hz"
@@ -153,9 +159,9 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
     low, high = (robot.friction * factor for factor in drawn.friction)
     return (
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
-        f"±{1e3 * drawn.com_offset:g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
+        f"±{1e3 * drawn.com_offset:.3g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
         f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
-        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:g} m/s on each "
+        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
         f"axis, every {drawn.push_interval:g} s in the mean"
     )
 
@@ -243,7 +249,9 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
-        Row("Legs too deep", f"{m.legs_too_deep}", f"of these, by more than training's {1e3 * m.allowed_overlap:g} mm"),
+        Row(
+            "Legs too deep", f"{m.legs_too_deep}", f"of these, by more than training's {1e3 * m.allowed_overlap:.2g} mm"
+        ),
     )
 
 

@@ -23,6 +23,9 @@ ENERGY = {
     "integration": "lost by steps of 1 ms (no loss of the robot's)",
 }
 
+OF_SPRINGS = ("slides", "dampers")
+"""Causes that a robot with rigid shanks does not have."""
+
 
 def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
@@ -43,8 +46,7 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         Row("Heading drift", f"{m.heading_drift:.2f} rad", "greatest, from the first heading"),
         *motor_rows(m),
         Row("Peak foot force", f"{m.peak_foot_force:.0f} N", "impacts included"),
-        Row("Peak spring travel", f"{1e3 * m.peak_spring_travel:.0f} mm", "of the most compressed spring"),
-        Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
+        *spring_rows(m),
         *leg_rows(m),
         Row("Stride frequency", show(m.stride_frequency, ".2f", "Hz"), "mean of legs, steady window"),
         Row("Duty factor", f"{m.duty_factor:.2f}", "mean of legs, steady window"),
@@ -59,9 +61,25 @@ def run_rows(metrics: RunMetrics) -> tuple[Row, ...]:
         ),
         Row("Mechanical power", f"{m.mechanical_power:.0f} W", "positive, mean, steady window"),
         Row("Electrical power", f"{m.electrical_power:.0f} W", "mean, with copper heat, steady window"),
-        *(account_rows(m.account) if m.account else ()),
-        Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h = 0.55 m for BP2"),
+        *(account_rows(m.account, sprung(m)) if m.account else ()),
+        Row("Froude number", show(m.froude_number, ".1f"), "v\u00b2 / (g h) at top speed, h: standing height"),
         Row("Motor demand", show(m.motor_demand, ".2f"), "m g v / (peak torque x no-load speed)"),
+    )
+
+
+def sprung(metrics: RunMetrics) -> bool:
+    """Return whether the robot has springs: in a run each of them is compressed."""
+    return metrics.peak_spring_travel > 0.0
+
+
+def spring_rows(metrics: RunMetrics) -> tuple[Row, ...]:
+    """What the springs did; nothing of a robot with rigid shanks."""
+    m = metrics
+    if not sprung(m):
+        return ()
+    return (
+        Row("Peak spring travel", f"{1e3 * m.peak_spring_travel:.0f} mm", "of the most compressed spring"),
+        Row("Spring-stop hits", f"{m.stop_hits}", f"a spring is on its stop {m.on_stop:.1%} of the time"),
     )
 
 
@@ -79,10 +97,11 @@ def motor_rows(metrics: RunMetrics) -> tuple[Row, ...]:
     )
 
 
-def account_rows(account: Account) -> tuple[Row, ...]:
+def account_rows(account: Account, sprung: bool) -> tuple[Row, ...]:
     """The bus, the ground and the stops over the steady window."""
     p, g = account.power, account.ground
     beyond = f"furthest at any time; {p.beyond_share:.1%} of samples by more than 1 Nm"
+    tops = f"onto the rebound stop, at {g.top_out_speed:.1f} m/s at most"
     landing = f"down, and {show(g.landing_forward, '.1f', 'm/s')} forward, mean"
     return (
         Row("Beyond the envelope", f"{p.beyond:.1f} Nm", beyond),
@@ -93,18 +112,23 @@ def account_rows(account: Account) -> tuple[Row, ...]:
         Row("Slip", show(g.slip, ".2f", "m/s"), f"median in stance; 95 % below {show(g.slip_95, '.1f', 'm/s')}"),
         Row("Contact breaks", show(g.breaks, ".1f"), "a stance, mean"),
         Row("Soles land at", show(g.landing_down, ".1f", "m/s"), landing),
-        Row("Springs top out", f"{g.top_outs:.0f}/s", f"onto the rebound stop, at {g.top_out_speed:.1f} m/s at most"),
+        *((Row("Springs top out", f"{g.top_outs:.0f}/s", tops),) if sprung else ()),
         Row("Beyond joint range", f"{g.limit_share:.1%}", f"of the time, by {g.limit_depth:.3f} rad at most"),
     )
 
 
-def energy_table(account: Account) -> Table:
+def energy_table(account: Account, sprung: bool) -> Table:
     """Where the bus's energy goes."""
     p = account.power
     shares = {**p.lost, "stored": p.stored, "integration": p.integration}
     lines = [
-        (ENERGY[cause], f"{watts:.0f}", f"{watts / p.mean:.1%}" if p.mean > 0.0 else NOT_MEASURED)
+        (
+            ENERGY[cause] if sprung else ENERGY[cause].removesuffix(", springs"),
+            f"{watts:.0f}",
+            f"{watts / p.mean:.1%}" if p.mean > 0.0 else NOT_MEASURED,
+        )
         for cause, watts in shares.items()
+        if sprung or cause not in OF_SPRINGS
     ]
     return Table("Where the energy goes, steady window", ("Cause", "Power [W]", "Share of the bus"), lines)
 
@@ -148,8 +172,11 @@ def run_tables(metrics: RunMetrics) -> tuple[Table, ...]:
         "On the stop",
         "Stop hits",
     )
+    springs = sprung(metrics)
+    if not springs:  # the springs' columns are the last three
+        leg_head, legs = leg_head[:-3], [line[:-3] for line in legs]
     tables = Table("Motors", motor_head, motors), Table("Legs", leg_head, legs)
-    return (energy_table(metrics.account), *tables) if metrics.account else tables
+    return (energy_table(metrics.account, springs), *tables) if metrics.account else tables
 
 
 def run_pictures(run: Trajectory) -> tuple[Picture, ...]:

@@ -22,7 +22,8 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.bp2_body import BP2Body
+from bp2_rl.robot.hardware import ByJoint, HardwareSpec
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -30,7 +31,7 @@ from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 
 SENSITIVITY_HOLD = 5.0  # s
-AS_ASSUMED = "as assumed"
+AS_ASSUMED, WEAKER = "as assumed", "peak torque 100 Nm"
 SLOW = 1.2  # of the fastest time over 100 m: those beyond are drawn at the picture's edge
 FULL: dict[str, Any] = {"ms": 7, "color": FRONT}
 HOLLOW: dict[str, Any] = FULL | {"mfc": "white", "mew": 1.4}
@@ -40,13 +41,26 @@ TILES = "Without a fall", "Lowest best speed", "Highest best speed", "Fastest 10
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """The robot that the policy is for, and others, each with one property changed."""
 
-    changed = assumed.changed
+    changed, is_bp2 = assumed.changed, isinstance(assumed.body, BP2Body)
     other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
 
     def stops(factor: float) -> HardwareSpec:
         compression, rebound = factor * assumed.spring_stop_stiffness, factor * assumed.rebound_stiffness
         return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
 
+    def times(factor: float, value: ByJoint) -> ByJoint:
+        if not isinstance(value, tuple):
+            return factor * value
+        abad, hip, knee = value
+        return factor * abad, factor * hip, factor * knee
+
+    springs = {
+        "spring stops x 2": stops(2.0),
+        "spring stops x 10": stops(10.0),
+        "rebound undamped": changed(rebound_damping=0.0),
+        "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
+        "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
+    }
     others = {
         "friction 0.6": changed(friction=0.6),
         "friction 0.8": changed(friction=0.8),
@@ -54,25 +68,26 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "ground's contact 2 ms": changed(contact_time=0.002),
         "ground's contact 5 ms": changed(contact_time=0.005),
         "ground that bounces": changed(contact_damping=0.5),
-        "spring stops x 2": stops(2.0),
-        "spring stops x 10": stops(10.0),
-        "rebound undamped": changed(rebound_damping=0.0),
-        "spring damping x 2": changed(spring_damping=2.0 * assumed.spring_damping),
-        "spring travel -10 mm": changed(spring_travel=assumed.spring_travel - 0.010),
+        **(springs if assumed.anatomy.sprung else {}),
         "joint stops 20 ms": changed(joint_stop_time=0.020),
         "joint stops 5 ms": changed(joint_stop_time=0.005),
-        "no braking at 30 rad/s": changed(braking_speed=30.0),
+        **({"no braking at 30 rad/s": changed(braking_speed=30.0)} if is_bp2 else {}),
         "braking as driving": changed(braking_speed=assumed.no_load_speed),
-        "rotor inertia x 0.5": changed(rotor_inertia=0.5 * assumed.parameter("rotor_inertia")),
-        "rotor inertia x 2": changed(rotor_inertia=2.0 * assumed.parameter("rotor_inertia")),
-        "peak torque 100 Nm": changed(peak_torque=100.0),
+        "rotor inertia x 0.5": changed(rotor_inertia=times(0.5, assumed.rotor_inertia)),
+        "rotor inertia x 2": changed(rotor_inertia=times(2.0, assumed.rotor_inertia)),
+        WEAKER if is_bp2 else "peak torque -20 %": changed(
+            peak_torque=100.0 if is_bp2 else times(0.8, assumed.peak_torque)
+        ),
         "mass -10 %": changed(mass_scale=0.9 * assumed.mass_scale),
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
         other_legs: changed(solid_legs=not assumed.solid_legs),
-        "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
-        "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
-        "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
     }
+    if isinstance(assumed.body, BP2Body):
+        others |= {
+            "hind track -20 mm": changed(hind_track=assumed.body.hind_track - 0.020),
+            "hind track +20 mm": changed(hind_track=assumed.body.hind_track + 0.020),
+            "fore track +10 mm": changed(fore_track=assumed.body.fore_track + 0.010),
+        }
     return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
 
 
@@ -189,8 +204,8 @@ def _range(values: list[float | None]) -> tuple[float, float] | None:
 
 ROBOTS = (
     "as named, one property changed in each; policy, reference motion and controller are those of the assumed robot; "
-    "the motors' corner and no-load speeds stay, so that 100 Nm is less power, too; one run each: a hit of a spring on "
-    "its stop can cost a stride or not, by chance"
+    "the motors' corner and no-load speeds stay, so that less torque is less power, too; one run each: an unlucky "
+    "landing can cost a stride or not, by chance"
 )
 CAPTION = (
     "The same policy on robots other than the one assumed: speed under the top-speed command, and time over 100 m; "

@@ -1,4 +1,4 @@
-"""100 m from a standing start, on one lane: the paper's race against people."""
+"""100 m from a standing start, on one lane: the paper's race against people, which any robot may run."""
 
 import dataclasses
 import math
@@ -24,10 +24,12 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     run_results,
     run_rows,
     run_tables,
+    spring_rows,
 )
-from bp2_rl.evaluation.benchmarks.sprint_figure import CAPTION, sprint_figure
+from bp2_rl.evaluation.benchmarks.sprint_figure import caption, sprint_figure
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
@@ -35,8 +37,9 @@ from bp2_rl.simulation.track import LANE_WIDTH, Lane, measure_lane, time_at, tra
 from bp2_rl.simulation.trajectory import Trajectory
 
 LAUNCH_DISTANCE = 5.0  # m, as in the paper
-TIME_LIMIT = 30.0  # s
-GOOD = f"{TRACK:g} m in {TIME_LIMIT:g} s at most, with trunk and feet inside one lane"
+TIME_LIMIT = 30.0  # s; more for a robot that is told a speed at which that is short
+SLOWNESS = 1.5  # times the time that the track takes at the speed commanded
+GOOD = f"{TRACK:g} m in the time allowed, with trunk and feet inside one lane"
 SPRINT_ACCELERATION = 3.0  # m/s2; most policies stall at 5
 TILES = "100 m", "Mean acceleration", "Best speed", "Lane used", "Fall", "Peak motor power"
 
@@ -83,6 +86,11 @@ class SprintMetrics:
     run: RunMetrics
 
 
+def time_limit(speed: float) -> float:
+    """Return the time in which a robot that is told a speed (m/s) must arrive, s."""
+    return max(TIME_LIMIT, SLOWNESS * TRACK / speed)
+
+
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     name, robot = describe_subject(policy, setup), robot_of(policy, setup)
@@ -97,9 +105,9 @@ def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         conditions=said | {"good": GOOD},
         verdict=verdict(metrics),
         good=metrics.time is not None and metrics.lane.kept,
-        rows=sprint_rows(metrics),
+        rows=sprint_rows(metrics, robot),
         tiles=TILES,
-        pictures=(Picture("sprint", CAPTION, sprint_figure(run, metrics.time)), *run_pictures(run)),
+        pictures=(Picture("sprint", caption(robot), sprint_figure(run, metrics.time)), *run_pictures(run)),
         metrics=metrics,
         results=sprint_results(metrics),
         tables=(
@@ -119,16 +127,17 @@ def race(policy: Policy, setup: Setup) -> Ramp:
     usual = launching if math.isfinite(launching) else SPRINT_ACCELERATION
     acceleration = setup.acceleration or on_card(policy, "sprint", "sprint_acceleration") or usual
     ramp = Ramp(speed, acceleration=acceleration).under(policy.card.env.control)
-    if ramp.steady_from >= TIME_LIMIT:
-        raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {TIME_LIMIT:g} s")
-    return dataclasses.replace(ramp, hold=TIME_LIMIT - ramp.steady_from)
+    limit = time_limit(speed)
+    if ramp.steady_from >= limit:
+        raise UserError(f"--acceleration {acceleration:g} reaches {speed:g} m/s after the race's {limit:g} s")
+    return dataclasses.replace(ramp, hold=limit - ramp.steady_from)
 
 
 def describe_race(ramp: Ramp) -> str:
     """The schedule in one line."""
     return (
         f"from a stand; the command rises {describe_rise(ramp)} to {ramp.target[0]:g} m/s and stays there to "
-        f"the end of {TRACK:g} m, for {TIME_LIMIT:g} s at most; the clock starts when it begins to rise"
+        f"the end of {TRACK:g} m, for {ramp.duration:.3g} s at most; the clock starts when it begins to rise"
     )
 
 
@@ -182,8 +191,9 @@ def verdict(metrics: SprintMetrics) -> str:
     return f"{TRACK:g} m in {metrics.time:.2f} s, {'inside' if metrics.lane.kept else 'but not inside'} one lane."
 
 
-def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
+def sprint_rows(metrics: SprintMetrics, robot: HardwareSpec) -> tuple[Row, ...]:
     """The figures of merit for a reader, each with what it means."""
+    width = 2.0 * robot.anatomy.footprint[1]
     run, lane, launch = metrics.run, metrics.lane, metrics.launch
     used = max(lane.trunk_reach, lane.foot_reach)
     mean, equivalent = (launch.mean_acceleration, launch.equivalent_acceleration) if launch else (None, None)
@@ -200,11 +210,11 @@ def sprint_rows(metrics: SprintMetrics) -> tuple[Row, ...]:
         Row("Best speed", show(run.best_speed, ".2f", "m/s"), "best 1-s mean of forward speed"),
         Row("Fall", show_fall(run.fell_at), f"in {run.duration:.1f} s"),
         Row("Trunk off the line", f"{lane.trunk_offset:.2f} m", "greatest, of its centre"),
-        Row("Trunk's side", f"{lane.trunk_reach:.2f} m", "greatest distance from the line, 0.44 m wide"),
+        Row("Trunk's side", f"{lane.trunk_reach:.2f} m", f"greatest distance from the line, {width:.2f} m wide"),
         Row("Feet's outer edge", f"{lane.foot_reach:.2f} m", "greatest distance from the line"),
         Row("Lane used", f"{used / (LANE_WIDTH / 2):.0%}", f"of \u00b1{LANE_WIDTH / 2:.2f} m, by trunk and feet"),
         *motor_rows(run),
-        Row("Spring-stop hits", f"{run.stop_hits}", f"a spring is on its stop {run.on_stop:.1%} of the time"),
+        *spring_rows(run)[1:],
         *leg_rows(run),
     )
 

@@ -16,18 +16,25 @@ from bp2_rl.base.plotting import (
     moving_mean,
     styled,
 )
-from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TIMES, TRACK
+from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.robot import bp2
+from bp2_rl.robot.bp2_body import BP2Body
+from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.track import LANE_WIDTH, foot_edges, track_position, trunk_edges
 from bp2_rl.simulation.trajectory import Trajectory
 
-CAPTION = (
-    "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's 10-m "
-    "splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over 100 m of "
-    "those whom the paper names."
-)
 POLICY = "this policy"
+
+
+def caption(robot: HardwareSpec) -> str:
+    """Return what a reader must know of the picture."""
+    others = "those whom the paper names" if isinstance(robot.body, BP2Body) else "people"
+    return (
+        "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's "
+        "10-m splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over "
+        f"100 m of {others}."
+    )
 
 
 @styled
@@ -38,7 +45,7 @@ def sprint_figure(run: Trajectory, time: float | None) -> Figure:
     lane.sharex(speed)
     _draw_speed(speed, run)
     _draw_lane(lane, run)
-    _draw_times(times, time)
+    _draw_times(times, time, isinstance(run.hardware.body, BP2Body))
     return figure
 
 
@@ -48,7 +55,8 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
     axes.plot(along, moving_mean(forward, round(RIPPLE / run.dt)), color=FRONT, linewidth=2.0, label=POLICY)
     middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
     axes.plot(middles, means, "o", ms=5, color=LEG_COLORS["FL"], label="Bolt 2009, mean of each 10 m")
-    mark_level(axes, bp2.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s")
+    if isinstance(run.hardware.body, BP2Body):
+        mark_level(axes, bp2.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s")
     axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
     axes.tick_params(axis="x", labelbottom=False)
     legend_above(axes)
@@ -73,8 +81,9 @@ def _draw_lane(axes: Axes, run: Trajectory) -> None:
     legend_above(axes)
 
 
-def _draw_times(axes: Axes, time: float | None) -> None:
-    times = TIMES | ({POLICY: round(time, 2)} if time is not None else {})
+def _draw_times(axes: Axes, time: float | None, is_bp2: bool) -> None:
+    times = {name: value for name, value in TIMES.items() if is_bp2 or name != PAPER_BP2}
+    times |= {POLICY: round(time, 2)} if time is not None else {}
     ranked = sorted(times, key=lambda name: -times[name])
     for place, name in enumerate(ranked):
         ours = name == POLICY

@@ -28,7 +28,7 @@ def page(evaluation: Evaluation, *, has_video: bool, command: str | None = None)
     )
     return document(
         title=f"{evaluation.benchmark}: {evaluation.subject}",
-        header=f"{_verdict(evaluation)}<p class=quiet>BP2 in {_escape(evaluation.backend)}</p>",
+        header=f"{_verdict(evaluation)}<p class=quiet>{_escape(evaluation.backend)}</p>",
         body=f"{_tiles(evaluation)}{moving}{film if has_video else ''}{figures}"
         f"{''.join(map(_section, (measures, *evaluation.tables)))}"
         f"<h2>Conditions</h2><table class=conditions><tbody>{conditions}</tbody></table>"
@@ -55,7 +55,7 @@ def overview(evaluations: Sequence[Evaluation]) -> str:
         for each in evaluations
     )
     policy = f"<p class=quiet>{_escape(evaluations[0].conditions['policy'])}</p>"
-    return document("BP2: all benchmarks", policy, sections)
+    return document("All benchmarks", policy, sections)
 
 
 def document(title: str, header: str, body: str, style: str = "") -> str:

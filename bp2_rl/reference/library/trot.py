@@ -27,7 +27,7 @@ from bp2_rl.base.polynomials import cubic_and_slope, hermite_and_rate
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.reference.library.table import LibraryTable, load_table
-from bp2_rl.reference.stepping import STANDING, TROT, ground, square_speed, turn
+from bp2_rl.reference.stepping import STANDING, TROT, foot_circle, ground, square_speed, turn
 from bp2_rl.robot import bp2, conventions, kinematics
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
@@ -96,7 +96,7 @@ class CollocationGait(CollocationConfig):
 
     def stepping(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """0 when standing, 1 from `stepping_speed` on, with a continuous derivative."""
-        y = jnp.minimum(square_speed(command, self.hardware) / self.stepping_speed**2, 1.0)
+        y = jnp.minimum(square_speed(command, foot_circle(self.hardware)) / self.stepping_speed**2, 1.0)
         return y * (2.0 - y)
 
     def _stride(self, command: Float[Array, "... 3"]) -> "_BlendedStride":

@@ -7,8 +7,15 @@ import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
 
-from bp2_rl.evaluation.benchmarks.conditions import conditions, describe_simulator, describe_subject, robot_of
-from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
+from bp2_rl.evaluation.benchmarks.conditions import (
+    conditions,
+    cruising_speed,
+    describe_simulator,
+    describe_subject,
+    robot_of,
+    top_speed,
+)
+from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, CAPTION_OF_BP2, manoeuvres_figure
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import (
     CHATTER_WINDOW,
     STOPPED,
@@ -25,12 +32,13 @@ from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import (
     Manoeuvre,
     all_manoeuvres,
     dash_of,
+    sizes_of,
 )
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot import bp2
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
@@ -49,6 +57,7 @@ class ManoeuvreMetrics:
     """All tries."""
 
     level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
+    cruise: float  # m/s, of stops and pushes
     passed: int
     fell: int
     outcomes: tuple[ManoeuvreOutcome, ...]
@@ -63,9 +72,12 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Try them all."""
     robot = robot_of(policy, setup)
     level = level_speed(policy, ramp, robot, setup.operator)
-    asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0)
-    metrics = summarise(level, simulate_all(outcome_of, policy, asked))
-    said = conditions(policy, SCHEDULES, describe_simulator("mujoco", robot), setup)
+    cruise = cruising_speed(policy)
+    sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
+    asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0, sizes)
+    metrics = summarise(level, cruise, simulate_all(outcome_of, policy, asked))
+    caption = CAPTION_OF_BP2 if isinstance(robot.body, BP2Body) else CAPTION
+    said = conditions(policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
         subject=describe_subject(policy, setup),
@@ -75,7 +87,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
         good=metrics.passed == len(metrics.outcomes),
         rows=manoeuvre_rows(metrics),
         tiles=TILES,
-        pictures=(Picture("manoeuvres", CAPTION, manoeuvres_figure(metrics.outcomes)),),
+        pictures=(Picture("manoeuvres", caption, manoeuvres_figure(metrics.outcomes)),),
         metrics=metrics,
         results=manoeuvre_results(metrics),
         tables=(manoeuvre_table(metrics),),
@@ -110,12 +122,18 @@ def outcome_of(manoeuvre: Manoeuvre, run: Trajectory) -> ManoeuvreOutcome:
 
 
 FELL = "fell"
-STOP_GROUP, LAUNCH_GROUP = f"Brake from {bp2.OUTDOOR_TOP_SPEED:g} m/s", "Launch, friction 0.8"
-SCHEDULES = (
-    f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the card's "
-    f"top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at "
-    f"{bp2.OUTDOOR_TOP_SPEED:g} m/s; straightness, ground and latency: {TRACK:g} m at the top"
-)
+LAUNCH_GROUP = "Launch, friction 0.8"
+
+
+def describe_schedules(cruise: float) -> str:
+    """Return what the robot is told, in one line; pushes come at the speed `cruise`, m/s."""
+    return (
+        f"commands rise at {COMMAND_ACCELERATION:g} m/s² where nothing else is said; the top is the command of the "
+        f"card's top speed; braking, turns and pushes begin after {STEADY:g} s at their speed, pushes at {cruise:g} "
+        f"m/s; straightness, ground and latency: {TRACK:g} m at the top"
+    )
+
+
 GROUND = (
     "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
     f"ground: heights drawn evenly at points {GRID:g} m apart, straight between them, the figure from lowest to "
@@ -128,10 +146,10 @@ MEASURES = (
 )
 
 
-def summarise(level_speed: float, outcomes: Sequence[ManoeuvreOutcome]) -> ManoeuvreMetrics:
+def summarise(level_speed: float, cruise: float, outcomes: Sequence[ManoeuvreOutcome]) -> ManoeuvreMetrics:
     """Count."""
     passed, fell = (sum(flags) for flags in zip(*((o.passed, o.fell_at is not None) for o in outcomes), strict=True))
-    return ManoeuvreMetrics(level_speed, passed, fell, tuple(outcomes))
+    return ManoeuvreMetrics(level_speed, cruise, passed, fell, tuple(outcomes))
 
 
 def verdict(metrics: ManoeuvreMetrics) -> str:
@@ -152,7 +170,7 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
     return (
         Row("Passed", f"{metrics.passed} of {tries}", "tries, each by its rule, as said below"),
         Row("Fell", f"{metrics.fell}", "a robot that falls fails"),
-        Row("Hardest stop", hardest(groups[STOP_GROUP]), f"from {bp2.OUTDOOR_TOP_SPEED:g} m/s"),
+        Row("Hardest stop", hardest(groups[f"Brake from {metrics.cruise:g} m/s"]), f"from {metrics.cruise:g} m/s"),
         Row("Hardest launch", hardest(groups[LAUNCH_GROUP]), "to the top, on friction 0.8"),
         Row("Creep", show(_creep(metrics), ".2f", "m"), f"of a stand for {STAND:g} s"),
         Row(

@@ -16,8 +16,9 @@ LONG = 9  # characters: what is longer is written smaller
 CAPTION = (
     "A row a manoeuvre, a cell a try: what was asked, and below it what the robot did. Red: it failed the rule on the "
     "left. Turns: told speed x yaw rate, shown the share of the yaw rate reached, or the speed if that alone failed. "
-    "Pushes: towards the arrow, ahead is up. A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
+    "Pushes: towards the arrow, ahead is up."
 )
+CAPTION_OF_BP2 = f"{CAPTION} A gyro biased by 0.5°/s by itself leads some 5 m astray in 100 m."
 
 
 @styled

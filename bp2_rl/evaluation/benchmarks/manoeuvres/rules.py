@@ -22,7 +22,7 @@ VELOCITY_ERROR = 0.1  # of a velocity commanded, at most
 YAW_ERROR = 0.15  # of a yaw rate commanded, at most
 WANDER = 0.5  # m, of a turn on the spot
 CREEP = 0.02  # m, of a stand
-CHATTER = 1.0  # Nm, of a stand
+CHATTER = 1.0  # Nm, of BP2's stand; of another robot as much of its weight times its legs' length
 CHATTER_WINDOW = 0.1  # s: what varies faster is chatter
 ASTRAY = 3.0  # m, of a run that nobody steers
 
@@ -193,8 +193,9 @@ def assess_creep(run: Trajectory) -> Assessment[StandingStill]:
 
 def assess_chatter(run: Trajectory) -> Assessment[StandingStill]:
     """Return whether the motors are quiet: less than `CHATTER`."""
-    measured = _measure_stand(run)
-    return Assessment(measured.chatter < CHATTER, f"{measured.chatter:.1f} Nm", measured)
+    measured, most = _measure_stand(run), CHATTER * run.hardware.size.torque
+    said = f"{measured.chatter:.{1 if most == CHATTER else 2}f} Nm"
+    return Assessment(measured.chatter < most, said, measured)
 
 
 def assess_straightness(run: Trajectory, *, length: float, allowed: float = LANE_WIDTH / 2) -> Assessment[Straight]:

@@ -8,9 +8,11 @@ from typing import Any
 
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
-from bp2_rl.evaluation.benchmarks.sprint import TIME_LIMIT, TRACK
+from bp2_rl.evaluation.benchmarks.sprint import TRACK, time_limit
 from bp2_rl.robot import bp2
+from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp, Schedule
@@ -23,22 +25,67 @@ AFTERWARDS = 2.0  # s, that a robot must stay up at the end
 BRAKING = 2.0, 4.0, 6.0, 8.0  # m/s2
 LAUNCH_ACCELERATIONS = 2.0, 3.0, 4.0, 6.0, 8.0  # m/s2
 FRICTIONS = 0.6, 0.8, 0.9
-TURN_SPEEDS = 3.0, 6.0, 10.0, 13.0  # m/s
 TURNS = 1.0, 2.0, 3.0, 4.0  # m/s2, speed x yaw rate
 YAW_ACCELERATION = 2.0  # rad/s2, at which yaw-rate commands rise, as in training
 TURN_SETTLING, TURN_TIME = 1.0, 2.0  # s, at a yaw rate: before it is measured, and while it is
-SLOW = 0.5, 1.0, 1.5, 2.0, 3.0  # m/s
 SLOW_SETTLING, SLOW_TIME = 1.0, 4.0  # s
-SIDEWAYS, BACKWARDS = 0.5, (0.5, 1.0)  # m/s
-SPINS = 0.5, 1.0  # rad/s
 STAND = 10.0  # s
 GYRO_BIASES = 0.05, 0.5  # deg/s
-PUSHES = 0.5, 1.0, 1.5  # m/s
 ARROWS = "↑↖←↙↓↘→↗"  # ahead is up; each turned by 45 deg to the left
 AFTER_PUSH = 3.0  # s
-ROUGHNESS = 0.01, 0.02, 0.03  # m
 SLOPES = 2.0, 4.0  # deg
 LATENCIES = 0.005, 0.010, 0.015  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class ManoeuvreSizes:
+    """How fast, how hard and how high; the defaults are BP2's."""
+
+    cruise: float = bp2.OUTDOOR_TOP_SPEED  # m/s, of stops and pushes
+    turns: tuple[float, ...] = (3.0, 6.0, 10.0, 13.0)  # m/s
+    slow: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0, 3.0)  # m/s
+    sideways: float = 0.5  # m/s
+    backwards: tuple[float, ...] = (0.5, 1.0)  # m/s
+    spins: tuple[float, ...] = (0.5, 1.0)  # rad/s
+    pushes: tuple[float, ...] = (0.5, 1.0, 1.5)  # m/s
+    roughness: tuple[float, ...] = (0.01, 0.02, 0.03)  # m
+    most_turning: float = math.inf  # rad/s: turns that ask for more are left out
+
+
+TURN_SHARES = 0.2, 0.4, 0.65, 0.85
+"""Of another robot's top speed: BP2's turns at 15 m/s."""
+MOST_TURNING = 1.5
+"""Times the fastest yaw rate of the training."""
+
+
+def sizes_of(robot: HardwareSpec, top: float, cruise: float, commands: CommandConfig) -> ManoeuvreSizes:
+    """Return BP2's sizes, or those of another robot: shares of its top speed, and what is similar at its own size.
+
+    Args:
+        robot: the robot that runs.
+        top: m/s, its policy's own top speed.
+        cruise: m/s, its cruising speed.
+        commands: of its training.
+    """
+    if isinstance(robot.body, BP2Body):
+        return ManoeuvreSizes()
+    size, of_bp2 = robot.size, ManoeuvreSizes()
+
+    def times(factor: float, values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(float(f"{factor * value:.2g}") for value in values)
+
+    (sideways,) = times(size.speed, (of_bp2.sideways,))
+    return ManoeuvreSizes(
+        cruise=cruise,
+        turns=times(top, TURN_SHARES),
+        slow=tuple(speed for speed in of_bp2.slow if speed <= top) or (round(top / 2.0, 2),),
+        sideways=sideways,
+        backwards=times(size.speed, of_bp2.backwards),
+        spins=tuple(round(size.rate * rate, 1) for rate in of_bp2.spins),
+        pushes=times(size.speed, of_bp2.pushes),
+        roughness=times(size.length, of_bp2.roughness),
+        most_turning=MOST_TURNING * commands.max_yaw_rate,
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,7 +99,12 @@ class Manoeuvre(RunRequest):
 
 
 def all_manoeuvres(
-    top: Ramp, level: float, hardware: HardwareSpec, operator: HeadingHold, seed: int
+    top: Ramp,
+    level: float,
+    hardware: HardwareSpec,
+    operator: HeadingHold,
+    seed: int,
+    sizes: ManoeuvreSizes = ManoeuvreSizes(),
 ) -> tuple[Manoeuvre, ...]:
     """Every one, in the order of the report.
 
@@ -62,6 +114,7 @@ def all_manoeuvres(
         hardware: the robot.
         operator: who keeps it straight where nothing else is said.
         seed: of the rough ground.
+        sizes: how fast, how hard and how high.
     """
 
     def of(
@@ -78,15 +131,15 @@ def all_manoeuvres(
     speed = top.target[0]
     dash = dash_of(top)
     return (
-        *_braking(of, bp2.OUTDOOR_TOP_SPEED, f"Brake from {bp2.OUTDOOR_TOP_SPEED:g} m/s"),
+        *_braking(of, sizes.cruise, f"Brake from {sizes.cruise:g} m/s"),
         *_braking(of, speed, "Brake from the top"),
         *_launches(of, speed, level, hardware),
-        *_turns(of),
-        *_slow_motion(of),
-        *_standing(of),
+        *_turns(of, sizes),
+        *_slow_motion(of, sizes),
+        *_standing(of, hardware),
         *_straightness(of, dash, operator),
-        *_pushes(of),
-        *_bad_ground(of, dash, level, seed),
+        *_pushes(of, sizes),
+        *_bad_ground(of, dash, level, seed, sizes),
         *_latency(of, dash, level, hardware),
     )
 
@@ -96,7 +149,7 @@ Make = Callable[..., Manoeuvre]
 
 def dash_of(top: Ramp) -> Ramp:
     """Over the track at the top speed, with the time that this takes."""
-    return dataclasses.replace(top, hold=min(TRACK / (rules.SPEED_SHARE * top.target[0]), TIME_LIMIT))
+    return dataclasses.replace(top, hold=min(TRACK / (rules.SPEED_SHARE * top.target[0]), time_limit(top.target[0])))
 
 
 def run_up(speed: float) -> Course:
@@ -129,10 +182,12 @@ def _launches(of: Make, speed: float, level: float, hardware: HardwareSpec) -> I
             )
 
 
-def _turns(of: Make) -> Iterator[Manoeuvre]:
-    for speed in TURN_SPEEDS:
+def _turns(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
+    for speed in sizes.turns:
         for lateral in TURNS:
             yaw_rate = lateral / speed
+            if yaw_rate > sizes.most_turning:
+                continue
             run = run_up(speed).to((speed, 0.0, yaw_rate), yaw_rate / YAW_ACCELERATION).hold(TURN_SETTLING)
             yield of(
                 f"Turn at {speed:g} m/s",
@@ -143,21 +198,21 @@ def _turns(of: Make) -> Iterator[Manoeuvre]:
             )
 
 
-def _slow_motion(of: Make) -> Iterator[Manoeuvre]:
-    ways = [("Slow", f"{speed:g} m/s", (speed, 0.0, 0.0)) for speed in SLOW]
-    ways += [("Sideways", "left", (0.0, SIDEWAYS, 0.0)), ("Sideways", "right", (0.0, -SIDEWAYS, 0.0))]
-    ways += [("Backwards", f"{speed:g} m/s", (-speed, 0.0, 0.0)) for speed in BACKWARDS]
+def _slow_motion(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
+    ways = [("Slow", f"{speed:g} m/s", (speed, 0.0, 0.0)) for speed in sizes.slow]
+    ways += [("Sideways", way, (0.0, sign * sizes.sideways, 0.0)) for way, sign in (("left", 1.0), ("right", -1.0))]
+    ways += [("Backwards", f"{speed:g} m/s", (-speed, 0.0, 0.0)) for speed in sizes.backwards]
     for group, asked, command in ways:
         rise = Course().to(command, math.hypot(*command) / COMMAND_ACCELERATION).hold(SLOW_SETTLING)
         yield of(
-            f"Sideways at {SIDEWAYS:g} m/s" if group == "Sideways" else group,
+            f"Sideways at {sizes.sideways:g} m/s" if group == "Sideways" else group,
             asked,
             f"speed within {rules.VELOCITY_ERROR:.0%}",
             functools.partial(rules.assess_motion, command=command, since=rise.duration),
             rise.hold(SLOW_TIME),
         )
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        for rate in SPINS:
+        for rate in sizes.spins:
             command = (0.0, 0.0, sign * rate)
             rise = Course().to(command, rate / YAW_ACCELERATION).hold(SLOW_SETTLING)
             yield of(
@@ -169,9 +224,9 @@ def _slow_motion(of: Make) -> Iterator[Manoeuvre]:
             )
 
 
-def _standing(of: Make) -> Iterator[Manoeuvre]:
+def _standing(of: Make, hardware: HardwareSpec) -> Iterator[Manoeuvre]:
     group, still = f"Stand for {STAND:g} s", Course().hold(STAND)
-    rule = f"creep < {100 * rules.CREEP:g} cm, chatter < {rules.CHATTER:g} Nm"
+    rule = f"creep < {100 * rules.CREEP:g} cm, chatter < {rules.CHATTER * hardware.size.torque:.2g} Nm"
     yield of(group, "creep", rule, rules.assess_creep, still)
     yield of(group, "chatter", rule, rules.assess_chatter, still)
 
@@ -188,9 +243,9 @@ def _straightness(of: Make, dash: Ramp, operator: HeadingHold) -> Iterator[Manoe
     yield straight("nobody", assess=functools.partial(steered, allowed=rules.ASTRAY), operator=nobody)
 
 
-def _pushes(of: Make) -> Iterator[Manoeuvre]:
-    run = run_up(bp2.OUTDOOR_TOP_SPEED)
-    for size in PUSHES:
+def _pushes(of: Make, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
+    run = run_up(sizes.cruise)
+    for size in sizes.pushes:
         for i, arrow in enumerate(ARROWS):
             angle = math.tau * i / len(ARROWS)
             push = Push(run.duration, size * math.cos(angle), size * math.sin(angle))
@@ -204,10 +259,10 @@ def _pushes(of: Make) -> Iterator[Manoeuvre]:
             )
 
 
-def _bad_ground(of: Make, dash: Ramp, level: float, seed: int) -> Iterator[Manoeuvre]:
+def _bad_ground(of: Make, dash: Ramp, level: float, seed: int, sizes: ManoeuvreSizes) -> Iterator[Manoeuvre]:
     running = _dash(of, dash, level)
-    for height in ROUGHNESS:
-        yield running("Rough ground", f"{100 * height:g} cm", world=World(roughness=height, seed=seed))
+    for height in sizes.roughness:
+        yield running("Rough ground", f"{100 * height:.2g} cm", world=World(roughness=height, seed=seed))
     for way, sign in (("up", 1.0), ("down", -1.0)):
         for slope in SLOPES:
             yield running("Slope", f"{way} {slope:g}°", world=World(slope=math.radians(sign * slope)))
