@@ -38,9 +38,7 @@ def cold_guess(problem: Problem, seed: int | None = None) -> Motion:
             block, lower = TRUNK + stride.per_leg * index, leg.lower_length
             if anatomy.sprung:
                 most = 0.4 * anatomy.leg_length
-                q[i, :, block + 2] = np.clip(
-                    force[i, :, 2 * index + 1] / problem.hardware.spring_stiffness, 0.0, most
-                )
+                q[i, :, block + 2] = np.clip(force[i, :, 2 * index + 1] / problem.hardware.spring_stiffness, 0.0, most)
                 lower = lower - q[i, :, block + 2]
             q[i, :, block], q[i, :, block + 1] = hip_and_knee(x, z, leg.thigh_length, lower, leg.bend)
     v = np.stack([np.gradient(x, T * problem.points, axis=0) for x, T in zip(q, durations, strict=True)])

@@ -80,7 +80,9 @@ class PlanarModel:
         mujoco.mj_fwdVelocity(model, data)
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
-        phi, J, Jdot = (np.concatenate(parts) for parts in zip(*(self._foot(*foot) for foot in self._feet), strict=True))
+        phi, J, Jdot = (
+            np.concatenate(parts) for parts in zip(*(self._foot(*foot) for foot in self._feet), strict=True)
+        )
         return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
 
     def passive(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

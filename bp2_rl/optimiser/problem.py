@@ -142,6 +142,8 @@ class Form(Bounded, path="form."):
     """m/s, of a sole before touchdown, downwards as well as along"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
+    greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0
+    """of the weight's impulse over the stride, that landings bear; nothing but the legs' own mass limits it otherwise"""
 
 
 @dataclasses.dataclass(frozen=True)

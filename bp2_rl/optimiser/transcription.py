@@ -293,9 +293,14 @@ def _join_to_segment_before(nlp: Transcription, i: int) -> None:
 
 
 def _limit_form(nlp: Transcription) -> None:
-    """The cycle's period, and in each stance its duration and how its feet share the load."""
+    """The cycle's period, what landings bear, and in each stance its duration and how its feet share the load."""
     stride, form, program = nlp.problem.stride, nlp.problem.form, nlp.program
-    period = ca.sum1(ca.vertcat(*(segment.T for segment in nlp.segments))) / stride.cycles
+    duration = ca.sum1(ca.vertcat(*(segment.T for segment in nlp.segments)))
+    period = duration / stride.cycles
+    if form.greatest_impact < 1.0:
+        weight = nlp.model.gravity(nlp.segments[0].q[:, 0], nlp.design)[1]  # on the trunk's z, which carries all
+        landing = sum((ca.sum1(segment.impulse[1::2]) for segment in nlp.segments), ca.MX(0))
+        program.at_least_zero(form.greatest_impact * weight * duration - landing, IMPULSE_SCALE, "impact")
     if math.isfinite(form.longest_period):
         program.at_least_zero(form.longest_period - period, TIME_SCALE, "period")
     for segment, feet in zip(nlp.segments, stride.standing, strict=True):
