@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.guess import cold_guess
-from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.problem import MOST_ITERATIONS, Problem
 from bp2_rl.optimiser.program import Optimum
 from bp2_rl.optimiser.sagittal import DESIGN, ca
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
@@ -47,7 +47,7 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
-    optimum = transcription.program.solve(options.time_limit)
+    optimum = transcription.program.solve(options.time_limit, options.iterations)
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:
         raise KeyboardInterrupt
@@ -71,8 +71,12 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
     return Optimised(solution, transcription, optimum)
 
 
-def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
+def solve_best(
+    problem: Problem, starts: int = 3, near: Sequence[Solution] = (), iterations: int = MOST_ITERATIONS
+) -> Solution:
     """Return the cheapest of several solves: from the cold guess, `starts - 1` varied ones, and other solutions.
+
+    Each may take so many iterations.
 
     Raises:
         NotSolved: none of them succeeded; the message is the cold guess's.
@@ -84,7 +88,7 @@ def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ())
     solved, failures = [], []
     for guess in guesses:
         try:
-            solved.append(solve(problem, guess))
+            solved.append(solve(problem, guess, SolveOptions(iterations=iterations)))
         except NotSolved as failure:
             failures.append(failure)
     if not solved:

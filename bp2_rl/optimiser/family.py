@@ -31,6 +31,7 @@ from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.cycle import center_of_mass
 from bp2_rl.optimiser.links import hip_of, leg_of
 from bp2_rl.optimiser.problem import (
+    MOST_ITERATIONS,
     MOST_SPEEDS,
     PER_LEG,
     TRUNK,
@@ -62,8 +63,8 @@ from bp2_rl.robot.hardware import IDEAL, ByJoint, HardwareSpec, Size
 MOST_IMPACT = 0.16
 """Of the weight, that landings bear in the library of a robot that is not BP2: as in BP2's own at 15 m/s. A model
 without soft ground would let rigid legs run on impacts alone, which cost nothing."""
-LIMIT_TIME = 60.0
-"""s, for a solve beyond the robot's limit to fail in."""
+TRIES = 200
+"""Iterations for a solve to fail in where nobody knows what the robot can; from a neighbour 20 to 60 are enough."""
 
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
@@ -201,6 +202,11 @@ class FamilyConfig:
         problem = dataclasses.replace(problem, form=Form(greatest_impact=MOST_IMPACT))
         return dataclasses.replace(bp2s, slowest=slowest, fastest=None, step=step, anchor=anchor, problem=problem)
 
+    @property
+    def iterations(self) -> int:
+        """After how many a solve is given up."""
+        return TRIES if self.fastest is None else MOST_ITERATIONS
+
     def at(self, speed: float) -> Problem:
         """What is asked for at a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
@@ -261,8 +267,10 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     if is_saved(_path(folder, settings.anchor)):
         return
     problem = settings.at(settings.anchor)
-    best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
-    _keep(folder, refine(best, problem.intervals))
+    coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
+    best = solve_best(coarse, settings.starts, iterations=settings.iterations)
+    between = (problem.intervals + settings.coarse) // 2
+    _keep(folder, refine(best if between <= 2 * settings.coarse else refine(best, between), problem.intervals))
 
 
 def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[float]:
@@ -297,7 +305,7 @@ def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
         speed = round(speeds[-1] + step, 9)
         try:
             if not is_saved(_path(folder, speed)):
-                found = _checked(_solve_from(settings, here, speed, LIMIT_TIME))
+                found = _checked(_solve_from(settings, here, speed))
                 if failures(found.checks):
                     raise NotSolved(f"the trot of {speed} m/s is not sound")
                 save_solution(_path(folder, speed), found)
@@ -308,14 +316,14 @@ def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
     return speeds
 
 
-def _solve_from(settings: FamilyConfig, here: Solution, speed: float, time_limit: float | None = None) -> Solution:
+def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solution:
     """Solve a neighbour's speed near to the neighbour."""
     from bp2_rl.optimiser.collocation import solve
     from bp2_rl.optimiser.transcription import SolveOptions
 
     problem = settings.at(speed)
-    options = SolveOptions(proximity=settings.slow.proximity if settings.slow.holds(problem) else settings.proximity)
-    return solve(problem, here.motion, dataclasses.replace(options, time_limit=time_limit or options.time_limit))
+    proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
+    return solve(problem, here.motion, SolveOptions(proximity=proximity, iterations=settings.iterations))
 
 
 def _keep(folder: Path, solution: Solution) -> None:

@@ -194,7 +194,7 @@ def _add_body(parent: mujoco.MjsBody, name: str, at: Vector, link: Link, scale: 
         name=name,
         pos=at,
         mass=scale * link.mass,
-        fullinertia=scale * np.array(link.inertia),
+        fullinertia=[scale * inertia for inertia in link.inertia],
         ipos=link.com,
         explicitinertial=True,
     )

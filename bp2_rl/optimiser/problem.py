@@ -17,7 +17,8 @@ PER_LEG = 3  # coordinates of a leg: hip, knee and, where the shank is not rigid
 STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
 # Friction changes sign with the speed, and a gear's loss has a corner at no torque. A mesh cannot follow that, so both
 # go smoothly, by a tanh, over a small share of the 21 rad/s, the 8 m/s and the 120 Nm that occur. All three halved or
-# doubled change the greatest speed of a robot with friction and gear by less than 1e-3 m/s. Robots of another size take them in proportion.
+# doubled change the greatest speed of a robot with friction and gear by less than 1e-3 m/s.
+# Robots of another size take them in proportion.
 JOINT_ROUNDING = 0.5  # rad/s, ASSUMED
 SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
 GEAR_ROUNDING = 2.0  # Nm, ASSUMED
@@ -29,6 +30,8 @@ Speed = Annotated[float, Within(0.01, 100.0)]
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
 MOST_SPEEDS = 1000
 """More of them are a slip of the pen: at a minute each they take a day."""
+MOST_ITERATIONS = 2000
+"""After so many a solve is given up."""
 Intervals = Annotated[int, Within(2, 500)]
 Starts = Annotated[int, Within(1, 1000)]
 
@@ -143,7 +146,7 @@ class Form(Bounded, path="form."):
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
     greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0
-    """of the weight's impulse over the stride, that landings bear; nothing but the legs' own mass limits it otherwise"""
+    """of the weight's impulse over the stride, that landings bear"""
 
 
 @dataclasses.dataclass(frozen=True)

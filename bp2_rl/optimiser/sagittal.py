@@ -4,8 +4,9 @@
     M(q) (v+ - v-) = J(q)^T Lambda,  q+ = q-                        at touchdown
 
 Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and, unless the shank is rigid, compression of
-the spring. They are those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose down is positive, a
-positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in v_i v_j).
+the spring. They are those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose
+down is positive, a positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in
+v_i v_j).
 
 Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A rotor turns with the link
 that holds it as well, the trunk or the thigh: `rotor_coupling` adds what that couples, r I_m between the joint and that
@@ -62,7 +63,8 @@ DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")
 class SagittalModel:
     """The model's terms as CasADi functions; `p` is the design vector of `design_vector`.
 
-    With n = 3 + 3 legs coordinates (3 + 2 legs with rigid shanks), u = 2 legs motors and c = 2 legs contact coordinates.
+    With n = 3 + 3 legs coordinates, 3 + 2 legs with rigid shanks, u = 2 legs motors and c = 2 legs contact
+    coordinates.
     """
 
     legs: tuple[str, ...]
