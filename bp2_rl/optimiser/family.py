@@ -269,8 +269,9 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     problem = settings.at(settings.anchor)
     coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
     best = solve_best(coarse, settings.starts, iterations=settings.iterations)
-    between = (problem.intervals + settings.coarse) // 2
-    _keep(folder, refine(best if between <= 2 * settings.coarse else refine(best, between), problem.intervals))
+    if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
+        best = refine(best, (coarse.intervals + problem.intervals) // 2)
+    _keep(folder, refine(best, problem.intervals))
 
 
 def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[float]:

@@ -83,13 +83,13 @@ def _parse_library(arguments: type[LibraryArguments], argv: Sequence[str] | None
     robot = named_robot(argv, prog)
     default = arguments("build")
     if robot != default.robot:
-        name = Path(robot).stem
+        name, file = Path(robot).stem, Path(robot)
         default = dataclasses.replace(
             default,
             family=FamilyConfig.on(find_robot(robot)),
             robot=robot,
             out=OUT / f"library-{name}",
-            to=OUT / f"{name}_trot.npz",
+            to=file.with_name(f"{name}_trot.npz") if file.suffix else OUT / f"{name}_trot.npz",
         )
     return app.parse(arguments, argv, prog, default)
 
