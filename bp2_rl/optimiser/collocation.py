@@ -107,11 +107,11 @@ def fastest(start: Solution) -> Solution:
     return solve(start.problem, start.motion, GREATEST_SPEED)
 
 
-def refine(solution: Solution, intervals: int) -> Solution:
+def refine(solution: Solution, intervals: int, options: SolveOptions = STANDARD) -> Solution:
     """Solve the problem of `solution` on another mesh, starting from `solution`.
 
     Raises:
         NotSolved: IPOPT found no trajectory on the new mesh.
     """
     problem = solution.problem.on_mesh(intervals)
-    return solve(problem, resample(solution.problem, solution.motion, problem))
+    return solve(problem, resample(solution.problem, solution.motion, problem), options)
