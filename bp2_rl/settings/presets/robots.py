@@ -15,6 +15,9 @@ from bp2_rl.settings.reference import KinematicConfig
 
 MOST_REACH = 0.98
 """Share of the legs' reach that the kinematic gait uses."""
+FIRST_COMMANDS = 0.25
+"""Share of the greatest command up to which the commands go at first: nobody knows how fast a new robot can be, and
+most of a fleet that is told to run faster than that falls all the time."""
 
 
 class RobotRanges(NamedTuple):
@@ -46,9 +49,9 @@ def sized(env: EnvConfig) -> EnvConfig:
     size, robot = env.hardware.size, env.hardware
     if size == Size(1.0, 1.0):
         return env
-    control, commands, start = env.control, env.commands, env.curriculum.start_speed
-    reset, drawn, end = env.reset, env.randomization, env.termination
+    control, reset, drawn, end = env.control, env.reset, env.randomization, env.termination
     speed = speed_factor(robot)
+    start = env.curriculum.start_speed or FIRST_COMMANDS * env.commands.max_forward
     return dataclasses.replace(
         env,
         reference="kinematic" if env.reference == "collocation" else env.reference,
@@ -62,8 +65,8 @@ def sized(env: EnvConfig) -> EnvConfig:
             stopping_time=size.time * control.stopping_time,
             launching_speed=speed * control.launching_speed,
         ),
-        commands=_sized_commands(commands, size, speed),
-        curriculum=dataclasses.replace(env.curriculum, start_speed=start if start is None else speed * start),
+        commands=_sized_commands(env.commands, size, speed),
+        curriculum=dataclasses.replace(env.curriculum, start_speed=speed * start),
         reset=dataclasses.replace(reset, command_error=size.speed * reset.command_error),
         randomization=dataclasses.replace(
             drawn, com_offset=size.length * drawn.com_offset, push_velocity=size.speed * drawn.push_velocity
