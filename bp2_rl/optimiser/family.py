@@ -17,6 +17,7 @@ back.
 import concurrent.futures
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -92,20 +93,20 @@ class Limits(Form):
     def on(self, problem: Problem) -> Problem:
         """The problem within these limits."""
         form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
-        size = problem.hardware.size
-        length = problem.hardware.anatomy.leg_length / bp2.THIGH_LENGTH  # of a changed BP2, too, whose size is 1
+        hardware, size = problem.hardware, problem.hardware.size
+        length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH  # of a changed BP2, too, whose size is 1
         sized = {
             "highest_trunk": length * form["highest_trunk"],
             "highest_step": length * form["highest_step"],
             "longest_period": size.time * form["longest_period"],
             "hardest_landing": size.speed * form["hardest_landing"],
-            "greatest_share": min(form["greatest_share"] + _uneven(problem.hardware), 1.0),
+            "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
             "greatest_impact": min(form["greatest_impact"], problem.form.greatest_impact),
         }
         limits = {
             "pitch_limit": self.pitch_limit,
             "speed_margin": self.speed_margin,
-            "torque_rate": size.torque / size.time * self.torque_rate,
+            "torque_rate": size.torque / size.time * self.torque_rate if hardware.anatomy.sprung else math.inf,
         }
         tighter = {name: min(limit, getattr(problem, name)) for name, limit in limits.items()}
         return dataclasses.replace(problem, intervals=MESH, form=Form(**form | sized), **tighter)
@@ -213,6 +214,16 @@ class FamilyConfig:
         """What is asked for at a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
+    @property
+    def ends(self) -> list[float]:
+        """The speeds to which the walks go that are asked for, m/s."""
+        return [self.slowest] if self.fastest is None else [self.slowest, self.fastest]
+
+    @property
+    def speeds(self) -> list[float]:
+        """All speeds that are asked for, ascending, m/s."""
+        return sorted({speed for end in self.ends for speed in self.walk(end)})
+
     def walk(self, end: float) -> list[float]:
         """The speeds from the anchor to one end, both included, m/s."""
         count = round(abs(end - self.anchor) / self.step + 0.4999)  # the last step may be shorter
@@ -246,11 +257,10 @@ def build_family(
         UserError: the folder belongs to another family.
     """
     config.claim_folder(folder, "family.json", settings, "a family")
-    ends = [settings.slowest] if settings.fastest is None else [settings.slowest, settings.fastest]
-    asked = None if settings.fastest is None else len({speed for end in ends for speed in settings.walk(end)})
+    asked = None if settings.fastest is None else len(settings.speeds)
     with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
-        walks = [pool.submit(_walk, settings, folder, settings.walk(end)) for end in ends]
+        walks = [pool.submit(_walk, settings, folder, settings.walk(end)) for end in settings.ends]
         if settings.fastest is None:
             walks.append(pool.submit(_climb, settings, folder))
         while True:
