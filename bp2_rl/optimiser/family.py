@@ -109,7 +109,7 @@ class Limits(Form):
             "torque_rate": size.torque / size.time * self.torque_rate if hardware.anatomy.sprung else math.inf,
         }
         tighter = {name: min(limit, getattr(problem, name)) for name, limit in limits.items()}
-        return dataclasses.replace(problem, intervals=MESH, form=Form(**form | sized), **tighter)
+        return dataclasses.replace(problem, form=Form(**form | sized), **tighter)
 
 
 def _uneven(hardware: HardwareSpec) -> float:
