@@ -66,7 +66,7 @@ MOST_IMPACT = 0.16
 without soft ground would let rigid legs run on impacts alone, which cost nothing."""
 MESH = 24
 """Intervals a segment of another robot's library: its energy then closes to some 1e-4."""
-TRIES = 200
+TRIES = 80
 """Iterations for a solve to fail in where nobody knows what the robot can; from a neighbour 20 to 60 are enough."""
 
 
@@ -282,7 +282,7 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     problem = settings.at(settings.anchor)
     near = SolveOptions(proximity=0.0 if settings.fastest else settings.proximity, iterations=settings.iterations)
     coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
-    best = solve_best(coarse, settings.starts, iterations=settings.iterations)
+    best = solve_best(coarse, settings.starts, iterations=3 * settings.iterations)
     if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
         best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
     _keep(folder, refine(best, problem.intervals, near))
