@@ -72,7 +72,6 @@ TRIES = 80
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
     """Return a robot less what a library leaves to feedback; its speed margin is in `FamilyConfig.problem`."""
-
     peak: ByJoint = hardware.peak_torque
     if isinstance(peak, tuple):
         abad, hip, knee = peak
@@ -177,9 +176,8 @@ class FamilyConfig:
     starts: Starts = 3  # guesses at the anchor
     coarse: Intervals = 8  # intervals a segment, for those
     proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
-    problem: Problem = Problem(
-        intervals=40, hardware=reserved(IDEAL), speed_margin=0.9
-    )  # at all speeds alike, but for `slow`
+    problem: Problem = Problem(intervals=40, hardware=reserved(IDEAL), speed_margin=0.9)
+    """at all speeds alike, but for `slow`"""
     slow: SlowEnd = SlowEnd()
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_libra
 from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
-ON_GROUND = 0.03
+ON_GROUND = 0.028
 """By which a standing foot may miss the ground, over half a leg's length: legs 2 % longer miss it by more."""
 
 
