@@ -12,7 +12,7 @@ from bp2_rl.reference.library.table import load_table
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
 from bp2_rl.reference.stepping import foot_circle
-from bp2_rl.robot import bp2, kinematics
+from bp2_rl.robot import kinematics
 from bp2_rl.settings.env import EnvConfig
 
 Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
@@ -44,26 +44,31 @@ def _kinematic(gait: KinematicGait) -> Playback:
 
 def _trot(gait: CollocationGait) -> Playback:
     hardware = gait.hardware
-    table = load_table(gait.file, hardware.bp2.leg_length)
+    table, legs = load_table(gait.file, hardware.anatomy), hardware.anatomy.geometry
     with jax.enable_x64(True):
         rest = gait(jnp.zeros(3), jnp.zeros(()))
     sag = np.asarray(rest.spring_compression)
-    angles = np.reshape(bp2.STAND_JOINTS, (4, 3))
-    settings = {
+    angles = np.reshape(hardware.anatomy.stand, (4, 3))
+    settings: dict[str, Any] = {
         "kind": "collocation",
         "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
         "foot_circle": foot_circle(hardware),  # m, of the outermost foot
-        "sag": float(sag[0]),  # m, of a spring at rest
-        "foot_radius": bp2.FOOT_RADIUS,  # m
-        "leg_length": hardware.bp2.leg_length,  # m, of the thigh and of the lower leg alike
-        "thigh_lateral": bp2.THIGH_LATERAL,  # m, abduction axis to the leg's plane
-        "straight_knee": bp2.KNEE_RANGE[1],  # rad, at which a leg has no reach left
     }
+    columns = {
+        "sag": sag,  # m, of a spring at rest
+        "thigh": legs.thigh,  # m
+        "lower": legs.lower - legs.foot_radius,  # m, knee to the foot's centre, spring at rest
+        "lateral": legs.lateral,  # m, abduction axis to the leg's plane, to the left
+        "drop": legs.drop,  # m, of the hip axis below the abduction axis
+        "bend": legs.bend,  # sign of the knee's angle
+        "straight_knee": kinematics.straightest_knees(hardware),  # rad, at which a leg has no reach left
+    }
+    settings["legs"] = [dict(zip(columns, map(float, leg), strict=True)) for leg in zip(*columns.values(), strict=True)]
     arrays = {
         "strides": table.strides,  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
         "cubics": table.cubics,
-        "stand_feet": kinematics.foot_position(angles, sag + bp2.FOOT_RADIUS, hardware),  # m
+        "stand_feet": kinematics.foot_position(angles, sag + legs.foot_radius, hardware),  # m
         "leg_origins": kinematics.leg_origins(hardware),  # m
-        "stand_torque": np.asarray(rest.torque)[1:3],  # Nm, hip and knee
+        "stand_torque": np.asarray(rest.torque).reshape(4, 3)[:, 1:],  # Nm, hip and knee
     }
     return settings, arrays

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.guess import cold_guess
-from bp2_rl.optimiser.problem import Problem
+from bp2_rl.optimiser.problem import MOST_ITERATIONS, Problem
 from bp2_rl.optimiser.program import Optimum
 from bp2_rl.optimiser.sagittal import DESIGN, ca
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
@@ -47,7 +47,7 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
-    optimum = transcription.program.solve(options.time_limit)
+    optimum = transcription.program.solve(options.time_limit, options.iterations)
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:
         raise KeyboardInterrupt
@@ -71,8 +71,12 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
     return Optimised(solution, transcription, optimum)
 
 
-def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ()) -> Solution:
+def solve_best(
+    problem: Problem, starts: int = 3, near: Sequence[Solution] = (), iterations: int = MOST_ITERATIONS
+) -> Solution:
     """Return the cheapest of several solves: from the cold guess, `starts - 1` varied ones, and other solutions.
+
+    Each may take so many iterations.
 
     Raises:
         NotSolved: none of them succeeded; the message is the cold guess's.
@@ -84,7 +88,7 @@ def solve_best(problem: Problem, starts: int = 3, near: Sequence[Solution] = ())
     solved, failures = [], []
     for guess in guesses:
         try:
-            solved.append(solve(problem, guess))
+            solved.append(solve(problem, guess, SolveOptions(iterations=iterations)))
         except NotSolved as failure:
             failures.append(failure)
     if not solved:
@@ -103,11 +107,11 @@ def fastest(start: Solution) -> Solution:
     return solve(start.problem, start.motion, GREATEST_SPEED)
 
 
-def refine(solution: Solution, intervals: int) -> Solution:
+def refine(solution: Solution, intervals: int, options: SolveOptions = STANDARD) -> Solution:
     """Solve the problem of `solution` on another mesh, starting from `solution`.
 
     Raises:
         NotSolved: IPOPT found no trajectory on the new mesh.
     """
     problem = solution.problem.on_mesh(intervals)
-    return solve(problem, resample(solution.problem, solution.motion, problem))
+    return solve(problem, resample(solution.problem, solution.motion, problem), options)

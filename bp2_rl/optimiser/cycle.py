@@ -1,14 +1,15 @@
 """A whole gait cycle of a solution, and where the robot's links are along it. No CasADi in here."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Num
 
-from bp2_rl.optimiser.links import LegLinks, down_link, hip_fore_aft, leg_bodies, leg_links
-from bp2_rl.optimiser.problem import PER_LEG, TRUNK, Problem, motor_coordinates
+from bp2_rl.optimiser.links import LegLinks, Point, leg_bodies, leg_links, leg_of, trunk_body
+from bp2_rl.optimiser.problem import TRUNK, Problem, per_leg
 from bp2_rl.optimiser.solution import Motion, Solution
-from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 
 MOTOR_ARRAYS = "tau", "force", "impulse"  # arrays of a motion with two columns a leg
@@ -73,19 +74,18 @@ def leg_points(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> Num[np.ndarray, "... {len(legs)} 3 2"]:
     """Hip, knee and sole of each leg in the plane at coordinates q, m."""
-    links, lower = _links(q, legs, hardware)
-    sole = down_link(np, links.knee, links.lower, lower)
-    return np.stack([np.stack(point, axis=-1) for point in (links.hip, links.knee, sole)], axis=-2)
+    return np.stack([_points(links[:3]) for links, _, _ in _legs(q, legs, hardware)], axis=-3)
 
 
 def center_of_mass(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
 ) -> Num[np.ndarray, "... 2"]:
-    """The robot's centre of mass, m: the mean of its bodies (Table S3) by their masses."""
-    moment = hardware.bp2.trunk_quarter_mass * q[..., :2]
-    for mass, _, centre, _ in leg_bodies(np, *_links(q, legs, hardware), hardware):
-        moment = moment + mass * np.mean(np.stack(centre, axis=-1), axis=-2)
-    return moment / bp2.QUARTER_MASS
+    """The robot's centre of mass, m: the mean of its bodies by their masses."""
+    bodies = [trunk_body(np, hardware.anatomy, legs, (q[..., 0], q[..., 1], q[..., 2]))]
+    for links, compression, name in _legs(q, legs, hardware):
+        bodies += leg_bodies(np, leg_of(hardware.anatomy, name), links, compression)
+    masses = np.array([body.mass for body in bodies])
+    return np.einsum("b,...bx->...x", masses / np.sum(masses), _points([body.centre for body in bodies]))
 
 
 def center_of_mass_velocity(
@@ -100,24 +100,31 @@ def center_of_mass_velocity(
 
 
 def robot_mass(problem: Problem) -> float:
-    """Mass of the model, kg: as many quarters of Table S3 as it has legs."""
-    return problem.hardware.mass_scale * len(problem.stride.legs) * bp2.QUARTER_MASS
+    """Mass of the model, kg: its share of the robot's links."""
+    return problem.hardware.mass_scale * problem.share * problem.hardware.anatomy.mass
 
 
 def cost_of_transport(solution: Solution) -> float:
     """Positive mechanical work of the motors over weight times distance, dimensionless."""
     cycle = whole_cycle(solution)
-    motion, motors = cycle.motion, motor_coordinates(solution.problem.stride.legs)
+    motion, motors = cycle.motion, solution.problem.stride.motors
     power = np.sum(np.maximum(motion.tau * motion.v[..., motors], 0.0), axis=-1)
     distance = solution.problem.speed * cycle.period
     return float(np.sum(cycle.weights * power)) / (robot_mass(solution.problem) * conventions.GRAVITY * distance)
 
 
-def _links(
+def _legs(
     q: Num[np.ndarray, "... nq"], legs: tuple[str, ...], hardware: HardwareSpec
-) -> tuple[LegLinks, Num[np.ndarray, "... legs"]]:
-    """The legs' links, each part (..., legs), and how far each sole is from its knee, m."""
-    hip, knee, spring = np.moveaxis(q[..., TRUNK:].reshape(*q.shape[:-1], len(legs), PER_LEG), -1, 0)
-    trunk = q[..., :1], q[..., 1:2], q[..., 2:3]
-    fore_aft = np.array([hip_fore_aft(leg) for leg in legs])
-    return leg_links(np, trunk, fore_aft, (hip, knee), hardware.bp2.leg_length), hardware.bp2.leg_length - spring
+) -> list[tuple[LegLinks, Num[np.ndarray, "..."], str]]:
+    """The links, whose foot is the sole, and the compression (m) of each leg, and its name."""
+    found, trunk = [], (q[..., 0], q[..., 1], q[..., 2])
+    for i, name in enumerate(legs):
+        leg, first = leg_of(hardware.anatomy, name), TRUNK + per_leg(hardware) * i
+        compression = q[..., first + 2] if hardware.anatomy.sprung else np.zeros_like(q[..., 0])
+        joints = q[..., first], q[..., first + 1]
+        found.append((leg_links(np, trunk, leg, joints, leg.lower_length - compression), compression, name))
+    return found
+
+
+def _points(points: Sequence[Point]) -> Num[np.ndarray, "... points 2"]:
+    return np.stack([np.stack(point, axis=-1) for point in points], axis=-2)

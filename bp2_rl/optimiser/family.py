@@ -17,18 +17,33 @@ back.
 import concurrent.futures
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bp2_rl.base import serialization as config
 from bp2_rl.base.bounds import Bounded, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.workers import spawned
-from bp2_rl.optimiser.problem import MOST_SPEEDS, Form, Intervals, Problem, Speed, SpeedStep, Starts, motor_coordinates
+from bp2_rl.optimiser.cycle import center_of_mass
+from bp2_rl.optimiser.links import hip_of, leg_of
+from bp2_rl.optimiser.problem import (
+    MOST_ITERATIONS,
+    MOST_SPEEDS,
+    PER_LEG,
+    TRUNK,
+    Form,
+    Intervals,
+    Problem,
+    Speed,
+    SpeedStep,
+    Starts,
+    per_leg,
+)
 from bp2_rl.optimiser.solution import (
     ARRAYS,
     Motion,
@@ -43,15 +58,32 @@ from bp2_rl.optimiser.solution import (
     versions,
 )
 from bp2_rl.robot import bp2
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import IDEAL, ByJoint, HardwareSpec, Size
 
-RESERVED = HardwareSpec(peak_torque=0.9 * bp2.PEAK_TORQUE, friction=0.7)
-"""BP2 with what the library leaves to feedback taken away; its speed margin is in `FamilyConfig.problem`."""
+MOST_IMPACT = 0.16
+"""Of the weight, that landings bear in the library of a robot that is not BP2: as in BP2's own at 15 m/s. A model
+without soft ground would let rigid legs run on impacts alone, which cost nothing."""
+MESH = 24
+"""Intervals a segment of another robot's library: its energy then closes to some 1e-4."""
+TRIES = 80
+"""Iterations for a solve to fail in where nobody knows what the robot can; from a neighbour 20 to 60 are enough."""
+
+
+def reserved(hardware: HardwareSpec) -> HardwareSpec:
+    """Return a robot less what a library leaves to feedback; its speed margin is in `FamilyConfig.problem`."""
+    peak: ByJoint = hardware.peak_torque
+    if isinstance(peak, tuple):
+        abad, hip, knee = peak
+        peak = 0.9 * abad, 0.9 * hip, 0.9 * knee
+    else:
+        peak = 0.9 * peak
+    return dataclasses.replace(hardware, peak_torque=peak, friction=round(hardware.friction * 0.7 / 0.9, 9))
 
 
 @dataclasses.dataclass(frozen=True)
 class Limits(Form):
-    """What a trot is limited to at a speed; lengths are for BP2's own leg and scale with the robot's."""
+    """What a trot is limited to at a speed; numbers are for BP2 and scale with the robot's size."""
 
     pitch_limit: Annotated[float, Within(0.001, 1.5)] = 1.5  # these three as the problem's, if they are tighter
     speed_margin: Annotated[float, Within(0.01, 10.0)] = 10.0
@@ -60,13 +92,30 @@ class Limits(Form):
     def on(self, problem: Problem) -> Problem:
         """The problem within these limits."""
         form = {field.name: getattr(self, field.name) for field in dataclasses.fields(Form)}
-        size = problem.hardware.bp2.leg_length / bp2.THIGH_LENGTH
-        lengths = {name: size * form[name] for name in ("highest_trunk", "highest_step")}
-        tighter = {
-            name: min(getattr(self, name), getattr(problem, name))
-            for name in ("pitch_limit", "speed_margin", "torque_rate")
+        hardware, size = problem.hardware, problem.hardware.size
+        length = hardware.anatomy.leg_length / bp2.THIGH_LENGTH  # of a changed BP2, too, whose size is 1
+        sized = {
+            "highest_trunk": length * form["highest_trunk"],
+            "highest_step": length * form["highest_step"],
+            "longest_period": size.time * form["longest_period"],
+            "hardest_landing": size.speed * form["hardest_landing"],
+            "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
+            "greatest_impact": min(form["greatest_impact"], problem.form.greatest_impact),
         }
-        return dataclasses.replace(problem, form=Form(**form | lengths), **tighter)
+        limits = {
+            "pitch_limit": self.pitch_limit,
+            "speed_margin": self.speed_margin,
+            "torque_rate": size.torque / size.time * self.torque_rate if hardware.anatomy.sprung else math.inf,
+        }
+        tighter = {name: min(limit, getattr(problem, name)) for name, limit in limits.items()}
+        return dataclasses.replace(problem, form=Form(**form | sized), **tighter)
+
+
+def _uneven(hardware: HardwareSpec) -> float:
+    """How much more than half of the weight the fore or the hind legs bear when they hang straight."""
+    fore, hind = (hip_of(leg_of(hardware.anatomy, end))[0] for end in ("F", "H"))
+    coordinates = np.zeros(TRUNK + per_leg(hardware) * len(LEGS))
+    return abs(float(center_of_mass(coordinates, LEGS, hardware)[0]) - (fore + hind) / 2.0) / (fore - hind)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,12 +151,17 @@ class SlowEnd(Bounded, path="slow."):
     )
     proximity: Annotated[float, Within(0.0, 1e6)] = 1.0  # as the family's, of trots that have to change
 
+    def holds(self, problem: Problem) -> bool:
+        """Whether a problem's speed is that of a slow trot."""
+        return problem.speed < problem.hardware.size.speed * self.speeds[1]
+
     def limit(self, problem: Problem) -> Problem:
         """The problem within the limits of its speed."""
-        if problem.speed >= self.speeds[1]:
+        if not self.holds(problem):
             return problem
+        speed = problem.speed / problem.hardware.size.speed
         ends = {name: (slow, getattr(self.upper, name)) for name, slow in vars(self.lower).items()}
-        limits = {name: float(np.interp(problem.speed, self.speeds, pair)) for name, pair in ends.items()}
+        limits = {name: float(np.interp(speed, self.speeds, pair)) for name, pair in ends.items()}
         return Limits(**limits).on(problem)
 
 
@@ -116,41 +170,60 @@ class FamilyConfig:
     """Which speeds the library has, and how it walks from one to the next."""
 
     slowest: Speed = 0.5  # m/s
-    fastest: Speed = 15.0  # m/s
+    fastest: Speed | None = 15.0  # m/s; None: the robot's limit
     step: SpeedStep = 0.5  # m/s
     anchor: Speed = 10.0  # m/s, where the walk begins
     starts: Starts = 3  # guesses at the anchor
     coarse: Intervals = 8  # intervals a segment, for those
     proximity: Annotated[float, Within(0.0, 1e6)] = 10.0  # weight of staying near the neighbour
-    problem: Problem = Problem(intervals=40, hardware=RESERVED, speed_margin=0.9)  # at all speeds alike, but for `slow`
+    problem: Problem = Problem(intervals=40, hardware=reserved(IDEAL), speed_margin=0.9)
+    """at all speeds alike, but for `slow`"""
     slow: SlowEnd = SlowEnd()
 
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
-        if not self.slowest <= self.anchor <= self.fastest:
+        if not self.slowest <= self.anchor <= (self.anchor if self.fastest is None else self.fastest):
             raise UserError(
                 f"slowest ({self.slowest}), anchor ({self.anchor}) and fastest ({self.fastest}) must be in this order"
             )
-        if (self.fastest - self.slowest) / self.step > MOST_SPEEDS:
+        if ((self.fastest or self.anchor) - self.slowest) / self.step > MOST_SPEEDS:
             raise UserError(f"step ({self.step}) makes more than {MOST_SPEEDS} speeds: choose a longer one")
         if self.problem.stride.cycles != 0.5:
             raise UserError("the library is of trots, as left and right change places after half a cycle")
 
+    @classmethod
+    def on(cls, hardware: HardwareSpec) -> "FamilyConfig":
+        """Return the family of a robot: BP2's, or by dynamic similarity from slow trots to the robot's limit."""
+        bp2s = cls()
+        if hardware.size == Size(1.0, 1.0):
+            return dataclasses.replace(bp2s, problem=dataclasses.replace(bp2s.problem, hardware=reserved(hardware)))
+        problem = bp2s.problem.sized(reserved(hardware))
+        slowest, step, anchor = (round(hardware.size.speed * speed, 2) for speed in (bp2s.slowest, 0.4, 4.0))
+        problem = dataclasses.replace(problem, intervals=MESH, form=Form(greatest_impact=MOST_IMPACT))
+        return dataclasses.replace(bp2s, slowest=slowest, fastest=None, step=step, anchor=anchor, problem=problem)
+
     @property
-    def speeds(self) -> list[float]:
-        """All speeds, ascending, m/s."""
-        return sorted({*self._walk(self.slowest), *self._walk(self.fastest)})
+    def iterations(self) -> int:
+        """After how many a solve is given up."""
+        return TRIES if self.fastest is None else MOST_ITERATIONS
 
     def at(self, speed: float) -> Problem:
         """What is asked for at a speed, m/s."""
         return self.slow.limit(self.problem.at(speed))
 
-    def walks(self) -> list[list[float]]:
-        """The speeds from the anchor to the slowest and to the fastest, anchor included."""
-        return [self._walk(self.slowest), self._walk(self.fastest)]
+    @property
+    def ends(self) -> list[float]:
+        """The speeds to which the walks go that are asked for, m/s."""
+        return [self.slowest] if self.fastest is None else [self.slowest, self.fastest]
 
-    def _walk(self, end: float) -> list[float]:
+    @property
+    def speeds(self) -> list[float]:
+        """All speeds that are asked for, ascending, m/s."""
+        return sorted({speed for end in self.ends for speed in self.walk(end)})
+
+    def walk(self, end: float) -> list[float]:
+        """The speeds from the anchor to one end, both included, m/s."""
         count = round(abs(end - self.anchor) / self.step + 0.4999)  # the last step may be shorter
         steps = [self.anchor + (1 if end > self.anchor else -1) * self.step * i for i in range(count)]
         return [round(speed, 9) for speed in [*steps, end]]
@@ -160,15 +233,19 @@ class FamilyConfig:
 
 
 def build_family(
-    settings: FamilyConfig, folder: Path, *, workers: int = 2, report: Callable[[int, int], None] | None = None
+    settings: FamilyConfig,
+    folder: Path,
+    *,
+    workers: int = 2,
+    report: Callable[[int, int | None], None] | None = None,
 ) -> list[Solution]:
     """Solve and verify the family, a file for each speed in `folder`; those that are there already are kept.
 
     Args:
-        settings: which family.
+        settings: which family. With no fastest speed it ends where no faster trot is found that the verifier accepts.
         folder: of the solutions; made if need be. One that holds a family of other settings is refused.
         workers: processes; the two walks are independent, so a third has nothing to do.
-        report: called with (speeds done, speeds in all) now and then.
+        report: called with (speeds done, speeds in all, if that is known) now and then.
 
     Returns:
         The solutions, slowest first, each with verify's figures as its checks.
@@ -178,39 +255,43 @@ def build_family(
         UserError: the folder belongs to another family.
     """
     config.claim_folder(folder, "family.json", settings, "a family")
+    asked = None if settings.fastest is None else len(settings.speeds)
     with spawned(min(workers, 2)) as pool:
         _solve_anchor(settings, folder)
-        walks = [pool.submit(_walk, settings, folder, speeds) for speeds in settings.walks()]
+        walks = [pool.submit(_walk, settings, folder, settings.walk(end)) for end in settings.ends]
+        if settings.fastest is None:
+            walks.append(pool.submit(_climb, settings, folder))
         while True:
             waiting = concurrent.futures.wait(walks, timeout=0.5, return_when="FIRST_EXCEPTION")
             if report is not None:
-                report(sum(is_saved(_path(folder, speed)) for speed in settings.speeds), len(settings.speeds))
+                report(sum(1 for _ in folder.glob("speed-*.json")), asked)
             if not waiting.not_done or any(walk.exception() for walk in waiting.done):
                 break
-        for walk in walks:
-            walk.result()
-    return [_load(settings, folder, speed) for speed in settings.speeds]
+        speeds = sorted({speed for walk in walks for speed in walk.result()})
+    return [_load(settings, folder, speed) for speed in speeds]
 
 
 def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     from bp2_rl.optimiser.collocation import refine, solve_best  # CasADi only where something is solved
+    from bp2_rl.optimiser.transcription import SolveOptions
 
     if is_saved(_path(folder, settings.anchor)):
         return
     problem = settings.at(settings.anchor)
-    best = solve_best(problem.on_mesh(min(settings.coarse, problem.intervals)), settings.starts)
-    _keep(folder, refine(best, problem.intervals))
+    near = SolveOptions(proximity=0.0 if settings.fastest else settings.proximity, iterations=settings.iterations)
+    coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
+    best = solve_best(coarse, settings.starts, iterations=3 * settings.iterations)
+    if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
+        best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
+    _keep(folder, refine(best, problem.intervals, near))
 
 
-def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
+def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[float]:
     """Solve one speed after the other, each from the one before."""
-    from bp2_rl.optimiser.collocation import solve
-    from bp2_rl.optimiser.transcription import SolveOptions
 
     def step(here: Solution, speed: float, halvings: int) -> Solution:
-        proximity = settings.slow.proximity if speed < settings.slow.speeds[1] else settings.proximity
         try:
-            return solve(settings.at(speed), here.motion, SolveOptions(proximity=proximity))
+            return _solve_from(settings, here, speed)
         except NotSolved:
             if halvings == 0:
                 raise
@@ -224,12 +305,48 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> None:
         else:
             here = step(here, speed, halvings=2)
             _keep(folder, here)
+    return speeds
+
+
+def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
+    """Solve faster and faster trots from the anchor on, by smaller steps in the end, until there is none."""
+    from bp2_rl.optimiser.verify import failures
+
+    speeds, step = [settings.anchor], settings.step
+    here = _load(settings, folder, settings.anchor)
+    while step > settings.step / 5.0:
+        speed = round(speeds[-1] + step, 9)
+        try:
+            if not is_saved(_path(folder, speed)):
+                found = _checked(_solve_from(settings, here, speed))
+                if failures(found.checks, exact=False):
+                    raise NotSolved(f"the trot of {speed} m/s is not sound")
+                save_solution(_path(folder, speed), found)
+            here = _load(settings, folder, speed)
+            speeds.append(speed)
+        except NotSolved:
+            step /= 2.0
+    return speeds
+
+
+def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solution:
+    """Solve a neighbour's speed near to the neighbour."""
+    from bp2_rl.optimiser.collocation import solve
+    from bp2_rl.optimiser.transcription import SolveOptions
+
+    problem = settings.at(speed)
+    proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
+    return solve(problem, here.motion, SolveOptions(proximity=proximity, iterations=settings.iterations))
 
 
 def _keep(folder: Path, solution: Solution) -> None:
+    save_solution(_path(folder, solution.problem.speed), _checked(solution))
+
+
+def _checked(solution: Solution) -> Solution:
     from bp2_rl.optimiser.verify import verify  # MuJoCo only where something is verified
 
-    save_solution(_path(folder, solution.problem.speed), dataclasses.replace(solution, checks=verify(solution)))
+    return dataclasses.replace(solution, checks=verify(solution))
 
 
 def _load(settings: FamilyConfig, folder: Path, speed: float) -> Solution:
@@ -248,15 +365,30 @@ class _Provenance:
     """Where a library comes from."""
 
     settings: FamilyConfig
+    robot: str = IDEAL.anatomy.name  # that of files without a name
     solutions: tuple[SolveStatistics, ...]  # by speed
     versions: dict[str, str]
     schema: str
 
 
 def arrays_of(family: list[Solution]) -> dict[str, Float[np.ndarray, "..."]]:
-    """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions."""
+    """The speeds (m/s) and, with one more axis in front, the arrays of the family's motions.
+
+    Every leg has three coordinates: the spring of a rigid shank is zero.
+    """
     motions = {name: np.stack([getattr(solution.motion, name) for solution in family]) for name in ARRAYS}
+    rigid = ~np.isin(np.arange(TRUNK + PER_LEG * len(LEGS)), _coordinates(family[0].problem))
+    for name in "qva":
+        full = np.zeros((*motions[name].shape[:-1], len(rigid)))
+        full[..., ~rigid] = motions[name]
+        motions[name] = full
     return {"speeds": np.array([solution.problem.speed for solution in family]), **motions}
+
+
+def _coordinates(problem: Problem) -> Int[np.ndarray, " nq"]:
+    """Which of a library's coordinates the problem has."""
+    each = problem.stride.per_leg
+    return np.array([*range(TRUNK), *(TRUNK + PER_LEG * leg + i for leg in range(len(LEGS)) for i in range(each))])
 
 
 def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, Any]:
@@ -266,7 +398,15 @@ def provenance_of(family: list[Solution], settings: FamilyConfig) -> dict[str, A
         "bp2_rl/reference/library/file.py."
     )
     statistics = tuple(solution.statistics for solution in family)
-    return config.to_json(_Provenance(settings=settings, solutions=statistics, versions=versions(), schema=schema))
+    return config.to_json(
+        _Provenance(
+            settings=settings,
+            robot=settings.problem.hardware.anatomy.name,
+            solutions=statistics,
+            versions=versions(),
+            schema=schema,
+        )
+    )
 
 
 def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -> list[Solution]:
@@ -278,6 +418,8 @@ def family_of(arrays: Mapping[str, Float[np.ndarray, "..."]], provenance: Any) -
     origin = config.from_json(_Provenance, provenance)
     if len(origin.solutions) != len(arrays["speeds"]):
         raise UserError(f"{len(arrays['speeds'])} speeds, and statistics of {len(origin.solutions)}")
+    ours = _coordinates(origin.settings.problem)
+    arrays = {name: array[..., ours] if name in ("q", "v", "a") else array for name, array in arrays.items()}
     for name, spec in array_specs(origin.settings.problem).items():
         if arrays[name].shape[1:] != spec.shape:
             raise UserError(f"{name} is {list(arrays[name].shape[1:])} at each speed, its settings say {spec.shape}")
@@ -316,7 +458,7 @@ def steps_of(family: list[Solution]) -> list[Steps]:
 
 
 def _joint_distance(one: Solution, other: Solution) -> float:
-    motors = motor_coordinates(one.problem.stride.legs)
+    motors = one.problem.stride.motors
     away = (one.motion.q - other.motion.q)[..., motors]
     share = np.stack([s.motion.durations / np.sum(s.motion.durations) for s in (one, other)]).mean(axis=0)
     return float(np.sqrt(np.max(np.mean(away**2, axis=1).T @ share)))

@@ -1,5 +1,8 @@
 """The links of a leg in the sagittal plane: x forward, z up, angles about +y, in m and rad.
 
+A model in the plane has left and right alike: the left legs of an `Anatomy` stand for the right ones, too. Abduction
+is zero, so that the abduction links belong to the trunk.
+
 The functions take numbers of NumPy (complex ones as well), JAX or CasADi.
 """
 
@@ -8,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bp2_rl.base.arrays import Number
-from bp2_rl.robot import bp2
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.anatomy import Anatomy, Leg, Link
+from bp2_rl.robot.conventions import LEGS
 
 Point = tuple[Any, Any]  # (x, z)
 
@@ -19,67 +22,89 @@ class LegLinks(NamedTuple):
 
     hip: Point
     knee: Point
+    foot: Point  # the point of the lower leg that was asked for
     thigh: Any  # angle
     lower: Number  # angle
 
 
 class LinkBody(NamedTuple):
-    """A rigid part of a leg (Table S3)."""
+    """A rigid part."""
 
-    mass: float  # kg
-    inertia: float  # kg m2, about the centre of mass
+    mass: float  # kg, before masses are scaled
+    inertia: float  # kg m2, about the centre of mass, before masses are scaled
     centre: Point  # of mass
     angle: Any
 
 
-def hip_fore_aft(leg: str) -> float:
-    """How far forward of the trunk's centre a leg's hip is; names of fore legs begin with F."""
-    return bp2.HIP_FORE_AFT if leg.startswith("F") else -bp2.HIP_FORE_AFT
+def leg_of(anatomy: Anatomy, name: str) -> Leg:
+    """Return the leg of that name in the plane; names of fore legs begin with F."""
+    return anatomy.legs[LEGS.index("FL" if name.startswith("F") else "RL")]
+
+
+def hip_of(leg: Leg) -> tuple[float, float]:
+    """Return where a leg's hip axis is in the trunk's frame."""
+    return leg.anchor[0] + leg.hip[0], leg.anchor[2] + leg.hip[2]
+
+
+def place(xp: Any, start: Point, angle: Number, point: Point) -> Point:
+    """Return a point of a link, given from the link's `start` in axes turned by `angle`."""
+    (x, z), c, s = point, xp.cos(angle), xp.sin(angle)
+    return start[0] + x * c + z * s, start[1] - x * s + z * c
 
 
 def leg_links(
-    xp: Any, trunk: tuple[Any, Any, Any], fore_aft: Number, joints: tuple[Any, Any], leg_length: Number
+    xp: Any, trunk: tuple[Any, Any, Any], leg: Leg, joints: tuple[Any, Any], below: Number, stretch: Number = 0.0
 ) -> LegLinks:
-    """Hip, knee and links of a leg.
+    """Hip, knee, links and a point of the lower leg.
 
     Args:
         xp: has the cosine and sine for the others: `numpy`, `jax.numpy` or `casadi`.
-        trunk: x and z of its centre, and its pitch, nose down.
-        fore_aft: of the hip on the trunk.
+        trunk: x and z of its frame, and its pitch, nose down.
+        leg: its lengths.
         joints: angles of hip and knee.
-        leg_length: of the thigh.
+        below: how far the point is from the knee.
+        stretch: by which the thigh is longer than the leg's.
     """
     (x, z, pitch), (hip, knee) = trunk, joints
-    hip_at = x + fore_aft * xp.cos(pitch), z + fore_aft * -xp.sin(pitch)
-    thigh = pitch + hip
-    return LegLinks(hip_at, down_link(xp, hip_at, thigh, leg_length), thigh, thigh + knee)
+    hip_at, thigh = place(xp, (x, z), pitch, hip_of(leg)), pitch + hip
+    knee_at = place(xp, hip_at, thigh, (0.0, -leg.thigh_length - stretch))
+    return LegLinks(hip_at, knee_at, place(xp, knee_at, thigh + knee, (0.0, -below)), thigh, thigh + knee)
 
 
-def down_link(xp: Any, start: Point, angle: Number, distance: Number) -> Point:
-    """The point at a distance from `start` down a link."""
-    return start[0] + distance * -xp.sin(angle), start[1] + distance * -xp.cos(angle)
+def leg_bodies(xp: Any, leg: Leg, links: LegLinks, compression: Number, stretch: Number = 0.0) -> list[LinkBody]:
+    """Thigh, shank and, below a spring, toe of a leg; `stretch` lengthens the lower leg above the toe."""
+
+    def body(link: Link, start: Point, angle: Number, down: Number = 0.0) -> LinkBody:
+        x, _, z = link.com
+        return LinkBody(link.mass, link.inertia[1], place(xp, start, angle, (x, z + down)), angle)
+
+    bodies = [body(leg.thigh, links.hip, links.thigh), body(leg.shank, links.knee, links.lower)]
+    if leg.toe is not None:
+        bodies.append(body(leg.toe, links.knee, links.lower, leg.seat[2] - stretch + compression))
+    return bodies
 
 
-def leg_bodies(xp: Any, leg: LegLinks, lower: Number, hardware: HardwareSpec) -> tuple[LinkBody, LinkBody, LinkBody]:
-    """Thigh, shank and toe of a leg whose sole is `lower` from its knee, without the scale of all masses."""
+def trunk_body(xp: Any, anatomy: Anatomy, legs: tuple[str, ...], trunk: tuple[Any, Any, Any]) -> LinkBody:
+    """As much of the trunk as is these legs' share, with their abduction links."""
+    share = len(legs) / len(LEGS)
+    parts = [(share, anatomy.trunk, (0.0, 0.0, 0.0))]
+    parts += [(1.0, leg_of(anatomy, name).abad, leg_of(anatomy, name).anchor) for name in legs]
+    masses = np.array([part * link.mass for part, link, _ in parts])
+    centres = np.array([np.add(at, link.com)[[0, 2]] for _, link, at in parts])
+    centre = masses @ centres / np.sum(masses)
+    own = sum(part * link.inertia[1] for part, link, _ in parts)
+    inertia = own + float(masses @ np.sum((centres - centre) ** 2, axis=1))
+    x, z, pitch = trunk
+    return LinkBody(float(np.sum(masses)), inertia, place(xp, (x, z), pitch, (centre[0], centre[1])), pitch)
 
-    def body(mass: float, inertia: float, start: Point, angle: Number, distance: Number) -> LinkBody:
-        return LinkBody(mass, inertia, down_link(xp, start, angle, distance), angle)
 
-    return (
-        body(hardware.bp2.thigh_mass, hardware.bp2.thigh_inertia, leg.hip, leg.thigh, bp2.THIGH_COM),
-        body(bp2.SHANK_MASS, bp2.SHANK_INERTIA, leg.knee, leg.lower, bp2.SHANK_LENGTH + bp2.SHANK_COM),
-        body(hardware.bp2.toe_mass, hardware.bp2.toe_inertia, leg.knee, leg.lower, lower + bp2.TOE_COM),
-    )
-
-
-def hip_and_knee(x: Number, z: Number, thigh: float, lower: Number) -> tuple[Any, Any]:
-    """Hip and knee that put a sole at (x, z) from the hip, knee bent backwards; out of reach in direction only.
+def hip_and_knee(x: Number, z: Number, thigh: float, lower: Number, bend: int = -1) -> tuple[Any, Any]:
+    """Hip and knee that put a sole at (x, z) from the hip; out of reach in direction only.
 
     What `kinematics.joint_angles` does in space, but short of straight: solves begin here, and a straight leg is no
-    place to.
+    place to. `bend` is the sign of the knee's angle; -1 bends it backwards.
     """
     cosine = np.clip((x**2 + z**2 - thigh**2 - lower**2) / (2.0 * thigh * lower), -0.95, 0.999)
-    knee = -np.arccos(cosine)
+    knee = bend * np.arccos(cosine)
     hip = np.arctan2(-x, -z) - np.arctan2(lower * np.sin(knee), thigh + lower * np.cos(knee))
     return hip, knee

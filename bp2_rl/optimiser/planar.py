@@ -1,10 +1,11 @@
-"""BP2 in the sagittal plane as a MuJoCo model: the same mechanics as `sagittal`, with no line of code in common.
+"""A quadruped in the sagittal plane as a MuJoCo model: the mechanics of `sagittal`, with no line of code in common.
 
     M(q) a + h(q, v) = B u(tau, v) + tau_p(q, v) + J(q)^T F,        h = C + G
 
 MuJoCo gives M, h, the feet's Jacobian J and the derivative of it; the passive forces tau_p of springs, stops and air,
 and what reaches the joints of the motors' torque, u, are closed forms. Coordinates, contact coordinates phi and the
-orders of all of them are those of `sagittal`.
+orders of all of them are those of `sagittal`. Links have their places and inertias in space; the joints alone make the
+model planar.
 """
 
 from typing import NamedTuple
@@ -14,11 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.optimiser import verifier_laws
-from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, spring_coordinates
-from bp2_rl.robot import bp2, conventions
+from bp2_rl.optimiser.problem import STOP_ROUNDING, Problem, motor_coordinates, per_leg, spring_coordinates
+from bp2_rl.robot import conventions
+from bp2_rl.robot.anatomy import Leg, Link, Vector
 from bp2_rl.robot.hardware import HardwareSpec
 
-Y_AXIS = (0.0, 1.0, 0.0)
+Y_AXIS, UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Terms(NamedTuple):
@@ -33,22 +35,36 @@ class Terms(NamedTuple):
 
 
 class PlanarModel:
-    """A trunk made of as many of Table S3's quarters as there are legs, and those legs.
+    """Legs, and their share of the trunk; left legs stand for the right ones.
 
     Args:
         legs: names; those that begin with F are at the front, the others behind.
         hardware: the parameters of the body.
-        foot_radius: m; 0 for a point.
+        foot_radius: m, in place of the robot's own; 0 for a point.
         rotor_coupling: whether rotors turn with the links that hold them, too.
     """
 
-    def __init__(self, legs: tuple[str, ...], hardware: HardwareSpec, foot_radius: float, rotor_coupling: bool = False):
-        self.hardware, self.foot_radius = hardware, foot_radius
+    def __init__(
+        self,
+        legs: tuple[str, ...],
+        hardware: HardwareSpec,
+        foot_radius: float | None = None,
+        rotor_coupling: bool = False,
+    ):
+        self.hardware = hardware
         self.share = len(legs) / len(conventions.LEGS)  # of the robot that the model is
-        self.motors, self.springs = motor_coordinates(legs), spring_coordinates(legs)
+        self.motors = motor_coordinates(legs, per_leg(hardware))
+        self.springs = spring_coordinates(legs) if hardware.anatomy.sprung else np.zeros(0, int)
+        self._rounding = STOP_ROUNDING * hardware.size.length
         self._model = _build_spec(legs, hardware, rotor_coupling).compile()
         self._data = mujoco.MjData(self._model)
-        self._toes = [self._model.body(f"{leg}_toe").id for leg in legs]
+        self._feet: list[tuple[int, tuple[float, float, float], float]] = []  # body, centre in its frame, radius
+        for name in legs:
+            leg = _leg(hardware, name)
+            radius = leg.foot_radius if foot_radius is None else foot_radius
+            part, top = ("shank", 0.0) if leg.toe is None else ("toe", leg.seat[2])
+            centre = (0.0, leg.foot[1], leg.foot[2] - leg.foot_radius + radius - top)
+            self._feet.append((self._model.body(f"{name}_{part}").id, centre, radius))
         self.weight = float(np.sum(self._model.body_mass)) * conventions.GRAVITY  # N
 
     @classmethod
@@ -64,7 +80,9 @@ class PlanarModel:
         mujoco.mj_fwdVelocity(model, data)
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
-        phi, J, Jdot = (np.concatenate(parts) for parts in zip(*map(self._foot, self._toes), strict=True))
+        phi, J, Jdot = (
+            np.concatenate(parts) for parts in zip(*(self._foot(*foot) for foot in self._feet), strict=True)
+        )
         return Terms(mass, data.qfrc_bias.copy(), self.passive(q, v), phi, J, Jdot @ v)
 
     def passive(self, q: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -73,8 +91,8 @@ class PlanarModel:
         force = np.zeros_like(q)
         force[:1] = verifier_laws.drag(hardware, self.share, v[:1])
         force[self.springs] = (
-            hardware.rebound_stiffness * _ramp(-s)
-            - hardware.spring_stop_stiffness * _ramp(s - hardware.spring_travel)
+            hardware.rebound_stiffness * _ramp(-s, self._rounding)
+            - hardware.spring_stop_stiffness * _ramp(s - hardware.spring_travel, self._rounding)
             - hardware.spring_stiffness * s
             - self.damping(s) * rate
             + verifier_laws.slide_friction(hardware, rate)
@@ -83,7 +101,8 @@ class PlanarModel:
 
     def damping(self, s: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
         """Return the damping of springs at compressions s, N s/m: the spring's, plus the rebound stop's near s = 0."""
-        return self.hardware.spring_damping + self.hardware.rebound_damping * _ramp(-s) / np.hypot(s, STOP_ROUNDING)
+        hold = _ramp(-s, self._rounding) / np.hypot(s, self._rounding)
+        return self.hardware.spring_damping + self.hardware.rebound_damping * hold
 
     def dissipation(
         self, q: Float[np.ndarray, "k n"], v: Float[np.ndarray, "k n"], tau: Float[np.ndarray, "k motors"]
@@ -119,77 +138,64 @@ class PlanarModel:
         terms = self.terms(q, v)
         return _solve_with_contact(terms.mass, terms.jacobian[rows], terms.mass @ v, np.zeros(len(rows)))
 
-    def _foot(self, toe: int) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
+    def _foot(
+        self, body: int, place: tuple[float, float, float], r: float
+    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
         """phi = (x_c - r alpha, z_c - r) of one foot with its Jacobian and the derivative of that."""
-        model, data, r = self._model, self._data, self.foot_radius
-        centre = data.xpos[toe] + data.xmat[toe].reshape(3, 3) @ (0.0, 0.0, r - bp2.TOE_LENGTH)
+        model, data = self._model, self._data
+        centre = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
         point, rotation, point_rate = (np.zeros((3, model.nv)) for _ in range(3))
-        mujoco.mj_jac(model, data, point, rotation, centre, toe)
-        mujoco.mj_jacDot(model, data, point_rate, None, centre, toe)
+        mujoco.mj_jac(model, data, point, rotation, centre, body)
+        mujoco.mj_jacDot(model, data, point_rate, None, centre, body)
         roll = r * rotation[1]  # all axes are y: alpha is a sum of coordinates
         phi = np.array([centre[0] - roll @ data.qpos, centre[2] - r])
         return phi, np.stack([point[0] - roll, point[2]]), point_rate[[0, 2]]
 
 
 def _build_spec(legs: tuple[str, ...], hardware: HardwareSpec, rotor_coupling: bool) -> mujoco.MjSpec:
-    """Trunk on two slides and a hinge; from it thighs, shanks and toes with masses of Table S3."""
-    spec = mujoco.MjSpec()
+    """Trunk on two slides and a hinge with the abduction links fixed to it; from them thighs, shanks and toes."""
+    spec, anatomy = mujoco.MjSpec(), hardware.anatomy
     spec.option.gravity = np.array([0.0, 0.0, -conventions.GRAVITY])
     # A rotor is an armature of its joint, or, if it turns with the link that holds it, of a tendon along its own angle.
-    armature = 0.0 if rotor_coupling else hardware.reflected_inertia
-    quarters = len(legs)
-    mass, inertia = (
-        quarters * hardware.bp2.trunk_quarter_mass,
-        quarters * hardware.bp2.trunk_pitch_inertia / len(conventions.LEGS),
-    )
-    trunk = _add_body(spec.worldbody, "trunk", (0.0, 0.0), mass, inertia, 0.0)
-    thigh_mass, toe_mass = hardware.bp2.thigh_mass, hardware.bp2.toe_mass
-    thigh_inertia, toe_inertia = (
-        thigh_mass / bp2.THIGH_MASS * bp2.THIGH_INERTIA,
-        toe_mass / bp2.TOE_MASS * bp2.TOE_INERTIA,
-    )
+    rotors = np.array(np.broadcast_to(hardware.rotor_inertia, 3), float)
+    _, hip, knee = np.zeros(3) if rotor_coupling else rotors * hardware.gear_ratio**2
+    share = len(legs) / len(conventions.LEGS)
+    trunk = _add_body(spec.worldbody, "trunk", (0.0, 0.0, 0.0), anatomy.trunk, share * hardware.mass_scale)
     _add_slide(trunk, "x", (1.0, 0.0, 0.0))
     _add_slide(trunk, "z", (0.0, 0.0, 1.0))
     _add_hinge(trunk, "pitch", 0.0)
-    for leg in legs:
-        fore_aft = bp2.HIP_FORE_AFT if leg.startswith("F") else -bp2.HIP_FORE_AFT
-        thigh = _add_body(trunk, f"{leg}_thigh", (fore_aft, 0.0), thigh_mass, thigh_inertia, -bp2.THIGH_COM)
-        shank_com = -bp2.SHANK_LENGTH - bp2.SHANK_COM
-        shank = _add_body(
-            thigh, f"{leg}_shank", (0.0, -hardware.bp2.leg_length), bp2.SHANK_MASS, bp2.SHANK_INERTIA, shank_com
-        )
-        spring_end = bp2.TOE_LENGTH - hardware.bp2.leg_length
-        toe_com = -bp2.TOE_LENGTH - bp2.TOE_COM
-        toe = _add_body(shank, f"{leg}_toe", (0.0, spring_end), toe_mass, toe_inertia, toe_com)
-        _add_hinge(thigh, f"{leg}_hip", armature)
-        _add_hinge(shank, f"{leg}_knee", armature)
-        _add_slide(toe, f"{leg}_spring", (0.0, 0.0, 1.0))
+    for name in legs:
+        leg = _leg(hardware, name)
+        abad = _add_body(trunk, f"{name}_abad", leg.anchor, leg.abad, hardware.mass_scale)
+        thigh = _add_body(abad, f"{name}_thigh", leg.hip, leg.thigh, hardware.mass_scale)
+        shank = _add_body(thigh, f"{name}_shank", leg.knee, leg.shank, hardware.mass_scale)
+        _add_hinge(thigh, f"{name}_hip", hip)
+        _add_hinge(shank, f"{name}_knee", knee)
+        if leg.toe is not None:
+            _add_slide(_add_body(shank, f"{name}_toe", leg.seat, leg.toe, hardware.mass_scale), f"{name}_spring", UP)
         if rotor_coupling:
-            _add_rotor(spec, hardware, f"{leg}_hip", ("pitch",))
-            _add_rotor(spec, hardware, f"{leg}_knee", ("pitch", f"{leg}_hip"))
-    for body in spec.bodies[1:]:
-        body.mass *= hardware.mass_scale
-        body.inertia = np.asarray(body.inertia) * hardware.mass_scale
+            _add_rotor(spec, hardware, f"{name}_hip", ("pitch",))
+            _add_rotor(spec, hardware, f"{name}_knee", ("pitch", f"{name}_hip"))
     if rotor_coupling:  # a link's inertia in Table S3 is that of its rotor, too
         for body in spec.bodies[1:]:
-            held = quarters if body.name == "trunk" else int(body.name.endswith("thigh"))
-            body.inertia = np.asarray(body.inertia) - held * hardware.rotor_inertia
+            held = len(legs) if body.name == "trunk" else int(body.name.endswith("thigh"))
+            body.fullinertia = np.asarray(body.fullinertia) - held * rotors[0] * np.array([1, 1, 1, 0, 0, 0])
     return spec
 
 
-def _add_body(
-    parent: mujoco.MjsBody, name: str, place: tuple[float, float], mass: float, inertia: float, com: float
-) -> mujoco.MjsBody:
-    """Add a body at `place`, (x, z) in its parent's frame, m, with its centre of mass at (0, `com`) in its own frame.
+def _leg(hardware: HardwareSpec, name: str) -> Leg:
+    """Return the left leg at the end of the trunk that a leg's name tells."""
+    return hardware.anatomy.legs[1] if name[0] == "F" else hardware.anatomy.legs[3]
 
-    `inertia` is that about y, kg m2; the inertias about the other axes have no effect.
-    """
+
+def _add_body(parent: mujoco.MjsBody, name: str, at: Vector, link: Link, scale: float) -> mujoco.MjsBody:
+    """Add a link at a place in its parent's frame, m, with a share or multiple of its mass."""
     return parent.add_body(
         name=name,
-        pos=(place[0], 0.0, place[1]),
-        mass=mass,
-        inertia=(inertia,) * 3,
-        ipos=(0.0, 0.0, com),
+        pos=at,
+        mass=scale * link.mass,
+        fullinertia=[scale * inertia for inertia in link.inertia],
+        ipos=link.com,
         explicitinertial=True,
     )
 
@@ -223,6 +229,6 @@ def _solve_with_contact(
     return found[: len(mass)], found[len(mass) :]
 
 
-def _ramp(u: Float[np.ndarray, "... springs"]) -> Float[np.ndarray, "... springs"]:
-    """max(u, 0) with its corner rounded over `STOP_ROUNDING`."""
-    return (u + np.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
+def _ramp(u: Float[np.ndarray, "... springs"], rounding: float) -> Float[np.ndarray, "... springs"]:
+    """max(u, 0) with its corner rounded."""
+    return (u + np.sqrt(u**2 + rounding**2)) / 2.0

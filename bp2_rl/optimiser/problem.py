@@ -13,11 +13,12 @@ from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 TRUNK = 3  # coordinates of the trunk: x, z, pitch
-PER_LEG = 3  # coordinates of a leg: hip, knee, spring
+PER_LEG = 3  # coordinates of a leg: hip, knee and, where the shank is not rigid, spring
 STOP_ROUNDING = 5e-3  # m, ASSUMED: a spring's rubber stop takes hold over this depth, not at a corner
 # Friction changes sign with the speed, and a gear's loss has a corner at no torque. A mesh cannot follow that, so both
 # go smoothly, by a tanh, over a small share of the 21 rad/s, the 8 m/s and the 120 Nm that occur. All three halved or
 # doubled change the greatest speed of a robot with friction and gear by less than 1e-3 m/s.
+# Robots of another size take them in proportion.
 JOINT_ROUNDING = 0.5  # rad/s, ASSUMED
 SLIDE_ROUNDING = 0.1  # m/s, ASSUMED
 GEAR_ROUNDING = 2.0  # Nm, ASSUMED
@@ -29,17 +30,24 @@ Speed = Annotated[float, Within(0.01, 100.0)]
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
 MOST_SPEEDS = 1000
 """More of them are a slip of the pen: at a minute each they take a day."""
+MOST_ITERATIONS = 2000
+"""After so many a solve is given up."""
 Intervals = Annotated[int, Within(2, 500)]
 Starts = Annotated[int, Within(1, 1000)]
 
 
-def motor_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " motors"]:
+def per_leg(hardware: HardwareSpec) -> int:
+    """Coordinates of a leg of this robot."""
+    return PER_LEG if hardware.anatomy.sprung else PER_LEG - 1
+
+
+def motor_coordinates(legs: tuple[str, ...], per_leg: int = PER_LEG) -> Int[np.ndarray, " motors"]:
     """Indices into q that have a motor: hip and knee of each leg in turn."""
-    return np.array([TRUNK + PER_LEG * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
+    return np.array([TRUNK + per_leg * leg + joint for leg in range(len(legs)) for joint in (0, 1)])
 
 
 def spring_coordinates(legs: tuple[str, ...]) -> Int[np.ndarray, " legs"]:
-    """Indices into q that are a spring's compression."""
+    """Indices into q that are a spring's compression, of legs with springs."""
     return TRUNK + PER_LEG * np.arange(len(legs)) + 2
 
 
@@ -55,11 +63,17 @@ class Stride:
     legs: tuple[str, ...]
     standing: tuple[tuple[str, ...], ...]
     then: tuple[str, ...]
+    per_leg: int = PER_LEG  # coordinates
 
     @property
     def nq(self) -> int:
-        """Coordinates of the model: trunk, then hip, knee and spring of each leg."""
-        return TRUNK + PER_LEG * len(self.legs)
+        """Coordinates of the model: trunk, then hip, knee and, unless the shank is rigid, spring of each leg."""
+        return TRUNK + self.per_leg * len(self.legs)
+
+    @property
+    def motors(self) -> Int[np.ndarray, " motors"]:
+        """Indices into q that have a motor."""
+        return motor_coordinates(self.legs, self.per_leg)
 
     @property
     def cycles(self) -> float:
@@ -84,8 +98,8 @@ class Stride:
     @property
     def next_coordinates(self) -> Int[np.ndarray, " nq"]:
         """The stride's final q at these indices is the next stride's initial q (but for x)."""
-        blocks = [TRUNK + PER_LEG * self.legs.index(leg) for leg in self.then]
-        return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(PER_LEG))])
+        blocks = [TRUNK + self.per_leg * self.legs.index(leg) for leg in self.then]
+        return np.array([*range(TRUNK), *(block + i for block in blocks for i in range(self.per_leg))])
 
     @property
     def next_motors(self) -> Int[np.ndarray, " motors"]:
@@ -125,12 +139,14 @@ class Form(Bounded, path="form."):
 
     least_duty: Annotated[float, Within(0.0, 0.5, open_above=True)] = 0.0  # share of the cycle that each foot stands
     longest_period: Annotated[float, Within(0.01, 10.0, infinite=True)] = math.inf  # s, of a gait cycle
-    highest_trunk: Annotated[float, Within(0.25, 2.0)] = 2.0  # m, its centre above the ground at any time
+    highest_trunk: Annotated[float, Within(0.01, 2.0)] = 2.0  # m, its centre above the ground at any time
     highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole
     hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
     """m/s, of a sole before touchdown, downwards as well as along"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
+    greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0
+    """of the weight's impulse over the stride, that landings bear"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +158,8 @@ class Problem:
     scheme: Scheme = "hermite-simpson"
     intervals: Intervals = 16  # of each segment
     hardware: HardwareSpec = IDEAL
-    foot_radius: Annotated[float, Within(0.0, bp2.TOE_LENGTH)] = bp2.FOOT_RADIUS  # m; 0 is the paper's point foot
+    foot_radius: Annotated[float, Within(0.0, 0.05)] | None = None
+    """m, in place of the robot's own; 0 is the paper's point foot"""
     rotor_coupling: bool = False
     """rotors couple their joints to the links that hold them, too (paper, Fig. S1): 2 % of what couples hip and knee"""
     clearance: Annotated[float, Within(0.0, 0.5)] = 0.04  # m, of a swinging foot in mid-swing
@@ -157,9 +174,11 @@ class Problem:
     def __post_init__(self) -> None:
         """Refuse impossible values with a line that names the field."""
         check_bounds(self)
+        if not self.rotor_coupling:
+            return
         hardware = self.hardware
         held, thigh = hardware.parameter("rotor_inertia"), hardware.mass_scale * hardware.bp2.thigh_inertia
-        if self.rotor_coupling and held >= thigh:
+        if held >= thigh:
             raise UserError(
                 f"rotor_coupling: hardware.rotor_inertia ({held:g}) must be below the inertia of the thigh that holds "
                 f"a rotor, {thigh:g} kg m2"
@@ -168,7 +187,7 @@ class Problem:
     @property
     def stride(self) -> Stride:
         """The sequence of segments."""
-        return STRIDES[self.gait]
+        return dataclasses.replace(STRIDES[self.gait], per_leg=per_leg(self.hardware))
 
     @property
     def share(self) -> float:
@@ -196,6 +215,21 @@ class Problem:
     def at(self, speed: float) -> "Problem":
         """Return this problem with another speed, m/s."""
         return dataclasses.replace(self, speed=speed)
+
+    def sized(self, hardware: HardwareSpec) -> "Problem":
+        """Return this problem, which is written for BP2, for a robot, by dynamic similarity; BP2's stays as it is."""
+        size, weights = hardware.size, self.weights
+        return dataclasses.replace(
+            self,
+            hardware=hardware,
+            speed=size.speed * self.speed,
+            clearance=size.length * self.clearance,
+            torque_rate=size.torque / size.time * self.torque_rate,
+            force_rate=size.mass / size.time * self.force_rate,
+            weights=dataclasses.replace(
+                weights, force=size.mass * weights.force, smoothness_time=size.time * weights.smoothness_time
+            ),
+        )
 
     def on(self, **hardware: float) -> "Problem":
         """Return this problem with other hardware parameters."""

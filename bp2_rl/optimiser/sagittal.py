@@ -1,11 +1,12 @@
-"""The hybrid model of BP2 in the sagittal plane (paper, Eqs. continuous_dynamics and hybrid), in CasADi.
+"""The hybrid model of a quadruped in the sagittal plane (paper, Eqs. continuous_dynamics and hybrid), in CasADi.
 
     M(q) a + C(q, v) + G(q) = B (tau - tau_r(v, tau)) + tau_p(q, v) + J(q)^T F        in stance and flight
     M(q) (v+ - v-) = J(q)^T Lambda,  q+ = q-                        at touchdown
 
-Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and compression of the spring. They are
-those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose down is positive, a
-positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in v_i v_j).
+Coordinates q: x, z and pitch of the trunk, then for every leg hip, knee and, unless the shank is rigid, compression of
+the spring. They are those of the MuJoCo model with abduction, roll and yaw held at zero: z up, angles about +y (nose
+down is positive, a positive hip swings the foot back). C is centrifugal (terms in v_i^2) plus Coriolis (terms in
+v_i v_j).
 
 Motors enter by their rotor inertia and gear ratio, as r^2 I_m on the joints' own diagonal. A rotor turns with the link
 that holds it as well, the trunk or the thigh: `rotor_coupling` adds what that couples, r I_m between the joint and that
@@ -27,26 +28,25 @@ Forces and contact coordinates stand in the order (x, z) of the first leg, (x, z
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.errors import not_installed
-from bp2_rl.optimiser.links import LegLinks, down_link, hip_fore_aft, leg_bodies, leg_links
+from bp2_rl.optimiser.links import leg_bodies, leg_links, leg_of, trunk_body
 from bp2_rl.optimiser.problem import (
     GEAR_ROUNDING,
     JOINT_ROUNDING,
-    PER_LEG,
     SLIDE_ROUNDING,
     STOP_ROUNDING,
     TRUNK,
     Problem,
     motor_coordinates,
+    per_leg,
     spring_coordinates,
 )
-from bp2_rl.robot import bp2, conventions
-from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
+from bp2_rl.robot import conventions
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 
 try:
     import casadi as ca
@@ -55,14 +55,16 @@ except ImportError as missing:
 
 
 PITCH = TRUNK - 1
-DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")  # parameters of a robot that the model takes as arguments
+DESIGN = ("gear_ratio", "leg_length", "spring_stiffness")
+"""Parameters of a robot that the model takes as arguments; what hangs below a knee or a spring follows the length."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SagittalModel:
     """The model's terms as CasADi functions; `p` is the design vector of `design_vector`.
 
-    With n = 3 + 3 legs coordinates, u = 2 legs motors and c = 2 legs contact coordinates.
+    With n = 3 + 3 legs coordinates, 3 + 2 legs with rigid shanks, u = 2 legs motors and c = 2 legs contact
+    coordinates.
     """
 
     legs: tuple[str, ...]
@@ -81,7 +83,7 @@ class SagittalModel:
 
 def design_vector(hardware: HardwareSpec) -> Float[np.ndarray, "3"]:
     """The hardware parameters that the model's functions take as their last argument."""
-    return np.array([hardware.parameter(name) for name in DESIGN])
+    return np.array([hardware.gear_ratio, hardware.anatomy.leg_length, hardware.spring_stiffness])
 
 
 def model_of(problem: Problem) -> SagittalModel:
@@ -93,37 +95,39 @@ def model_of(problem: Problem) -> SagittalModel:
 def build_model(
     legs: tuple[str, ...] = conventions.LEGS,
     hardware: HardwareSpec = IDEAL,
-    foot_radius: float = bp2.FOOT_RADIUS,
+    foot_radius: float | None = None,
     rotor_coupling: bool = False,
 ) -> SagittalModel:
-    """The model of a trunk made of as many of Table S3's quarters as there are legs.
+    """The model of these legs and of their share of the trunk.
 
     Args:
         legs: names; those that begin with F are at the front, the others behind.
         hardware: everything but the design parameters, which are arguments of the functions.
-        foot_radius: m; 0 for a point.
+        foot_radius: m, in place of the robot's own; 0 for a point.
         rotor_coupling: whether rotors couple their joints to the links that hold them.
     """
-    n = TRUNK + PER_LEG * len(legs)
+    each = per_leg(hardware)
+    n = TRUNK + each * len(legs)
     q, v, a = (ca.SX.sym(name, n) for name in "qva")
     p = ca.SX.sym("p", len(DESIGN))
     gear_ratio, leg_length, stiffness = (p[i] for i in range(len(DESIGN)))
     tau, force = ca.SX.sym("tau", 2 * len(legs)), ca.SX.sym("F", 2 * len(legs))
 
+    stretch = leg_length - hardware.anatomy.leg_length
     M, Jdot_v, weight = ca.SX.zeros(n, n), ca.SX.zeros(n), ca.SX.zeros(n)
-    for mass, inertia, position, angle in _bodies(legs, q, leg_length, hardware):
+    for mass, inertia, position, angle in _bodies(legs, q, stretch, hardware):
         J, J_angle = ca.jacobian(position, q), ca.jacobian(angle, q)
         M += hardware.mass_scale * (mass * J.T @ J + inertia * J_angle.T @ J_angle)  # angles are linear in q
         Jdot_v += hardware.mass_scale * mass * J.T @ ca.jtimes(J @ v, q, v)
         weight += hardware.mass_scale * mass * conventions.GRAVITY * J[1, :].T
     M += _rotors(legs, gear_ratio, hardware, rotor_coupling)
     centrifugal = _centrifugal(ca.Function("C", [q, v, p], [Jdot_v]), q, v, p)
-    motors = motor_coordinates(legs).tolist()
+    motors = motor_coordinates(legs, each).tolist()
     # What a robot does not lose is zero, and CasADi leaves it out.
     passive = _passive_forces(legs, q, v, stiffness, hardware)
-    resistance = _resistance(v[motors], tau, hardware.losses)
+    resistance = _resistance(v[motors], tau, hardware)
 
-    phi = ca.vertcat(*(_contact(legs, leg, q, leg_length, foot_radius) for leg in range(len(legs))))
+    phi = ca.vertcat(*(_contact(legs, leg, q, stretch, hardware, foot_radius) for leg in range(len(legs))))
     J = ca.jacobian(phi, q)
     B = ca.SX(np.eye(n)[:, motors])
     v_after, impulse = ca.SX.sym("v_after", n), ca.SX.sym("impulse", 2 * len(legs))
@@ -148,30 +152,28 @@ def build_model(
 
 
 def _bodies(
-    legs: Sequence[str], q: ca.SX, leg_length: ca.SX, hardware: HardwareSpec
+    legs: tuple[str, ...], q: ca.SX, stretch: ca.SX, hardware: HardwareSpec
 ) -> list[tuple[float, float, ca.SX, ca.SX]]:
     """Mass (kg), inertia (kg m2), centre of mass (x, z) and angle of every body."""
-    quarters = len(legs)
-    bodies = [
-        (quarters * hardware.bp2.trunk_quarter_mass, quarters / 4.0 * hardware.bp2.trunk_pitch_inertia, q[0:2], q[2])
-    ]
-    for leg in range(len(legs)):
-        links, compression = _leg(legs, leg, q, leg_length)
-        for mass, inertia, centre, angle in leg_bodies(ca, links, leg_length - compression, hardware):
-            bodies.append((mass, inertia, ca.vertcat(*centre), angle))
-    return bodies
+    bodies = [trunk_body(ca, hardware.anatomy, legs, (q[0], q[1], q[2]))]
+    for i, name in enumerate(legs):
+        leg, (joints, compression) = leg_of(hardware.anatomy, name), _leg_coordinates(hardware, i, q)
+        links = leg_links(ca, (q[0], q[1], q[2]), leg, joints, 0.0, stretch)
+        bodies += leg_bodies(ca, leg, links, compression, stretch)
+    return [(mass, inertia, ca.vertcat(*centre), angle) for mass, inertia, centre, angle in bodies]
 
 
 def _rotors(legs: tuple[str, ...], gear_ratio: ca.SX, hardware: HardwareSpec, coupled: bool) -> ca.SX:
     """What the motors' rotors add to M; `coupled` to the links that hold them, too."""
-    n = TRUNK + PER_LEG * len(legs)
-    added, own = ca.SX.zeros(n, n), hardware.rotor_inertia * gear_ratio**2
-    for motor in motor_coordinates(legs).tolist():
-        added[motor, motor] = own
-    hips = range(TRUNK, n, PER_LEG) if coupled else ()
-    for hip in hips:  # whose motor the trunk holds; the thigh, which pitch and hip turn, holds the knee's
-        for motor, angle in ((hip, PITCH), (hip + 1, PITCH), (hip + 1, hip)):
-            added[motor, angle] = added[angle, motor] = hardware.rotor_inertia * gear_ratio
+    each = per_leg(hardware)
+    n = TRUNK + each * len(legs)
+    added, rotors = ca.SX.zeros(n, n), np.broadcast_to(hardware.rotor_inertia, 3)[1:].tolist()
+    for hip in range(TRUNK, n, each):
+        for motor, rotor in zip((hip, hip + 1), rotors, strict=True):
+            added[motor, motor] = rotor * gear_ratio**2
+        if coupled:  # the trunk holds the hip's motor; the thigh, which pitch and hip turn, holds the knee's
+            for motor, angle, rotor in ((hip, PITCH, 0), (hip + 1, PITCH, 1), (hip + 1, hip, 1)):
+                added[motor, angle] = added[angle, motor] = rotors[rotor] * gear_ratio
     return added
 
 
@@ -188,49 +190,57 @@ def _centrifugal(C: ca.Function, q: ca.SX, v: ca.SX, p: ca.SX) -> ca.SX:
 
 def _passive_forces(legs: tuple[str, ...], q: ca.SX, v: ca.SX, stiffness: ca.SX, hardware: HardwareSpec) -> ca.SX:
     """tau_p: the air's drag, and the springs with their damping, friction and stops."""
-    losses = hardware.losses
-    passive = ca.SX.zeros(TRUNK + PER_LEG * len(legs))
+    losses, size = hardware.losses, hardware.size
+    passive = ca.SX.zeros(q.shape[0])
     air = v[0] + losses.headwind
     passive[0] = (
         -0.5 * conventions.AIR_DENSITY * losses.drag_area * len(legs) / len(conventions.LEGS) * ca.fabs(air) * air
     )
+    if not hardware.anatomy.sprung:
+        return passive
     for spring in spring_coordinates(legs).tolist():
         s, rate = q[spring], v[spring]
-        stops = _ramp(-s) - _ramp(s - hardware.spring_travel)
+        stops = _ramp(-s, size.length) - _ramp(s - hardware.spring_travel, size.length)
         passive[spring] = -stiffness * s - hardware.spring_damping * rate + hardware.spring_stop_stiffness * stops
         # The stop at no compression may be another part.
-        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s)
-        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s) * rate
-        passive[spring] -= losses.spring_friction * ca.tanh(rate / SLIDE_ROUNDING)
+        passive[spring] += (hardware.rebound_stiffness - hardware.spring_stop_stiffness) * _ramp(-s, size.length)
+        passive[spring] -= hardware.rebound_damping * _ramp_slope(-s, size.length) * rate
+        passive[spring] -= losses.spring_friction * ca.tanh(rate / (SLIDE_ROUNDING * size.speed))
     return passive
 
 
-def _resistance(joint_velocity: ca.SX, tau: ca.SX, losses: Losses) -> ca.SX:
+def _resistance(joint_velocity: ca.SX, tau: ca.SX, hardware: HardwareSpec) -> ca.SX:
     """tau_r: what gears and joints take of the motors' torques."""
-    turning, load = ca.tanh(joint_velocity / JOINT_ROUNDING), tau * ca.tanh(tau / GEAR_ROUNDING)
+    losses, size = hardware.losses, hardware.size
+    turning = ca.tanh(joint_velocity / (JOINT_ROUNDING * size.rate))
+    load = tau * ca.tanh(tau / (GEAR_ROUNDING * size.torque))
     return (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning + (
         losses.joint_viscosity * joint_velocity
     )
 
 
-def _contact(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX, radius: float) -> ca.SX:
+def _contact(
+    legs: tuple[str, ...], index: int, q: ca.SX, stretch: ca.SX, hardware: HardwareSpec, radius: float | None
+) -> ca.SX:
     """phi of one foot, m."""
-    links, compression = _leg(legs, leg, q, leg_length)
-    centre = down_link(ca, links.knee, links.lower, leg_length - compression - radius)
-    return ca.vertcat(*centre) - ca.vertcat(radius * links.lower, radius)
+    leg, (joints, compression) = leg_of(hardware.anatomy, legs[index]), _leg_coordinates(hardware, index, q)
+    radius = leg.foot_radius if radius is None else radius
+    below = leg.lower_length + stretch - compression - radius
+    links = leg_links(ca, (q[0], q[1], q[2]), leg, joints, below, stretch)
+    return ca.vertcat(*links.foot) - ca.vertcat(radius * links.lower, radius)
 
 
-def _leg(legs: Sequence[str], leg: int, q: ca.SX, leg_length: ca.SX) -> tuple[LegLinks, ca.SX]:
-    """The links, and the spring's compression."""
-    hip, knee, compression = (q[TRUNK + PER_LEG * leg + i] for i in range(PER_LEG))
-    return leg_links(ca, (q[0], q[1], q[2]), hip_fore_aft(legs[leg]), (hip, knee), leg_length), compression
+def _leg_coordinates(hardware: HardwareSpec, index: int, q: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
+    """Hip and knee of a leg, and its spring's compression; zero where the shank is rigid."""
+    first = TRUNK + per_leg(hardware) * index
+    return (q[first], q[first + 1]), q[first + 2] if hardware.anatomy.sprung else ca.SX(0)
 
 
-def _ramp(u: ca.SX) -> ca.SX:
-    """max(u, 0) with its corner rounded."""
-    return (u + ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
+def _ramp(u: ca.SX, length: float) -> ca.SX:
+    """max(u, 0) with its corner rounded, for a robot of this size."""
+    return (u + ca.sqrt(u**2 + (STOP_ROUNDING * length) ** 2)) / 2.0
 
 
-def _ramp_slope(u: ca.SX) -> ca.SX:
+def _ramp_slope(u: ca.SX, length: float) -> ca.SX:
     """The derivative of `_ramp`: from 0 to 1 around u = 0."""
-    return (1.0 + u / ca.sqrt(u**2 + STOP_ROUNDING**2)) / 2.0
+    return (1.0 + u / ca.sqrt(u**2 + (STOP_ROUNDING * length) ** 2)) / 2.0

@@ -26,11 +26,11 @@ from jaxtyping import Float
 
 from bp2_rl.base.polynomials import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
-from bp2_rl.optimiser.problem import Problem, Stride, contact_rows, motor_coordinates
+from bp2_rl.optimiser.links import leg_of
+from bp2_rl.optimiser.problem import MOST_ITERATIONS, Problem, Stride, contact_rows
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
-from bp2_rl.robot import bp2
 from bp2_rl.robot.actuator import copper_loss, stall_torque
 
 # What unknowns and constraints are divided by inside the program.
@@ -65,6 +65,7 @@ class SolveOptions:
     """what a metre per second is worth, in units of the cost"""
     time_limit: float = 300.0
     """s"""
+    iterations: int = MOST_ITERATIONS
 
 
 class Unknowns(NamedTuple):
@@ -92,29 +93,33 @@ class Transcription:
 
     @property
     def gear(self) -> ca.MX:
-        """The gear ratio, as a share of BP2's."""
-        return self.design[DESIGN.index("gear_ratio")] / bp2.GEAR_RATIO
+        """The gear ratio, as a share of that for which the motors' numbers are."""
+        return self.design[DESIGN.index("gear_ratio")] / self.problem.hardware.anatomy.gear_ratio
+
+    def of_motors(self, name: str) -> ca.DM:
+        """A parameter of hips and knees, behind the gear for which it is given: one of each motor."""
+        each = np.broadcast_to(self.problem.hardware.parameter(name), 3)[1:]
+        return ca.DM(np.tile(each, len(self.problem.stride.legs)))
 
     @property
     def peak_torque(self) -> ca.MX:
-        """Greatest torque of a joint, Nm."""
-        return self.problem.hardware.parameter("peak_torque") * self.gear
+        """Greatest torque of each motor at its joint, Nm."""
+        return self.of_motors("peak_torque") * self.gear
 
     @property
     def no_load_speed(self) -> ca.MX:
-        """No-load speed of a joint, rad/s."""
-        return self.problem.hardware.parameter("no_load_speed") / self.gear
+        """No-load speed of each motor at its joint, rad/s."""
+        return self.of_motors("no_load_speed") / self.gear
 
     @property
     def stall_torque(self) -> ca.MX:
-        """Torque at standstill of the envelope's falling line, Nm."""
-        parameter = self.problem.hardware.parameter
-        return stall_torque(self.peak_torque, parameter("corner_speed"), parameter("no_load_speed"))
+        """Torque at standstill of the envelope's falling line of each motor, Nm."""
+        return stall_torque(self.peak_torque, self.of_motors("corner_speed"), self.of_motors("no_load_speed"))
 
     @property
     def motors(self) -> list[int]:
         """Rows of q that have a motor."""
-        return motor_coordinates(self.problem.stride.legs).tolist()
+        return self.problem.stride.motors.tolist()
 
     @functools.cached_property
     def cost(self) -> ca.MX:
@@ -160,8 +165,9 @@ def _add_unknowns(problem: Problem, guess: Motion, options: SolveOptions) -> Tra
     if options.speed_weight > 0.0:
         speed = program.unknown(np.array([[problem.speed]]), VELOCITY_SCALE, 0.0)
     lower, upper = _range_of_motion(problem)
-    names = ("", "trunk height", "pitch", *RANGES * len(stride.legs))
-    T = [program.unknown(np.array([[duration]]), TIME_SCALE, SHORTEST, LONGEST) for duration in guess.durations]
+    names = ("", "trunk height", "pitch", *RANGES[: stride.per_leg] * len(stride.legs))
+    least, most = SHORTEST * problem.hardware.size.time, LONGEST * problem.hardware.size.time
+    T = [program.unknown(np.array([[duration]]), TIME_SCALE, least, most) for duration in guess.durations]
     q = [program.unknown(guess.q[i].T, POSITION_SCALE, lower[:, None], upper[:, None], names) for i in segments]
     v = [program.unknown(guess.v[i].T, VELOCITY_SCALE) for i in segments]
     a = [program.unknown(guess.a[i].T, ACCELERATION_SCALE) for i in segments]
@@ -188,10 +194,16 @@ def _design(program: Program, problem: Problem, free: Mapping[str, tuple[float, 
 
 def _range_of_motion(problem: Problem) -> tuple[Float[np.ndarray, " nq"], Float[np.ndarray, " nq"]]:
     """Least and greatest q: joints in their ranges, the trunk off the ground and all but level."""
-    legs, pitch, highest = len(problem.stride.legs), problem.pitch_limit, problem.form.highest_trunk
-    springs = -SPRING_OVERTRAVEL, problem.hardware.spring_travel + SPRING_OVERTRAVEL
-    low, high = zip(bp2.HIP_RANGE, bp2.KNEE_RANGE, springs, strict=True)
-    return np.array([-np.inf, LOWEST_TRUNK, -pitch, *low * legs]), np.array([np.inf, highest, pitch, *high * legs])
+    size, hardware, pitch = problem.hardware.size, problem.hardware, problem.pitch_limit
+    over = SPRING_OVERTRAVEL * size.length
+    low, high = [-np.inf, LOWEST_TRUNK * size.length, -pitch], [np.inf, problem.form.highest_trunk, pitch]
+    for name in problem.stride.legs:
+        ends = [*leg_of(hardware.anatomy, name).ranges[1:]]
+        if hardware.anatomy.sprung:
+            ends.append((-over, hardware.spring_travel + over))
+        low += [end[0] for end in ends]
+        high += [end[1] for end in ends]
+    return np.array(low), np.array(high)
 
 
 def _push(
@@ -282,9 +294,14 @@ def _join_to_segment_before(nlp: Transcription, i: int) -> None:
 
 
 def _limit_form(nlp: Transcription) -> None:
-    """The cycle's period, and in each stance its duration and how its feet share the load."""
+    """The cycle's period, what landings bear, and in each stance its duration and how its feet share the load."""
     stride, form, program = nlp.problem.stride, nlp.problem.form, nlp.program
-    period = ca.sum1(ca.vertcat(*(segment.T for segment in nlp.segments))) / stride.cycles
+    duration = ca.sum1(ca.vertcat(*(segment.T for segment in nlp.segments)))
+    period = duration / stride.cycles
+    if form.greatest_impact < 1.0:
+        weight = nlp.model.gravity(nlp.segments[0].q[:, 0], nlp.design)[1]  # on the trunk's z, which carries all
+        landing = sum((ca.sum1(segment.impulse[1::2]) for segment in nlp.segments), ca.MX(0))
+        program.at_least_zero(form.greatest_impact * weight * duration - landing, IMPULSE_SCALE, "impact")
     if math.isfinite(form.longest_period):
         program.at_least_zero(form.longest_period - period, TIME_SCALE, "period")
     for segment, feet in zip(nlp.segments, stride.standing, strict=True):
@@ -375,8 +392,8 @@ def _limit_braking(nlp: Transcription, speed: ca.MX, torque: ca.MX) -> None:
     Beyond that speed the line asks for driving torque, so a motor whose braking ends before its no-load speed is
     limited by more than it should be.
     """
-    corner, end = (nlp.problem.hardware.parameter(name) for name in ("corner_speed", "braking_speed"))
-    if math.isinf(end):
+    corner, end = (nlp.of_motors(name) for name in ("corner_speed", "braking_speed"))
+    if np.any(np.isinf(np.array(end))):
         return
     stall = stall_torque(nlp.peak_torque, corner, end)
     _keep_below_line(nlp.program, "braking line", stall, speed * nlp.gear / end, -torque)

@@ -5,6 +5,8 @@ Speeds qd (rad/s) and motor torques tau (Nm, before the gear's loss) are of the 
 `share` is the share of the robot that the model is.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -18,9 +20,10 @@ Each = Float[np.ndarray, "..."]
 
 def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
     """Return the torque that reaches the joints, Nm: the motors' torque less gear loss, dry and viscous friction."""
-    losses = hardware.losses
-    in_gear = tau * (1.0 - losses.gear_efficiency) * _smooth_sign(tau, GEAR_ROUNDING)
-    return tau - (in_gear + losses.joint_friction) * _smooth_sign(qd, JOINT_ROUNDING) - losses.joint_viscosity * qd
+    losses, size = hardware.losses, hardware.size
+    in_gear = tau * (1.0 - losses.gear_efficiency) * _smooth_sign(tau, GEAR_ROUNDING * size.torque)
+    friction = (in_gear + losses.joint_friction) * _smooth_sign(qd, JOINT_ROUNDING * size.rate)
+    return tau - friction - losses.joint_viscosity * qd
 
 
 def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:
@@ -32,7 +35,7 @@ def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:
 
 def slide_friction(hardware: HardwareSpec, rate: Each) -> Each:
     """Force of a spring's slide, N, at a rate of compression, m/s."""
-    return -hardware.losses.spring_friction * _smooth_sign(rate, SLIDE_ROUNDING)
+    return -hardware.losses.spring_friction * _smooth_sign(rate, SLIDE_ROUNDING * hardware.size.speed)
 
 
 def bus_power(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Each:
@@ -41,8 +44,10 @@ def bus_power(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Each:
     A motor that stalls at full voltage turns all of its power, stall torque times no-load speed, into heat; heat goes
     with the square of torque.
     """
-    stall, no_load = _stall(hardware, hardware.joint_no_load_speed), hardware.joint_no_load_speed
-    return np.sum(tau * qd, axis=-1) + np.sum((tau / stall) ** 2, axis=-1) * stall * no_load
+    count = tau.shape[-1]
+    no_load = _motors(hardware.joint_no_load_speed, count)
+    stall = _stall(hardware, no_load)
+    return np.sum(tau * qd, axis=-1) + np.sum((tau / stall) ** 2 * stall * no_load, axis=-1)
 
 
 def bus_excess(hardware: HardwareSpec, share: float, power: Each) -> float:
@@ -58,7 +63,8 @@ def torque_excess(hardware: HardwareSpec, share: float, qd: Motors, tau: Motors)
     The peak either way; driving, a line from the stall torque to the no-load speed, both in proportion to the voltage;
     braking, a like line to the braking speed, where there is one.
     """
-    peak, no_load, brake = hardware.joint_peak_torque, hardware.joint_no_load_speed, hardware.joint_braking_speed
+    limits = hardware.joint_peak_torque, hardware.joint_no_load_speed, hardware.joint_braking_speed
+    peak, no_load, brake = (_motors(limit, tau.shape[-1]) for limit in limits)
     drawn = np.maximum(bus_power(hardware, qd, tau), 0.0) / share  # W, of a whole robot
     voltage = 1.0 - hardware.losses.bus_sag * drawn[..., None] / 1e3
     over = [np.abs(tau) - peak]
@@ -66,15 +72,21 @@ def torque_excess(hardware: HardwareSpec, share: float, qd: Motors, tau: Motors)
         torque, speed = sense * tau, sense * qd
         driving = _stall(hardware, no_load) * (voltage - speed / no_load)
         over.append(torque - np.maximum(driving, -peak))
-        if np.isfinite(brake):
+        if np.all(np.isfinite(brake)):
             braking = _stall(hardware, brake) * np.maximum(1.0 + speed / brake, 0.0)
             over.append(np.where(speed < 0.0, torque - braking, 0.0))
     return float(max(np.max(excess, initial=0.0) for excess in over))
 
 
-def _stall(hardware: HardwareSpec, zero: float) -> float:
+def _stall(hardware: HardwareSpec, zero: Float[np.ndarray, " motors"]) -> Float[np.ndarray, " motors"]:
     """Torque at standstill of the line that passes the corner of the envelope and is zero at the speed `zero`, Nm."""
-    return hardware.joint_peak_torque * zero / (zero - hardware.joint_corner_speed)
+    peak, corner = (_motors(x, len(zero)) for x in (hardware.joint_peak_torque, hardware.joint_corner_speed))
+    return peak * zero / (zero - corner)
+
+
+def _motors(value: Any, count: int) -> Float[np.ndarray, " {count}"]:
+    """Return a number of the twelve joints for hip and knee of so many of the model's legs."""
+    return np.tile(np.broadcast_to(value, 12)[1:3], count // 2)
 
 
 def _smooth_sign(x: Each, over: float) -> Each:

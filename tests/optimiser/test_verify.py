@@ -77,7 +77,7 @@ def test_a_foot_that_dips_into_the_ground_is_found(smooth):
     q = smooth.motion.q.copy()
     middle = q.shape[1] // 2
     q[1, middle, [3, 4, 5]] = 0.0, -0.1, -0.02
-    L, radius, pitch = bp2.THIGH_LENGTH, smooth.problem.foot_radius, q[1, middle, 2]
+    L, radius, pitch = bp2.THIGH_LENGTH, bp2.FOOT_RADIUS, q[1, middle, 2]
     hip = q[1, middle, 1] - bp2.HIP_FORE_AFT * np.sin(pitch)
     sole = hip - L * np.cos(pitch) - (L + 0.02 - radius) * np.cos(pitch - 0.1) - radius
     assert sole < -0.01

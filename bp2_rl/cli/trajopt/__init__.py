@@ -13,13 +13,15 @@ import tyro
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import make_folder
+from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import Command, choose, entries
 from bp2_rl.cli.trajopt import output
-from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, parse_on_robot
+from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers, named_robot, parse_on_robot
 from bp2_rl.cli.trajopt.solutions import load_solutions, save_family
 from bp2_rl.optimiser.family import FamilyConfig, build_family, steps_of
 from bp2_rl.optimiser.problem import Problem, Starts
 from bp2_rl.optimiser.solution import save_solution, speed_name
+from bp2_rl.robot.named import find_robot
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,13 +53,17 @@ class VerifyArguments:
 
 @dataclasses.dataclass(frozen=True)
 class LibraryArguments:
-    """Build the library of reference motions: solve the family, verify it, write the file.
+    """Build the library of a robot's reference motions: solve the family, verify it, write the file.
+
+    A library of BP2 has the speeds asked for. Another robot's goes up to the robot's limit, found by walking on until
+    no faster trot solves.
 
     Interrupted, it goes on where it stopped when run again.
     """
 
     action: Annotated[Literal["build"], tyro.conf.Positional]
     family: Annotated[FamilyConfig, Flat] = FamilyConfig()
+    robot: Robot = "ideal"
     workers: Workers = 2
     """processes; more than two do not help"""
     out: Folder = OUT / "library"
@@ -70,6 +76,22 @@ class LibraryArguments:
         check_bounds(self)
         if self.to.suffix != ".npz":
             raise UserError(f"--to {self.to}: a library is an .npz file")
+
+
+def _parse_library(arguments: type[LibraryArguments], argv: Sequence[str] | None, prog: str) -> LibraryArguments:
+    """The arguments on the robot that `--robot` names; its folder and file have its name unless flags say otherwise."""
+    robot = named_robot(argv, prog)
+    default = arguments("build")
+    if robot != default.robot:
+        name, file = Path(robot).stem, Path(robot)
+        default = dataclasses.replace(
+            default,
+            family=FamilyConfig.on(find_robot(robot)),
+            robot=robot,
+            out=OUT / f"library-{name}",
+            to=file.with_name(f"{name}_trot.npz") if file.suffix else OUT / f"{name}_trot.npz",
+        )
+    return app.parse(arguments, argv, prog, default)
 
 
 def _solve(arguments: SolveArguments) -> None:
@@ -112,7 +134,7 @@ def _build(arguments: LibraryArguments) -> None:
     with output.own_folder(arguments.out):
         make_folder(arguments.to.parent)
         with output.progress() as progress:
-            task = progress.add_task("speeds", total=len(arguments.family.speeds))
+            task = progress.add_task("speeds", total=None)
             family = build_family(
                 arguments.family,
                 arguments.out,
@@ -120,6 +142,8 @@ def _build(arguments: LibraryArguments) -> None:
                 report=lambda done, total: progress.update(task, completed=done, total=total),
             )
     output.describe(family)
+    if arguments.family.fastest is None:
+        print(f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s")
     steps = steps_of(family)
     print(
         f"largest step between neighbours: period {max(abs(step.period) for step in steps):.1%}, "
@@ -133,7 +157,7 @@ def _build(arguments: LibraryArguments) -> None:
 COMMANDS = {
     "solve": Command("bp2 trajopt solve", SolveArguments, _solve, parse_on_robot),
     "verify": Command("bp2 trajopt verify", VerifyArguments, _verify),
-    "library": Command("bp2 trajopt library", LibraryArguments, _build),
+    "library": Command("bp2 trajopt library", LibraryArguments, _build, _parse_library),
 }
 
 

@@ -32,9 +32,13 @@ class _Named:
     robot: Robot = "ideal"
 
 
+def named_robot(argv: Sequence[str] | None, prog: str) -> str:
+    """Return what `--robot` names, whatever else is on the command line."""
+    return app.parse(_Named, argv, prog, part=True).robot
+
+
 def parse_on_robot(arguments: type[Command], argv: Sequence[str] | None, prog: str) -> Command:
     """The arguments of a command with a `problem`, on the robot that `--robot` names where no flag says otherwise."""
     default: Any = arguments()
-    robot = find_robot(app.parse(_Named, argv, prog, part=True).robot)
-    problem = dataclasses.replace(default.problem, hardware=robot)
+    problem = default.problem.sized(find_robot(named_robot(argv, prog)))
     return app.parse(arguments, argv, prog, dataclasses.replace(default, problem=problem))

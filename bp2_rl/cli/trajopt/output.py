@@ -56,7 +56,11 @@ def judge(solutions: Sequence[Solution], *, strict: bool = False) -> None:
     """Say which figures are beyond their limits; if strict, that ends the command."""
     from bp2_rl.optimiser.verify import failures
 
-    lines = [f"{s.problem.speed:g} m/s: {line}" for s in solutions for line in failures(s.checks)]
+    lines = [
+        f"{s.problem.speed:g} m/s: {line}"
+        for s in solutions
+        for line in failures(s.checks, exact=s.problem.hardware.anatomy.sprung)
+    ]
     for line in lines:
         print(line)
     if lines and strict:

@@ -18,7 +18,6 @@ from bp2_rl.robot.anatomy import LegGeometry
 
 from .duals import differentiate
 
-SIDE = (-1.0, 1.0, -1.0, 1.0)  # FR, FL, RR, RL
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image
 COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
@@ -106,6 +105,18 @@ class _PlayedStride(NamedTuple):
     middle: tuple[float, float, float, float]  # m, x of each foot in mid-stance
 
 
+class _PlayedLengths(NamedTuple):
+    """The numbers of a leg in `deploy.json`: lengths in m, angles in rad."""
+
+    sag: float  # of the spring at rest
+    thigh: float
+    lower: float  # knee to the foot's centre, spring at rest
+    lateral: float  # abduction axis to the leg's plane, to the left
+    drop: float  # of the hip axis below the abduction axis
+    bend: float  # sign of the knee's angle
+    straight_knee: float  # at which the leg has no reach left
+
+
 class _PlayedLeg(NamedTuple):
     """A leg of the library at one time, stepping as far as commanded: each a value and its rate."""
 
@@ -120,7 +131,7 @@ class Trot:
 
     Args:
         settings: `reference` of `deploy.json`: lengths in m, speeds in m/s, angles in rad.
-        arrays: `strides` (S 5), `cubics` (2 N S 4 23), `stand_feet` and `leg_origins` (4 3), `stand_torque` (2).
+        arrays: `strides` (S 5), `cubics` (2 N S 4 23), `stand_feet` and `leg_origins` (4 3), `stand_torque` (4 2).
     """
 
     def __init__(self, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]):
@@ -128,8 +139,7 @@ class Trot:
         self._rest, self._hips = arrays["stand_feet"].tolist(), arrays["leg_origins"].tolist()
         self._rest_torque = arrays["stand_torque"].astype(float)
         self._stepping_speed, self._foot_circle = settings["stepping_speed"], settings["foot_circle"]
-        self._sag, self._foot_radius, self._thigh = settings["sag"], settings["foot_radius"], settings["leg_length"]
-        self._lateral, self._straight = settings["thigh_lateral"], math.cos(settings["straight_knee"])
+        self._legs = [_PlayedLengths(**leg) for leg in settings["legs"]]
 
     def phase_rate(self, command: Sequence[float]) -> float:
         """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
@@ -148,11 +158,12 @@ class Trot:
         for leg in range(4):
             at = TRUNK + 3 * (IMAGE[leg] if mirrored else leg)
             rest_x, _, rest_z = self._rest[leg]
-            spring = self._sag + stepping * (value[at + 2] - self._sag)
+            sag = self._legs[leg].sag
+            spring = sag + stepping * (value[at + 2] - sag)
             moment = _PlayedLeg(
                 x=(rest_x + stepping * (value[at] - rest_x), stepping * rate[at]),
                 z=(rest_z + stepping * (value[at + 1] - rest_z), stepping * rate[at + 1]),
-                lower=(self._thigh - spring - self._foot_radius, -stepping * rate[at + 2]),
+                lower=(self._legs[leg].lower - spring, -stepping * rate[at + 2]),
                 pitch=pitch,
             )
             since_touchdown = since + stride.half if LATER[leg] != mirrored else since
@@ -229,12 +240,13 @@ class Trot:
         A displacement that takes more than half of what is left of the reach gets the other half only by and by.
         """
         (x, vx), (z, vz), (lower, lower_rate), (pitch, pitch_rate) = moment
-        c, s, y, hip, thigh = cos(pitch), sin(pitch), self._rest[leg][1], self._hips[leg], self._thigh
+        c, s, y, hip, lengths = cos(pitch), sin(pitch), self._rest[leg][1], self._hips[leg], self._legs[leg]
+        thigh, extended = lengths.thigh, cos(lengths.straight_knee)
 
         def from_hip(x: float, y: float, vx: float, vy: float) -> tuple[float, ...]:
             """The foot in the pitched trunk's frame from its hip: position, rate; distance, rate."""
             along, up = c * x - s * z, c * z + s * x
-            p, q, r = along - hip[0], y - hip[1], up - hip[2]
+            p, q, r = along - hip[0], y - hip[1], up - hip[2] + lengths.drop
             vp, vr = c * vx - s * vz - pitch_rate * up, c * vz + s * vx + pitch_rate * along
             distance = sqrt(p * p + q * q + r * r)
             return p, q, r, vp, vy, vr, distance, (p * vp + q * vy + r * vr) / distance
@@ -243,9 +255,9 @@ class Trot:
         p, q, r, vp, vq, vr, then, then_rate = from_hip(
             x + displaced[0], y + displaced[1], vx + displaced_rate[0], displaced_rate[1]
         )
-        straight = sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * self._straight + self._lateral**2)
+        straight = sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * extended + lengths.lateral**2)
         left = (straight - now) / 2.0  # half of it
-        left_rate = ((lower + thigh * self._straight) * lower_rate / straight - now_rate) / 2.0
+        left_rate = ((lower + thigh * extended) * lower_rate / straight - now_rate) / 2.0
         if left < LEAST_LEFT:
             left, left_rate = LEAST_LEFT, 0.0
         beyond = then - now - left
@@ -258,7 +270,7 @@ class Trot:
             share_rate = (reached_rate - share * then_rate) / then
             vp, vq, vr = share * vp + share_rate * p, share * vq + share_rate * q, share * vr + share_rate * r
             p, q, r = share * p, share * q, share * r
-        return _angles((p, q, r), (vp, vq, vr), lower, lower_rate, thigh, SIDE[leg] * self._lateral)
+        return _angles((p, q, r - lengths.drop), (vp, vq, vr), lower, lower_rate, lengths)
 
 
 def _angles(
@@ -266,23 +278,23 @@ def _angles(
     foot_rate: tuple[float, float, float],
     lower: float,
     lower_rate: float,
-    thigh: float,
-    outwards: float,
+    leg: _PlayedLengths,
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The joints of a leg whose foot is there, seen from its hip, and their speeds.
+    """The joints of a leg whose foot is there, seen from its abduction axis, and their speeds.
 
     `bp2_rl.robot.kinematics.joint_angles`, with rates.
     """
-    (x, y, z), (vx, vy, vz), d = foot, foot_rate, outwards
+    (x, y, z), (vx, vy, vz), d, thigh = foot, foot_rate, leg.lateral, leg.thigh
     square = y * y + z * z - d * d
     h = sqrt(max(square, LEAST_SQUARE))
     vh = (y * vy + z * vz) / h if square > LEAST_SQUARE else 0.0
     abad, abad_rate = _angle(d * z + h * y, d * y - h * z, d * vz + vh * y + h * vy, d * vy - vh * z - h * vz)
+    h -= leg.drop
     cosine = (x * x + h * h - thigh**2 - lower * lower) / (2.0 * thigh * lower)
     rate = (x * vx + h * vh - lower * lower_rate) / (thigh * lower) - cosine * lower_rate / lower
     if abs(cosine) > COSINE_LIMIT:
         cosine, rate = math.copysign(COSINE_LIMIT, cosine), 0.0
-    sine = -sqrt(1.0 - cosine * cosine)
+    sine = leg.bend * sqrt(1.0 - cosine * cosine)
     sine_rate = -cosine * rate / sine
     forward, forward_rate = _angle(-x, h, -vx, vh)
     bent, bent_rate = _angle(

@@ -36,7 +36,7 @@ def _force_scale(problem: Problem, factor: float) -> Problem:
 
 
 def _foot_radius(problem: Problem, factor: float) -> Problem:
-    return dataclasses.replace(problem, foot_radius=factor * problem.foot_radius)
+    return dataclasses.replace(problem, foot_radius=factor * bp2.FOOT_RADIUS)
 
 
 _LOSSES, _MOTOR = BUILT.losses, MotorHeat()

@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from bp2_rl.base.bounds import Bounded, Within
-from bp2_rl.optimiser.family import RESERVED, FamilyConfig
+from bp2_rl.optimiser.family import FamilyConfig
 from bp2_rl.optimiser.problem import Intervals, Problem, Speed, Starts
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.paper.trajectories.codesign.chain import Chain, read_solution, solve_chains
@@ -134,7 +134,8 @@ def tabulate_objectives(rows: Sequence[ObjectiveRow]) -> Table:
 def _chains(settings: ObjectiveSettings, speed: float, body_weights: float) -> dict[str, list[Chain]]:
     """Ways to the cheapest trajectory of each robot."""
     bare = _weighed(Problem(speed=speed, intervals=settings.intervals), body_weights)
-    reserved = dataclasses.replace(bare, hardware=RESERVED, speed_margin=FamilyConfig().problem.speed_margin)
+    family = FamilyConfig().problem
+    reserved = dataclasses.replace(bare, hardware=family.hardware, speed_margin=family.speed_margin)
     free = _weighed(CodesignSettings().problem.at(speed), body_weights)
     codesign = CodesignSettings(problem=free)
     finer = free.on_mesh(settings.intervals)

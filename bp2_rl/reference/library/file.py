@@ -37,8 +37,8 @@ ARRAYS = {
 class MotionLibrary:
     """Trajectories of S speeds, each of two segments (stance of FL and RR, flight) of K points equally spaced in time.
 
-    Coordinates: x, z and pitch of the trunk, then hip, knee and spring of each leg. Where velocities jump, a segment's
-    first point is after the impact and its last one before the next.
+    Coordinates: x, z and pitch of the trunk, then hip, knee and spring (zero of a rigid shank) of each leg. Where
+    velocities jump, a segment's first point is after the impact and its last one before the next.
     """
 
     speeds: Float[np.ndarray, " S"]  # m/s, ascending
@@ -50,6 +50,11 @@ class MotionLibrary:
     force: Float[np.ndarray, "S 2 K 8"]  # N, (x, z) under each foot
     impulse: Float[np.ndarray, "S 2 8"]  # N s, as each segment begins
     provenance: dict[str, Any]  # problem, versions and what was verified
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot that moves; BP2 where the file does not say."""
+        return str(self.provenance.get("robot", "BP2"))
 
     @property
     def arrays(self) -> dict[str, Float[np.ndarray, "..."]]:

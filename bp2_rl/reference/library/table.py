@@ -10,10 +10,11 @@ from jaxtyping import Float
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.polynomials import hermite_coefficients
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
-from bp2_rl.robot import bp2, kinematics
+from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
-ON_GROUND = 0.01  # m, by which a standing foot may miss the ground: legs 2 % longer than the library's miss it by more
+ON_GROUND = 0.028
+"""By which a standing foot may miss the ground, over half a leg's length: legs 2 % longer miss it by more."""
 
 
 class LibraryTable(NamedTuple):
@@ -34,17 +35,27 @@ class LibraryTable(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def load_table(path: Path, leg_length: float) -> LibraryTable:
-    """The table of a library whose standing feet are on the ground with legs of this length."""
-    library = load_library(path)
+def load_table(path: Path, anatomy: Anatomy) -> LibraryTable:
+    """The table of a library of this robot, whose standing feet are on the ground with its legs.
+
+    Raises:
+        UserError: the file cannot be read, or its motions are another robot's.
+    """
+    library, legs = load_library(path), anatomy.geometry
+    if library.robot != anatomy.name:
+        raise UserError(
+            f"motion library {path} is of {library.robot}, and the robot is {anatomy.name}: make one with "
+            "`bp2 trajopt library build --robot ROBOT`, and name it by --env.library.path"
+        )
     q, v, tau = (array.astype(float) for array in (library.q, library.v, library.tau))
-    places, rates = _with_feet(q, v, leg_length)
-    off = np.abs(places[:, 0, :, 1:2] + by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1] - bp2.FOOT_RADIUS)
-    if off.max() > ON_GROUND:
+    places, rates = _with_feet(q, v, legs)
+    feet = by_leg(places[:, 0, :, TRUNK:])[..., STANDING_PAIR, 1]
+    off = np.abs(places[:, 0, :, 1:2] + feet - legs.foot_radius[STANDING_PAIR])
+    if off.max() > ON_GROUND * anatomy.leg_length:
+        flags = f"problem.hardware.body.leg-length {anatomy.leg_length:g}" if anatomy.sprung else "robot ROBOT"
         raise UserError(
             f"motion library {path} has standing feet {1e3 * off.max():.0f} mm off the ground with legs of "
-            f"{leg_length} m: make one with `bp2 trajopt library build --problem.hardware.body.leg-length "
-            f"{leg_length}`, "
+            f"{anatomy.leg_length:g} m: make one with `bp2 trajopt library build --{flags}`, "
             "and name it by --env.library.path"
         )
     durations = library.durations.astype(float)
@@ -80,16 +91,16 @@ def _by_share(cubics: Float[np.ndarray, "... N 4 n"], share: float) -> Float[np.
 
 
 def _with_feet(
-    q: Float[np.ndarray, "*points 15"], v: Float[np.ndarray, "*points 15"], leg_length: float
+    q: Float[np.ndarray, "*points 15"], v: Float[np.ndarray, "*points 15"], legs: LegGeometry
 ) -> tuple[Float[np.ndarray, "*points 15"], Float[np.ndarray, "*points 15"]]:
     """Coordinates and rates with hip and knee replaced by (x, z) of the foot's centre and its rate."""
     (hip, knee, spring), (hip_rate, knee_rate, spring_rate) = (
         np.moveaxis(by_leg(x[..., TRUNK:]), -1, 0) for x in (q, v)
     )
     place, rate = foot_in_plane(
-        (q[..., 2:3], hip, knee, leg_length - bp2.FOOT_RADIUS - spring),
+        (q[..., 2:3], hip, knee, legs.lower - legs.foot_radius - spring),
         (v[..., 2:3], hip_rate, knee_rate, -spring_rate),
-        leg_length,
+        legs,
     )
 
     def row(trunk: Float[np.ndarray, "*points 3"], *legs: Float[np.ndarray, "*points 4"]) -> np.ndarray:
@@ -99,7 +110,7 @@ def _with_feet(
 
 
 def foot_in_plane(
-    joints: tuple[Any, Any, Any, Any], rates: tuple[Any, Any, Any, Any], leg_length: float
+    joints: tuple[Any, Any, Any, Any], rates: tuple[Any, Any, Any, Any], legs: LegGeometry
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Each leg's end from the trunk's centre, (x, z), and its rate, by pitch, hip, knee and length of the lower leg.
 
@@ -107,10 +118,11 @@ def foot_in_plane(
     """
     (pitch, hip, knee, lower), (pitch_rate, hip_rate, knee_rate, lower_rate) = joints, rates
     thigh, thigh_rate = pitch + hip, pitch_rate + hip_rate
-    # Along the trunk, down the thigh, down the lower leg: length, its rate, angle, its rate.
+    # Along the trunk, down from it, down the thigh, down the lower leg: length, its rate, angle, its rate.
     links: tuple[tuple[Any, Any, Any, Any], ...] = (
-        (kinematics.leg_origins()[:, 0], 0.0, pitch, pitch_rate),
-        (leg_length, 0.0, thigh + np.pi / 2, thigh_rate),
+        (legs.origins[:, 0], 0.0, pitch, pitch_rate),
+        (legs.drop - legs.origins[:, 2], 0.0, pitch + np.pi / 2, pitch_rate),
+        (legs.thigh, 0.0, thigh + np.pi / 2, thigh_rate),
         (lower, lower_rate, thigh + knee + np.pi / 2, thigh_rate + knee_rate),
     )
     x = np.sum([length * np.cos(angle) for length, _, angle, _ in links], axis=0)

@@ -15,7 +15,6 @@ it. Torques are those of straight running.
 
 import dataclasses
 import functools
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -28,7 +27,7 @@ from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.reference.library.table import LibraryTable, load_table
 from bp2_rl.reference.stepping import STANDING, TROT, foot_circle, ground, square_speed, turn
-from bp2_rl.robot import bp2, conventions, kinematics
+from bp2_rl.robot import conventions, kinematics
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec
 from bp2_rl.settings.reference import CollocationConfig
 
@@ -37,7 +36,7 @@ from bp2_rl.settings.reference import CollocationConfig
 class CollocationGait(CollocationConfig):
     """The `ReferenceMotion` that a motion library holds.
 
-    The motion is that of the robot for which the library was made; of `hardware`, the leg length must be that robot's,
+    The motion is that of the robot for which the library was made; of `hardware`, name and legs must be that robot's,
     and standing still takes mass and springs into account.
     """
 
@@ -88,7 +87,7 @@ class CollocationGait(CollocationConfig):
 
     @property
     def _table(self) -> LibraryTable:
-        return load_table(self.file, self.hardware.bp2.leg_length)
+        return load_table(self.file, self.hardware.anatomy)
 
     def _forward(self, command: Float[Array, "... 3"]) -> Float[Array, "..."]:
         """Forward speed of the motion, m/s: that commanded, up to the library's greatest."""
@@ -188,7 +187,8 @@ class CollocationGait(CollocationConfig):
         feet = _mix(stepping[..., None, None], at_rest, feet)
         displaced = jnp.pad(displaced, [(0, 0)] * (displaced.ndim - 1) + [(0, 1)])
         anyway, wanted = _from_level(jnp.stack([feet, feet + displaced]), stepping * moment.pitch)
-        centre = _mix(stepping[..., None], stand.sag, moment.spring) + bp2.FOOT_RADIUS  # short of the lower leg's end
+        radius = jnp.asarray(self.hardware.anatomy.geometry.foot_radius, x.dtype)
+        centre = _mix(stepping[..., None], stand.sag, moment.spring) + radius  # short of the lower leg's end
         return kinematics.joint_angles(_within_reach(anyway, wanted, centre, self.hardware), centre, self.hardware)
 
 
@@ -215,23 +215,26 @@ class _BlendedPose(NamedTuple):
 
 
 class _Stand(NamedTuple):
-    """Standing still: `bp2.STAND_JOINTS` on springs that bear the weight, with legs without mass."""
+    """Standing still: the robot's pose on legs without mass, each of which bears a quarter of the weight."""
 
     feet: Float[np.ndarray, "4 3"]  # m, centres of the feet from the trunk's centre
-    sag: float  # m
+    sag: Float[np.ndarray, "4"]  # m; zero of rigid shanks
     height: float  # m, of the trunk's centre
-    torque: Float[np.ndarray, "2"]  # Nm, hip and knee
+    torque: Float[np.ndarray, "4 2"]  # Nm, hip and knee
 
 
 @functools.lru_cache(maxsize=8)
 def _stand(hardware: HardwareSpec) -> _Stand:
-    load = hardware.mass_scale * bp2.TOTAL_MASS * conventions.GRAVITY / 4.0
-    sag = load * math.cos(bp2.STAND_HIP) / hardware.spring_stiffness
-    lower = hardware.bp2.leg_length - sag - bp2.FOOT_RADIUS
-    angles = np.reshape(bp2.STAND_JOINTS, (4, 3))
-    feet = kinematics.foot_position(angles, np.full(4, sag + bp2.FOOT_RADIUS), hardware)
-    torque = load * math.sin(bp2.STAND_HIP) * np.array([lower - hardware.bp2.leg_length, lower])
-    return _Stand(feet, sag, bp2.FOOT_RADIUS - float(feet[0, 2]), torque)
+    anatomy, legs = hardware.anatomy, hardware.anatomy.geometry
+    load, angles = hardware.mass * conventions.GRAVITY / 4.0, np.reshape(anatomy.stand, (4, 3))
+    hip, lean = angles[:, 1], angles[:, 1] + angles[:, 2]
+    sag = load * np.cos(lean) / hardware.spring_stiffness if anatomy.sprung else np.zeros(4)
+    lower = legs.lower - sag - legs.foot_radius
+    feet = kinematics.foot_position(angles, sag + legs.foot_radius, hardware)
+    # What the joints hold is how the feet's height goes with their angles.
+    knee = -load * lower * np.sin(lean)
+    torque = np.stack([knee - load * legs.thigh * np.sin(hip), knee], axis=-1)
+    return _Stand(feet, sag, float(np.max(legs.foot_radius - feet[:, 2])), torque)
 
 
 def _moment(values: Float[Array, "... 23"], mirrored: Bool[Array, "..."]) -> _BlendedPose:
@@ -256,10 +259,12 @@ def _within_reach(
     A displacement that takes more than half of what is left of the reach gets the other half only by and by; so no
     leg straightens in a jerk. Legs that have no reach left keep their length.
     """
-    thigh, lower = hardware.bp2.leg_length, hardware.bp2.leg_length - compression
-    hip = jnp.asarray(kinematics.leg_origins(hardware), wanted.dtype)
+    legs, dtype = hardware.anatomy.geometry, wanted.dtype
+    thigh, lower = jnp.asarray(legs.thigh, dtype), jnp.asarray(legs.lower, dtype) - compression
+    hip = jnp.asarray(kinematics.hip_places(hardware), dtype)
     now, then = (jnp.sqrt(jnp.sum((feet - hip) ** 2, axis=-1)) for feet in (anyway, wanted))
-    straight = thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(bp2.KNEE_RANGE[1]) + bp2.THIGH_LATERAL**2
+    cosine = jnp.asarray(np.cos(kinematics.straightest_knees(hardware)), dtype)
+    straight = thigh**2 + lower**2 + 2.0 * thigh * lower * cosine + jnp.asarray(legs.lateral, dtype) ** 2
     half_left = jnp.maximum((jnp.sqrt(straight) - now) / 2.0, 1e-7)
     longer = then - now
     beyond = jnp.maximum(longer - half_left, 0.0)
@@ -268,7 +273,8 @@ def _within_reach(
 
 
 def _mix(share: Float[Array, "..."], zero: Any, one: Float[Array, "..."]) -> Float[Array, "..."]:
-    """From `zero` to `one`."""
+    """From `zero` to `one`, in the precision of `one`."""
+    zero = jnp.asarray(zero, one.dtype)
     return zero + share * (one - zero)
 
 

@@ -60,6 +60,7 @@ def sized(env: EnvConfig) -> EnvConfig:
         env,
         reference="kinematic" if env.reference == "collocation" else env.reference,
         gait=_sized_gait(env.gait, robot),
+        library=dataclasses.replace(env.library, stepping_speed=size.speed * env.library.stepping_speed),
         control=dataclasses.replace(
             control,
             stiffness=size.torque * control.stiffness,

@@ -25,6 +25,12 @@ def test_it_covers_the_speeds(family):
     assert np.max(np.diff(speeds)) <= 0.5
 
 
+def test_its_problems_have_its_mesh(family):
+    """A limit on slow trots once changed the mesh of the problem."""
+    for solution in family:
+        assert solution.motion.q.shape[1] == len(solution.problem.points)
+
+
 def test_it_was_verified_when_it_was_built(family):
     for solution in family:
         assert solution.violation <= 1e-6
