@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.optimiser.guess import cold_guess
-from bp2_rl.optimiser.problem import MOST_ITERATIONS, Problem
+from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.program import Optimum
 from bp2_rl.optimiser.sagittal import DESIGN, ca
 from bp2_rl.optimiser.solution import Motion, NotSolved, Solution, resample
@@ -47,7 +47,7 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
-    optimum = transcription.program.solve(options.time_limit, options.iterations)
+    optimum = transcription.program.solve(options.time_limit)
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:
         raise KeyboardInterrupt
@@ -72,11 +72,11 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
 
 
 def solve_best(
-    problem: Problem, starts: int = 3, near: Sequence[Solution] = (), iterations: int = MOST_ITERATIONS
+    problem: Problem, starts: int = 3, near: Sequence[Solution] = (), time_limit: float = STANDARD.time_limit
 ) -> Solution:
     """Return the cheapest of several solves: from the cold guess, `starts - 1` varied ones, and other solutions.
 
-    Each may take so many iterations.
+    Each may take `time_limit` seconds.
 
     Raises:
         NotSolved: none of them succeeded; the message is the cold guess's.
@@ -88,7 +88,7 @@ def solve_best(
     solved, failures = [], []
     for guess in guesses:
         try:
-            solved.append(solve(problem, guess, SolveOptions(iterations=iterations)))
+            solved.append(solve(problem, guess, SolveOptions(time_limit=time_limit)))
         except NotSolved as failure:
             failures.append(failure)
     if not solved:

@@ -32,7 +32,6 @@ from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.cycle import center_of_mass
 from bp2_rl.optimiser.links import hip_of, leg_of
 from bp2_rl.optimiser.problem import (
-    MOST_ITERATIONS,
     MOST_SPEEDS,
     PER_LEG,
     TRUNK,
@@ -66,8 +65,8 @@ MOST_IMPACT = 0.16
 without soft ground would let rigid legs run on impacts alone, which cost nothing."""
 MESH = 24
 """Intervals a segment of another robot's library: its energy then closes to some 1e-4."""
-TRIES = 80
-"""Iterations for a solve to fail in where nobody knows what the robot can; from a neighbour 20 to 60 are enough."""
+LIMIT_TIME = 40.0
+"""s, for a solve to fail in where nobody knows what the robot can; from a neighbour a few seconds are enough."""
 
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
@@ -204,9 +203,9 @@ class FamilyConfig:
         return dataclasses.replace(bp2s, slowest=slowest, fastest=None, step=step, anchor=anchor, problem=problem)
 
     @property
-    def iterations(self) -> int:
-        """After how many a solve is given up."""
-        return TRIES if self.fastest is None else MOST_ITERATIONS
+    def time_limit(self) -> float:
+        """After how much of a processor's time a solve is given up, s."""
+        return LIMIT_TIME if self.fastest is None else 300.0
 
     def at(self, speed: float) -> Problem:
         """What is asked for at a speed, m/s."""
@@ -278,9 +277,9 @@ def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
     if is_saved(_path(folder, settings.anchor)):
         return
     problem = settings.at(settings.anchor)
-    near = SolveOptions(proximity=0.0 if settings.fastest else settings.proximity, iterations=settings.iterations)
+    near = SolveOptions(proximity=0.0 if settings.fastest else settings.proximity, time_limit=settings.time_limit)
     coarse = problem.on_mesh(min(settings.coarse, problem.intervals))
-    best = solve_best(coarse, settings.starts, iterations=3 * settings.iterations)
+    best = solve_best(coarse, settings.starts, time_limit=settings.time_limit)
     if settings.fastest is None:  # who knows how good the coarse mesh is for this robot
         best = refine(best, (coarse.intervals + problem.intervals) // 2, near)
     _keep(folder, refine(best, problem.intervals, near))
@@ -336,7 +335,7 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
 
     problem = settings.at(speed)
     proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
-    return solve(problem, here.motion, SolveOptions(proximity=proximity, iterations=settings.iterations))
+    return solve(problem, here.motion, SolveOptions(proximity=proximity, time_limit=settings.time_limit))
 
 
 def _keep(folder: Path, solution: Solution) -> None:

@@ -30,8 +30,6 @@ Speed = Annotated[float, Within(0.01, 100.0)]
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
 MOST_SPEEDS = 1000
 """More of them are a slip of the pen: at a minute each they take a day."""
-MOST_ITERATIONS = 2000
-"""After so many a solve is given up."""
 Intervals = Annotated[int, Within(2, 500)]
 Starts = Annotated[int, Within(1, 1000)]
 

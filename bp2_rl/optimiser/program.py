@@ -117,7 +117,7 @@ class Program:
         function = ca.Function("values", [ca.vertcat(*self._unknowns)], list(expressions))
         return [np.array(value).T for value in function.call([point])]
 
-    def solve(self, time_limit: float, iterations: int) -> Optimum:
+    def solve(self, time_limit: float) -> Optimum:
         """Where IPOPT ends from the guess."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {
@@ -130,8 +130,8 @@ class Program:
                 "mu_strategy": "adaptive",
                 "tol": 1e-7,
                 "constr_viol_tol": 1e-9,
-                "max_iter": iterations,
-                "max_wall_time": time_limit,
+                "max_iter": 2000,
+                "max_cpu_time": time_limit,
             },
         }
         solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options)

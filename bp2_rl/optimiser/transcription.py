@@ -27,7 +27,7 @@ from jaxtyping import Float
 from bp2_rl.base.polynomials import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.links import leg_of
-from bp2_rl.optimiser.problem import MOST_ITERATIONS, Problem, Stride, contact_rows
+from bp2_rl.optimiser.problem import Problem, Stride, contact_rows
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
@@ -64,8 +64,7 @@ class SolveOptions:
     speed_weight: float = 0.0
     """what a metre per second is worth, in units of the cost"""
     time_limit: float = 300.0
-    """s"""
-    iterations: int = MOST_ITERATIONS
+    """s, of a processor's time"""
 
 
 class Unknowns(NamedTuple):

@@ -59,7 +59,7 @@ def test_a_speed_without_a_trajectory_is_one_line_and_status_2(capsys, tmp_path,
     """IPOPT is given up on at once: that it finds none itself is tested where trajectories are."""
     monkeypatch.chdir(tmp_path)
     found = Program.solve
-    monkeypatch.setattr(Program, "solve", lambda self, time_limit, iterations: found(self, 0.1, iterations))
+    monkeypatch.setattr(Program, "solve", lambda self, time_limit: found(self, 0.1))
     assert trajopt.main(["solve", "--speed", "60", "--intervals", "2", "--starts", "1"]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
     assert len(lines) == 1
