@@ -24,7 +24,7 @@ def test_a_leg_in_the_plane_is_the_leg_in_space_with_abduction_at_zero():
     lower = bp2.THIGH_LENGTH - compression
     soles = [_sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)]
     np.testing.assert_allclose(np.transpose(soles), level, atol=1e-15)
-    place, _ = foot_in_plane((pitch, hip, knee, lower), (pitch, hip, knee, lower), bp2.THIGH_LENGTH)
+    place, _ = foot_in_plane((pitch, hip, knee, lower), (pitch, hip, knee, lower), IDEAL.anatomy.geometry)
     np.testing.assert_allclose(place, level, atol=1e-15)
 
 
@@ -36,7 +36,7 @@ def test_the_rate_of_a_planar_foot_is_its_derivative():
     """By a complex step of the other way to the same place, exact to rounding."""
     (pitch, hip, knee, compression), rates = _posture()
     joints = (pitch, hip, knee, bp2.THIGH_LENGTH - compression)
-    _, rate = foot_in_plane(joints, rates, bp2.THIGH_LENGTH)
+    _, rate = foot_in_plane(joints, rates, IDEAL.anatomy.geometry)
     pitch, hip, knee, lower = (value + 1e-30j * change for value, change in zip(joints, rates, strict=True))
     feet = [_sole((0.0, 0.0, pitch[0]), i, (hip[i], knee[i]), lower[i]) for i in range(4)]
     np.testing.assert_allclose(rate, np.imag(np.transpose(feet)) / 1e-30, atol=1e-14)
