@@ -42,8 +42,8 @@ def docstrings():
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("all", SOURCES, 42_700),
-        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 29_200),
+        ("all", SOURCES, 42_950),
+        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 29_420),
     ],
 )
 def test_the_house_does_not_grow_unseen(what, paths, most):
