@@ -241,7 +241,8 @@ def build_family(
     """Solve and verify the family, a file for each speed in `folder`; those that are there already are kept.
 
     Args:
-        settings: which family. With no fastest speed it ends where no faster trot is found that the verifier accepts.
+        settings: which family. With no fastest speed it ends where no faster trot is found, and has the trots alone
+            that the verifier accepts.
         folder: of the solutions; made if need be. One that holds a family of other settings is refused.
         workers: processes; the two walks are independent, so a third has nothing to do.
         report: called with (speeds done, speeds in all, if that is known) now and then.
@@ -267,7 +268,8 @@ def build_family(
             if not waiting.not_done or any(walk.exception() for walk in waiting.done):
                 break
         speeds = sorted({speed for walk in walks for speed in walk.result()})
-    return [_load(settings, folder, speed) for speed in speeds]
+    family = [_load(settings, folder, speed) for speed in speeds]
+    return [s for s in family if settings.fastest is not None or _sound(s)]
 
 
 def _solve_anchor(settings: FamilyConfig, folder: Path) -> None:
@@ -309,8 +311,6 @@ def _walk(settings: FamilyConfig, folder: Path, speeds: list[float]) -> list[flo
 
 def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
     """Solve faster and faster trots from the anchor on, by smaller steps in the end, until there is none."""
-    from bp2_rl.optimiser.verify import failures
-
     speeds, step = [settings.anchor], settings.step
     here = _load(settings, folder, settings.anchor)
     while step > settings.step / 5.0:
@@ -318,7 +318,7 @@ def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
         try:
             if not is_saved(_path(folder, speed)):
                 found = _checked(_solve_from(settings, here, speed))
-                if failures(found.checks, exact=False):
+                if not _sound(found):
                     raise NotSolved(f"the trot of {speed} m/s is not sound")
                 save_solution(_path(folder, speed), found)
             here = _load(settings, folder, speed)
@@ -326,6 +326,12 @@ def _climb(settings: FamilyConfig, folder: Path) -> list[float]:
         except NotSolved:
             step /= 2.0
     return speeds
+
+
+def _sound(solution: Solution) -> bool:
+    from bp2_rl.optimiser.verify import failures
+
+    return not failures(solution.checks, exact=False)
 
 
 def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solution:
