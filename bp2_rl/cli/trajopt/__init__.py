@@ -81,16 +81,16 @@ class LibraryArguments:
 def _parse_library(arguments: type[LibraryArguments], argv: Sequence[str] | None, prog: str) -> LibraryArguments:
     """The arguments on the robot that `--robot` names; its folder and file have its name unless flags say otherwise."""
     robot = named_robot(argv, prog)
-    default = arguments("build")
-    if robot != default.robot:
-        name, file = Path(robot).stem, Path(robot)
-        default = dataclasses.replace(
-            default,
-            family=FamilyConfig.on(find_robot(robot)),
-            robot=robot,
-            out=OUT / f"library-{name}",
-            to=file.with_name(f"{name}_trot.npz") if file.suffix else OUT / f"{name}_trot.npz",
-        )
+    if robot == arguments.robot:
+        return app.parse(arguments, argv, prog)
+    name, file = Path(robot).stem, Path(robot)
+    default = arguments(
+        "build",
+        family=FamilyConfig.on(find_robot(robot)),
+        robot=robot,
+        out=OUT / f"library-{name}",
+        to=file.with_name(f"{name}_trot.npz") if file.suffix else OUT / f"{name}_trot.npz",
+    )
     return app.parse(arguments, argv, prog, default)
 
 
