@@ -16,7 +16,6 @@ from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
-from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.cluster import ClusterConfig
@@ -271,7 +270,7 @@ def _continue(stage: Stage, preset: Preset, parent: Path, named: NamedDefaults) 
     from bp2_rl.learning import run
 
     old = load_run_config(parent)
-    theirs = old.env.hardware if isinstance(old.env.hardware.body, Anatomy) else robot_name(old.env.hardware) or "built"
+    theirs = (robot_name(old.env.hardware) or "built") if old.env.hardware.is_bp2 else old.env.hardware
     before, now = (make_config(each, preset, named.weights, theirs) for each in (old.stage, stage))
     env = merge(before.env, old.env, now.env)
     if named.robot and env.hardware != (other := find_robot(named.robot)):

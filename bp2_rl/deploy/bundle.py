@@ -40,7 +40,6 @@ from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.reference import stepping, trot_law
 from bp2_rl.robot import actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
 from bp2_rl.robot.losses import Resistance
@@ -177,7 +176,7 @@ def watchdog_limits(robot: HardwareSpec) -> WatchdogLimits:
 
 def _robots(env: EnvConfig) -> dict[str, HardwareSpec]:
     """Return the robots to rehearse on: BP2's two, and first the policy's own as `own` if it is another."""
-    if not isinstance(env.hardware.body, BP2Body):
+    if not env.hardware.is_bp2:
         return {"own": env.hardware}
     own = {} if robot_name(env.hardware) else {"own": env.hardware}
     return {**own, "built": ROBOTS["built"], "ideal": ROBOTS["ideal"]}

@@ -58,7 +58,7 @@ from bp2_rl.optimiser.solution import (
 )
 from bp2_rl.robot import bp2
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import IDEAL, ByJoint, HardwareSpec, Size
+from bp2_rl.robot.hardware import IDEAL, ByJoint, HardwareSpec
 
 MOST_IMPACT = 0.16
 """Of the weight, that landings bear in the library of a robot that is not BP2: as in BP2's own at 15 m/s. A model
@@ -195,7 +195,7 @@ class FamilyConfig:
     def on(cls, hardware: HardwareSpec) -> "FamilyConfig":
         """Return the family of a robot: BP2's, or by dynamic similarity from slow trots to the robot's limit."""
         bp2s = cls()
-        if hardware.size == Size(1.0, 1.0):
+        if hardware.is_bp2:
             return dataclasses.replace(bp2s, problem=dataclasses.replace(bp2s.problem, hardware=reserved(hardware)))
         problem = bp2s.problem.sized(reserved(hardware))
         slowest, step, anchor = (round(hardware.size.speed * speed, 2) for speed in (bp2s.slowest, 0.4, 4.0))

@@ -5,7 +5,6 @@ import math
 from bp2_rl.evaluation.published.sprints import PAPER_BP2, TIMES, TRACK
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session
-from bp2_rl.robot.bp2_body import BP2Body
 
 PAPER = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
 
@@ -13,7 +12,7 @@ PAPER = f"; the paper's robot: {TIMES[PAPER_BP2]:g} s"
 def readings(session: Session, pace: Pace) -> dict[str, str]:
     """Return what the robot does and is told, how its sprint goes, and how well the time is kept."""
     (forward, left, turn), told = session.velocity, session.command
-    paper = PAPER if isinstance(session.hardware.body, BP2Body) else ""
+    paper = PAPER if session.hardware.is_bp2 else ""
     fallen = "" if session.down_since is None else "fell; "
     return {
         "speed": f"{forward:z.2f} m/s, told {told[0]:z.2f}",

@@ -131,6 +131,11 @@ class HardwareSpec:
         """Return the body as plain numbers, before masses are scaled."""
         return self.body if isinstance(self.body, Anatomy) else self.body.anatomy
 
+    @property
+    def is_bp2(self) -> bool:
+        """Return whether the robot is a BP2, however it is changed."""
+        return isinstance(self.body, BP2Body)
+
     def parameter(self, name: str) -> Any:
         """Return the value of a field of this robot or, where it has none, of BP2's body."""
         return getattr(self if hasattr(self, name) else self.bp2, name)

@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Iterable
 
-from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses
 
 PARTS: dict[str, tuple[str, ...]] = {
@@ -29,7 +28,7 @@ PARTS: dict[str, tuple[str, ...]] = {
 
 def ideal_of(robot: HardwareSpec) -> HardwareSpec:
     """Return the robot that loses nothing: BP2's ideal one, or any other robot on its own ground and stops."""
-    if not isinstance(robot.body, Anatomy):
+    if robot.is_bp2:
         return IDEAL
     free = {"losses": Losses(), "envelope": IDEAL.envelope, "braking_speed": math.inf, "solid_legs": False}
     return dataclasses.replace(robot, **free)
@@ -44,7 +43,7 @@ def with_parts(robot: HardwareSpec, other: HardwareSpec, parts: Iterable[str]) -
 
 
 def _has(robot: HardwareSpec, field: str) -> bool:
-    return hasattr(robot, field) or not isinstance(robot.body, Anatomy)  # what is no field is of BP2's body
+    return hasattr(robot, field) or robot.is_bp2  # what is no field is of BP2's body
 
 
 def differing(robot: HardwareSpec, other: HardwareSpec) -> tuple[str, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from bp2_rl.robot import actuator, bp2, conventions
-from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.building import standing
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.gait import LegMetrics, evenness, leg_metrics, leg_room, mean_stride_frequency, on_stop
@@ -241,8 +240,8 @@ def froude_number(speed: float, height: float = bp2.STANDING_HEIGHT) -> float:
 
 def standing_height(hardware: HardwareSpec) -> float:
     """Return the height of the trunk's centre in a stand, m: BP2's is published."""
-    if isinstance(hardware.body, Anatomy):
-        return float(standing(hardware.body, hardware.spring_stiffness)[2])
+    if not hardware.is_bp2:
+        return float(standing(hardware.anatomy, hardware.spring_stiffness)[2])
     return bp2.STANDING_HEIGHT
 
 

@@ -10,7 +10,6 @@ from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
 from bp2_rl.robot.named import find_robot
@@ -50,7 +49,7 @@ def cruising_speed(policy: Policy) -> float:
 
     BP2's is that of its outdoor run; any other robot's is `CRUISE` of its policy's own top speed.
     """
-    if isinstance(policy.card.env.hardware.body, BP2Body):
+    if policy.card.env.hardware.is_bp2:
         return bp2.OUTDOOR_TOP_SPEED
     return round(CRUISE * top_speed(policy), 2)
 
@@ -116,7 +115,7 @@ def describe_robot(hardware: HardwareSpec) -> str:
             "ideal: no air, no losses but the windings', a bus that gives and takes everything, legs that pass "
             "through each other"
         )
-    is_bp2 = isinstance(hardware.body, BP2Body)
+    is_bp2 = hardware.is_bp2
     if is_bp2 and name is None:
         return f"{title_of(hardware)}: config {config_hash(hardware)}"
     slides = f", slides {losses.spring_friction:g} N" if hardware.anatomy.sprung else ""
@@ -133,8 +132,8 @@ def describe_robot(hardware: HardwareSpec) -> str:
 
 def title_of(hardware: HardwareSpec) -> str:
     """Return what a title calls the robot."""
-    if not isinstance(hardware.body, BP2Body):
-        return hardware.body.name
+    if not hardware.is_bp2:
+        return hardware.anatomy.name
     return f"{robot_name(hardware) or UNNAMED} robot"
 
 

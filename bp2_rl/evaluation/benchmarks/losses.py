@@ -27,7 +27,6 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
 from bp2_rl.simulation.metrics import measure
@@ -89,7 +88,7 @@ def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     different = list(dict.fromkeys(robots))
     ran = simulate_all(speed_held, policy, [RunRequest(ramp, robot, setup.operator) for robot in different])
     tried = dict(zip(different, ran, strict=True))
-    is_bp2 = isinstance(built.body, BP2Body)
+    is_bp2 = built.is_bp2
     found = greatest_speeds() if robot_name(built) else {}
     rows = []
     for i, part in enumerate(parts):

@@ -22,7 +22,6 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import simulate_all
@@ -41,7 +40,7 @@ TILES = "Without a fall", "Lowest best speed", "Highest best speed", "Fastest 10
 def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     """The robot that the policy is for, and others, each with one property changed."""
 
-    changed, is_bp2 = assumed.changed, isinstance(assumed.body, BP2Body)
+    changed, is_bp2 = assumed.changed, assumed.is_bp2
     other_legs = "legs that pass through" if assumed.solid_legs else "solid legs"
 
     def stops(factor: float) -> HardwareSpec:
@@ -82,11 +81,11 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
         "mass +10 %": changed(mass_scale=1.1 * assumed.mass_scale),
         other_legs: changed(solid_legs=not assumed.solid_legs),
     }
-    if isinstance(assumed.body, BP2Body):
+    if assumed.is_bp2:
         others |= {
-            "hind track -20 mm": changed(hind_track=assumed.body.hind_track - 0.020),
-            "hind track +20 mm": changed(hind_track=assumed.body.hind_track + 0.020),
-            "fore track +10 mm": changed(fore_track=assumed.body.fore_track + 0.010),
+            "hind track -20 mm": changed(hind_track=assumed.bp2.hind_track - 0.020),
+            "hind track +20 mm": changed(hind_track=assumed.bp2.hind_track + 0.020),
+            "fore track +10 mm": changed(fore_track=assumed.bp2.fore_track + 0.010),
         }
     return {AS_ASSUMED: assumed} | {name: robot for name, robot in others.items() if robot != assumed}
 

@@ -18,7 +18,6 @@ from bp2_rl.base.plotting import (
 )
 from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.robot import bp2
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.track import LANE_WIDTH, foot_edges, track_position, trunk_edges
@@ -29,7 +28,7 @@ POLICY = "this policy"
 
 def caption(robot: HardwareSpec) -> str:
     """Return what a reader must know of the picture."""
-    others = "those whom the paper names" if isinstance(robot.body, BP2Body) else "people"
+    others = "those whom the paper names" if robot.is_bp2 else "people"
     return (
         "The race: speed over distance (faint: each millisecond; bold: 0.25-s mean) with the mean speeds of Bolt's "
         "10-m splits of 2009, his reaction time of 0.146 s included; the lane seen from above; and the times over "
@@ -45,7 +44,7 @@ def sprint_figure(run: Trajectory, time: float | None) -> Figure:
     lane.sharex(speed)
     _draw_speed(speed, run)
     _draw_lane(lane, run)
-    _draw_times(times, time, isinstance(run.hardware.body, BP2Body))
+    _draw_times(times, time, run.hardware.is_bp2)
     return figure
 
 
@@ -55,7 +54,7 @@ def _draw_speed(axes: Axes, run: Trajectory) -> None:
     axes.plot(along, moving_mean(forward, round(RIPPLE / run.dt)), color=FRONT, linewidth=2.0, label=POLICY)
     middles, means = np.array(MARKS) - 5.0, 10.0 / np.diff((0.0, *BOLT_SPLITS))
     axes.plot(middles, means, "o", ms=5, color=LEG_COLORS["FL"], label="Bolt 2009, mean of each 10 m")
-    if isinstance(run.hardware.body, BP2Body):
+    if run.hardware.is_bp2:
         mark_level(axes, bp2.OUTDOOR_TOP_SPEED, f"BP2's outdoor top speed, {bp2.OUTDOOR_TOP_SPEED:g} m/s")
     axes.set(title="Speed", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, None))
     axes.tick_params(axis="x", labelbottom=False)

@@ -51,7 +51,7 @@ def on_robot(env: EnvConfig, robot: HardwareSpec) -> EnvConfig:
 def sized(env: EnvConfig) -> EnvConfig:
     """Return settings that were written for BP2 for the size of the environment's robot; BP2's are as they were."""
     size, robot = env.hardware.size, env.hardware
-    if size == Size(1.0, 1.0):
+    if robot.is_bp2:
         return env
     control, reset, drawn, end = env.control, env.reset, env.randomization, env.termination
     speed = speed_factor(robot)
@@ -84,7 +84,7 @@ def sized(env: EnvConfig) -> EnvConfig:
 def settled(config: TrainConfig) -> TrainConfig:
     """Return a last stage's settings in which a robot that is not BP2 keeps to slow commands, too."""
     shape, ppo = config.env.reward.tracking_shape, config.ppo
-    if config.env.hardware.size == Size(1.0, 1.0):
+    if config.env.hardware.is_bp2:
         return config
     closer = dataclasses.replace(shape, floor=min(shape.floor, 0.3), memory=max(shape.memory, 0.2))
     reward = dataclasses.replace(config.env.reward, tracking_shape=closer)
@@ -98,7 +98,7 @@ def settled(config: TrainConfig) -> TrainConfig:
 
 def speed_factor(robot: HardwareSpec) -> float:
     """Return the greatest speed to ask of a robot over BP2's: what its size, joint speeds and power allow at most."""
-    if robot.size == Size(1.0, 1.0):
+    if robot.is_bp2:
         return 1.0
     shares = (own / of_bp2 for own, of_bp2 in zip(_limits(robot), _limits(IDEAL), strict=True))
     return min(robot.size.speed, *shares)

@@ -44,7 +44,7 @@ def test_bp2_keeps_the_papers_speeds_whatever_was_measured(make_policy):
     policy = make_policy(results={"topspeed": {"best_speed": 4.0}})
     assert cruising_speed(policy) == 10.74
     assert sizes_of(BUILT, 4.0, 2.4, CommandConfig()) == ManoeuvreSizes()
-    assert time_limit(15.5) == 30.0
+    assert time_limit(15.5, BUILT) == time_limit(3.0, BUILT) == 30.0
 
 
 def test_another_robots_manoeuvres_are_within_its_speed():

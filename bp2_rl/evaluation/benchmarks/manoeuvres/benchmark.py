@@ -38,7 +38,6 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Evaluation, Picture, Row, Table, rounded, show
 from bp2_rl.evaluation.benchmarks.sprint import TRACK
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.operator import HeadingHold
@@ -76,7 +75,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0, sizes)
     metrics = summarise(level, cruise, simulate_all(outcome_of, policy, asked))
-    caption = CAPTION_OF_BP2 if isinstance(robot.body, BP2Body) else CAPTION
+    caption = CAPTION_OF_BP2 if robot.is_bp2 else CAPTION
     said = conditions(policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="manoeuvres",
@@ -99,7 +98,7 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def level_speed(policy: Policy, ramp: Ramp, robot: HardwareSpec, operator: HeadingHold) -> float:
     """Return the best speed over the track at the top speed's command, m/s; the command itself where it fell."""
-    [run] = simulate(policy, [RunRequest(dash_of(ramp), robot, operator, finish=TRACK)])
+    [run] = simulate(policy, [RunRequest(dash_of(ramp, robot), robot, operator, finish=TRACK)])
     best = best_window(run, 1.0)
     return ramp.target[0] if run.fell_at is not None or best is None else best.speed
 

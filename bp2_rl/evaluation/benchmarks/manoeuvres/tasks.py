@@ -10,7 +10,6 @@ from bp2_rl.evaluation.benchmarks.manoeuvres import rules
 from bp2_rl.evaluation.benchmarks.manoeuvres.rules import Assessment
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, time_limit
 from bp2_rl.robot import bp2
-from bp2_rl.robot.bp2_body import BP2Body
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import CommandConfig
 from bp2_rl.simulation.operator import HeadingHold
@@ -67,7 +66,7 @@ def sizes_of(robot: HardwareSpec, top: float, cruise: float, commands: CommandCo
         cruise: m/s, its cruising speed.
         commands: of its training.
     """
-    if isinstance(robot.body, BP2Body):
+    if robot.is_bp2:
         return ManoeuvreSizes()
     size, of_bp2 = robot.size, ManoeuvreSizes()
 
@@ -129,7 +128,7 @@ def all_manoeuvres(
         return Manoeuvre(schedule, group=group, asked=asked, rule=rule, assess=assess, **run)
 
     speed = top.target[0]
-    dash = dash_of(top)
+    dash = dash_of(top, hardware)
     return (
         *_braking(of, sizes.cruise, f"Brake from {sizes.cruise:g} m/s"),
         *_braking(of, speed, "Brake from the top"),
@@ -147,9 +146,10 @@ def all_manoeuvres(
 Make = Callable[..., Manoeuvre]
 
 
-def dash_of(top: Ramp) -> Ramp:
+def dash_of(top: Ramp, robot: HardwareSpec) -> Ramp:
     """Over the track at the top speed, with the time that this takes."""
-    return dataclasses.replace(top, hold=min(TRACK / (rules.SPEED_SHARE * top.target[0]), time_limit(top.target[0])))
+    speed = top.target[0]
+    return dataclasses.replace(top, hold=min(TRACK / (rules.SPEED_SHARE * speed), time_limit(speed, robot)))
 
 
 def run_up(speed: float) -> Course:
