@@ -34,6 +34,7 @@ from bp2_rl.optimiser.links import hip_of, leg_of
 from bp2_rl.optimiser.problem import (
     MOST_SPEEDS,
     PER_LEG,
+    SOLVE_TIME,
     TRUNK,
     Form,
     Intervals,
@@ -58,7 +59,7 @@ from bp2_rl.optimiser.solution import (
 )
 from bp2_rl.robot import bp2
 from bp2_rl.robot.conventions import LEGS
-from bp2_rl.robot.hardware import IDEAL, ByJoint, HardwareSpec
+from bp2_rl.robot.hardware import IDEAL, HardwareSpec, times
 
 MOST_IMPACT = 0.16
 """Of the weight, that landings bear in the library of a robot that is not BP2: as in BP2's own at 15 m/s. A model
@@ -71,13 +72,8 @@ LIMIT_TIME = 40.0
 
 def reserved(hardware: HardwareSpec) -> HardwareSpec:
     """Return a robot less what a library leaves to feedback; its speed margin is in `FamilyConfig.problem`."""
-    peak: ByJoint = hardware.peak_torque
-    if isinstance(peak, tuple):
-        abad, hip, knee = peak
-        peak = 0.9 * abad, 0.9 * hip, 0.9 * knee
-    else:
-        peak = 0.9 * peak
-    return dataclasses.replace(hardware, peak_torque=peak, friction=round(hardware.friction * 0.7 / 0.9, 9))
+    friction = round(hardware.friction * 0.7 / 0.9, 9)
+    return dataclasses.replace(hardware, peak_torque=times(0.9, hardware.peak_torque), friction=friction)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,7 +201,7 @@ class FamilyConfig:
     @property
     def time_limit(self) -> float:
         """After how much of a processor's time a solve is given up, s."""
-        return LIMIT_TIME if self.fastest is None else 300.0
+        return LIMIT_TIME if self.fastest is None else SOLVE_TIME
 
     def at(self, speed: float) -> Problem:
         """What is asked for at a speed, m/s."""

@@ -30,6 +30,8 @@ Speed = Annotated[float, Within(0.01, 100.0)]
 SpeedStep = Annotated[float, Within(0.0, 100.0, open_below=True)]
 MOST_SPEEDS = 1000
 """More of them are a slip of the pen: at a minute each they take a day."""
+SOLVE_TIME = 300.0
+"""s of a processor's time, after which a solve is given up."""
 Intervals = Annotated[int, Within(2, 500)]
 Starts = Annotated[int, Within(1, 1000)]
 

@@ -27,7 +27,7 @@ from jaxtyping import Float
 from bp2_rl.base.polynomials import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.links import leg_of
-from bp2_rl.optimiser.problem import Problem, Stride, contact_rows
+from bp2_rl.optimiser.problem import SOLVE_TIME, Problem, Stride, contact_rows
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
@@ -63,7 +63,7 @@ class SolveOptions:
     """lower and upper bounds of the hardware parameters of `sagittal.DESIGN` that are unknowns"""
     speed_weight: float = 0.0
     """what a metre per second is worth, in units of the cost"""
-    time_limit: float = 300.0
+    time_limit: float = SOLVE_TIME
     """s, of a processor's time"""
 
 

@@ -195,6 +195,14 @@ class HardwareSpec:
         return self.gear_ratio / self.anatomy.gear_ratio
 
 
+def times(factor: float, value: ByJoint) -> ByJoint:
+    """Return a multiple of a number for all joints, or of one for each of abad, hip and knee."""
+    if not isinstance(value, tuple):
+        return factor * value
+    abad, hip, knee = value
+    return factor * abad, factor * hip, factor * knee
+
+
 def _at_joints(value: ByJoint, factor: float) -> Any:
     """Return a number for all joints, or an array of twelve."""
     return np.tile(factor * np.array(value), len(LEGS)) if isinstance(value, tuple) else factor * value

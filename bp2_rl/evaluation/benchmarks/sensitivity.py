@@ -22,7 +22,7 @@ from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, Table
 from bp2_rl.evaluation.benchmarks.sprint import TRACK, SprintMetrics, describe_race, measure_sprint, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.robot.hardware import ByJoint, HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec, times
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest
@@ -46,12 +46,6 @@ def robots_of(assumed: HardwareSpec) -> dict[str, HardwareSpec]:
     def stops(factor: float) -> HardwareSpec:
         compression, rebound = factor * assumed.spring_stop_stiffness, factor * assumed.rebound_stiffness
         return changed(spring_stop_stiffness=compression, rebound_stiffness=rebound)
-
-    def times(factor: float, value: ByJoint) -> ByJoint:
-        if not isinstance(value, tuple):
-            return factor * value
-        abad, hip, knee = value
-        return factor * abad, factor * hip, factor * knee
 
     springs = {
         "spring stops x 2": stops(2.0),
