@@ -95,7 +95,8 @@ def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
     }  # fmt: skip
     assert report.missing["bad"].startswith("failed: error: ")
     assert report.missing["after"] == "left out, as bad failed"
-    assert "--benchmark later: there are" in report.missing["later"]
+    assert "--benchmark takes all, " in report.missing["later"]
+    assert "or topspeed; got later" in report.missing["later"]
     assert "<code>bp2 eval --benchmark later</code>" in (made / "index.html").read_text()
     assert set(report.commands) == set(report.seconds) == {"torque"}
 
