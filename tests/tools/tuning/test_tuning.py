@@ -144,7 +144,7 @@ def test_values_are_words_that_train_py_reads():
         ("ppo.activation=elu", "name two values or more"),
         ("ppo.learning-speed=1e-4:1e-3", "ppo.learning-speed"),
         ("ppo.learning-rate=-1.0:1e-3", "ppo.learning_rate"),
-        ("ppo.activation=elu,sine", "--ppo.activation sine"),
+        ("ppo.activation=elu,sine", "--ppo.activation takes elu, relu, swish or tanh; got sine"),
     ],
 )
 def test_a_search_that_cannot_be_is_refused_in_a_line(search, words, tmp_path, monkeypatch, capsys):
