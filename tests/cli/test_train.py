@@ -6,7 +6,7 @@ import pytest
 
 from bp2_rl.base import workers
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli import study, train, tune
+from bp2_rl.cli import bench, study, train, tune
 from bp2_rl.settings.presets import make_config
 
 needs_optuna = pytest.mark.skipif(importlib.util.find_spec("optuna") is None, reason="an extra")
@@ -50,7 +50,12 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
 
 @pytest.mark.parametrize(
     ("command", "words"),
-    [(train, ["--out", "run"]), (study, ["--out", "study"]), pytest.param(tune, ["--out", "tune"], marks=needs_optuna)],
+    [
+        (train, ["--out", "run"]),
+        (study, ["--out", "study"]),
+        (bench, ["--out", "bench"]),
+        pytest.param(tune, ["--out", "tune"], marks=needs_optuna),
+    ],
 )
 def test_the_preset_for_an_accelerator_is_refused_without_one(command, words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -21,7 +21,7 @@ from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
 from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
 from bp2_rl.cli.bench import STEP, BenchArguments, parse
-from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.cli.runtime import prepare_jax, require_accelerator
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.tools.throughput.measure import (
@@ -51,6 +51,8 @@ def bench(argv: list[str]) -> None:
     """Measure as the command line says; the report on disk grows with every size measured."""
     prepare_jax()
     arguments = parse(argv)
+    if not arguments.startup:  # whose training refuses by itself
+        require_accelerator(arguments.preset)
     sizes = list(choose_sizes(arguments))
     folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     console, report = Console(), describe(arguments)
