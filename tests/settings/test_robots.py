@@ -45,6 +45,8 @@ def test_another_robots_settings_are_those_of_its_size(name):
 def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_noise():
     ours, of_bp2 = (make_config("relaxed", "cpu", robot=name) for name in ("go1", "built"))
     assert ours.env.reward.tracking_shape.floor < of_bp2.env.reward.tracking_shape.floor
+    assert (ours.env.reward.schedule, of_bp2.env.reward.schedule) == ("off", "text")
+    assert ours.env.commands.slow_fraction > of_bp2.env.commands.slow_fraction
     train_steps = ours.run.steps / ours.ppo.steps_per_train_step
     assert ours.ppo.entropy_decay == pytest.approx(0.02 * train_steps)
     # Neither the paper's rewards nor a first stage are touched.

@@ -22,6 +22,8 @@ most of a fleet that is told to run faster than that falls all the time."""
 FADE = 0.02
 """Share of the relaxed stage after which the entropy cost has halved. A robot runs faster without the noise that it
 learned with: Go1, told 1 m/s, by 0.12 m/s at the standard deviation of 0.17 that the cost holds up, by 0.05 at 0.1."""
+SLOW_FRACTION = 0.4
+"""Least share of slow commands in the relaxed stage."""
 
 
 class RobotRanges(NamedTuple):
@@ -83,15 +85,19 @@ def sized(env: EnvConfig) -> EnvConfig:
 
 def settled(config: TrainConfig) -> TrainConfig:
     """Return a last stage's settings in which a robot that is not BP2 keeps to slow commands, too."""
-    shape, ppo = config.env.reward.tracking_shape, config.ppo
-    if config.env.hardware.is_bp2:
+    env, ppo = config.env, config.ppo
+    if env.hardware.is_bp2:
         return config
-    closer = dataclasses.replace(shape, floor=min(shape.floor, 0.3), memory=max(shape.memory, 0.2))
-    reward = dataclasses.replace(config.env.reward, tracking_shape=closer)
+    shape = dataclasses.replace(env.reward.tracking_shape, floor=min(env.reward.tracking_shape.floor, 0.15))
+    commands = dataclasses.replace(env.commands, slow_fraction=max(env.commands.slow_fraction, SLOW_FRACTION))
     decay = min(ppo.entropy_decay, FADE * config.run.steps / ppo.steps_per_train_step)
     return dataclasses.replace(
         config,
-        env=dataclasses.replace(config.env, reward=reward),
+        env=dataclasses.replace(
+            env,
+            commands=commands,
+            reward=dataclasses.replace(env.reward, tracking_shape=shape, schedule="off"),
+        ),
         ppo=dataclasses.replace(ppo, entropy_decay=decay),
     )
 
