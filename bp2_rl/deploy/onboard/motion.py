@@ -1,14 +1,13 @@
 """Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
 
-The laws are those of `bp2_rl.reference` for one robot. The library's feet are played leg by leg in Python's own floats:
-for numbers as few as these NumPy would be several times slower; the feet's rates are by hand what forward
-differentiation makes of them there. The kinematic trot and the legs' inverse kinematics are the very laws of training.
-All numbers come from `reference.npz` and `deploy.json`.
+The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg in Python's own floats: for
+numbers as few as these NumPy would be several times slower; its rates are by hand what forward differentiation makes of
+them there. The kinematic trot is the very law of training. All numbers come from `reference.npz` and `deploy.json`.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from math import cos, exp, sin, sqrt
+from math import atan2, cos, exp, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +20,8 @@ from .complex_step import differentiate
 
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image
+COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
+LEAST_SQUARE = 1e-8  # m2, of a length that is divided by
 LEAST_LEFT = 1e-7  # m, of reach
 TRUNK, COORDINATES = 3, 15  # of a row of the table: trunk, then three a leg, then two torques a leg
 
@@ -121,7 +122,7 @@ class _PlayedLeg(NamedTuple):
 
     x: tuple[float, float]  # m, of the foot, level, from the trunk's centre
     z: tuple[float, float]
-    spring: tuple[float, float]  # m, its compression
+    lower: tuple[float, float]  # m, knee to the foot's centre
     pitch: tuple[float, float]  # rad
 
 
@@ -139,8 +140,6 @@ class Trot:
         self._rest_torque = arrays["stand_torque"].astype(float)
         self._stepping_speed, self._foot_circle = settings["stepping_speed"], settings["foot_circle"]
         self._legs = [_PlayedLengths(**leg) for leg in settings["legs"]]
-        columns = {name: np.array([leg[name] for leg in settings["legs"]]) for name in LegGeometry._fields[1:-1]}
-        self._geometry = LegGeometry(origins=arrays["leg_origins"], **columns, foot_radius=np.zeros(4))
 
     def phase_rate(self, command: Sequence[float]) -> float:
         """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""
@@ -155,7 +154,7 @@ class Trot:
         row, rates = self._sample(stride, since)
         value, rate = row.tolist(), rates.tolist()
         pitch = stepping * value[2], stepping * rate[2]
-        feet, feet_rate, springs, springs_rate = np.empty((4, 3)), np.empty((4, 3)), np.empty(4), np.empty(4)
+        q, qd = np.empty((4, 3)), np.empty((4, 3))
         for leg in range(4):
             at = TRUNK + 3 * (IMAGE[leg] if mirrored else leg)
             rest_x, _, rest_z = self._rest[leg]
@@ -164,18 +163,12 @@ class Trot:
             moment = _PlayedLeg(
                 x=(rest_x + stepping * (value[at] - rest_x), stepping * rate[at]),
                 z=(rest_z + stepping * (value[at + 1] - rest_z), stepping * rate[at + 1]),
-                spring=(spring, stepping * rate[at + 2]),
+                lower=(self._legs[leg].lower - spring, -stepping * rate[at + 2]),
                 pitch=pitch,
             )
             since_touchdown = since + stride.half if LATER[leg] != mirrored else since
             displaced = self._displacement(leg, command, stride, stepping, since_touchdown)
-            feet[leg], feet_rate[leg] = self._foot(leg, moment, *displaced)
-            springs[leg], springs_rate[leg] = moment.spring
-        (q,), (qd,) = differentiate(
-            lambda feet, springs: (self._geometry.joint_angles(self._geometry.origins + feet, springs),),
-            (feet, springs),
-            (feet_rate, springs_rate),
-        )
+            q[leg], qd[leg] = self._joints(leg, moment, *displaced)
         torque = row[COORDINATES:].reshape(4, 2)
         torque = self._rest_torque + stepping * ((torque[list(IMAGE)] if mirrored else torque) - self._rest_torque)
         feedforward = np.concatenate([np.zeros((4, 1)), torque], axis=1)
@@ -239,16 +232,15 @@ class Trot:
         y, y_rate = hermite_and_rate(s, time, left[1], right[1], left[3], right[3])
         return (x, y), (x_rate, y_rate)
 
-    def _foot(
+    def _joints(
         self, leg: int, moment: _PlayedLeg, displaced: tuple[float, float], displaced_rate: tuple[float, float]
     ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Where a foot is by the library and `displaced`, within reach, from its abduction axis, m; and its rate.
+        """(abad, hip, knee) that put a foot where the library has it and `displaced`, within reach; and their speeds.
 
         A displacement that takes more than half of what is left of the reach gets the other half only by and by.
         """
-        (x, vx), (z, vz), (spring, spring_rate), (pitch, pitch_rate) = moment
+        (x, vx), (z, vz), (lower, lower_rate), (pitch, pitch_rate) = moment
         c, s, y, hip, lengths = cos(pitch), sin(pitch), self._rest[leg][1], self._hips[leg], self._legs[leg]
-        lower, lower_rate = lengths.lower - spring, -spring_rate
         thigh, extended = lengths.thigh, cos(lengths.straight_knee)
 
         def from_hip(x: float, y: float, vx: float, vy: float) -> tuple[float, ...]:
@@ -278,7 +270,45 @@ class Trot:
             share_rate = (reached_rate - share * then_rate) / then
             vp, vq, vr = share * vp + share_rate * p, share * vq + share_rate * q, share * vr + share_rate * r
             p, q, r = share * p, share * q, share * r
-        return (p, q, r - lengths.drop), (vp, vq, vr)
+        return _angles((p, q, r - lengths.drop), (vp, vq, vr), lower, lower_rate, lengths)
+
+
+def _angles(
+    foot: tuple[float, float, float],
+    foot_rate: tuple[float, float, float],
+    lower: float,
+    lower_rate: float,
+    leg: _PlayedLengths,
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """The joints of a leg whose foot is there, seen from its abduction axis, and their speeds.
+
+    `bp2_rl.robot.kinematics.joint_angles`, with rates.
+    """
+    (x, y, z), (vx, vy, vz), d, thigh = foot, foot_rate, leg.lateral, leg.thigh
+    square = y * y + z * z - d * d
+    h = sqrt(max(square, LEAST_SQUARE))
+    vh = (y * vy + z * vz) / h if square > LEAST_SQUARE else 0.0
+    abad, abad_rate = _angle(d * z + h * y, d * y - h * z, d * vz + vh * y + h * vy, d * vy - vh * z - h * vz)
+    h -= leg.drop
+    cosine = (x * x + h * h - thigh**2 - lower * lower) / (2.0 * thigh * lower)
+    rate = (x * vx + h * vh - lower * lower_rate) / (thigh * lower) - cosine * lower_rate / lower
+    if abs(cosine) > COSINE_LIMIT:
+        cosine, rate = math.copysign(COSINE_LIMIT, cosine), 0.0
+    sine = leg.bend * sqrt(1.0 - cosine * cosine)
+    sine_rate = -cosine * rate / sine
+    forward, forward_rate = _angle(-x, h, -vx, vh)
+    bent, bent_rate = _angle(
+        lower * sine,
+        thigh + lower * cosine,
+        lower_rate * sine + lower * sine_rate,
+        lower_rate * cosine + lower * rate,
+    )
+    return (abad, forward - bent, atan2(sine, cosine)), (abad_rate, forward_rate - bent_rate, -rate / sine)
+
+
+def _angle(y: float, x: float, y_rate: float, x_rate: float) -> tuple[float, float]:
+    """The direction of (x, y), rad, and how it turns."""
+    return atan2(y, x), (y_rate * x - y * x_rate) / (x * x + y * y)
 
 
 def _ground(x: float, y: float, vx: float, vy: float, omega: float, tau: float) -> tuple[float, float]:
