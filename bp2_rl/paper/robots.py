@@ -8,7 +8,7 @@ import numpy as np
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
-from bp2_rl.evaluation.published.table import ColumnHeading, read_table
+from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.simulation.metrics import power_demand
 

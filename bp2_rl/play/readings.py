@@ -2,7 +2,7 @@
 
 import math
 
-from bp2_rl.evaluation.published.sprints import PAPER_BP2, TIMES, TRACK
+from bp2_rl.evaluation.races import PAPER_BP2, TIMES, TRACK
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.session import Session
 

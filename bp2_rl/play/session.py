@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from bp2_rl.base.bounds import Within
 from bp2_rl.env.termination import fall
-from bp2_rl.evaluation.published.sprints import TRACK
+from bp2_rl.evaluation.races import TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import joint_velocities, with_legs

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
-from bp2_rl.evaluation.published.sprints import TRACK
+from bp2_rl.evaluation.races import TRACK
 from bp2_rl.play.chart import TorqueSpeed
 from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace

@@ -13,8 +13,6 @@ grows smoothly out of standing still. How the defaults were found is in docs/not
 
 import dataclasses
 import functools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -72,9 +70,10 @@ class KinematicGait(KinematicConfig):
     def __call__(self, command: Float[Array, "... 3"], phase: Float[Array, "..."]) -> Reference:
         """The reference at this command and phase (see `ReferenceMotion`)."""
         law, phase = self.law, phase - jnp.floor(phase)
-        q, qd, spring, spring_rate = law.joints(command, phase, _differentiate)
+        q, qd, spring, spring_rate = law.joints(command, phase, jax.jvp)
         stance_time, period = law.stance_time(command), 1.0 / law.phase_rate(command)
-        height, height_rate = _differentiate(lambda t: law.trunk_height(command, t), phase * period - stance_time / 2.0)
+        tau = phase * period - stance_time / 2.0
+        height, height_rate = jax.jvp(lambda t: law.trunk_height(command, t), (tau,), (jnp.ones_like(tau),))
         zero = jnp.zeros_like(height)
         contact = law.in_stance(command, phase)[0] | (law.stepping(command)[..., None] < STANDING)
         return Reference(
@@ -91,8 +90,3 @@ class KinematicGait(KinematicConfig):
             contact=contact.astype(phase.dtype),
             torque=jnp.zeros((*height.shape, 12), dtype=height.dtype),
         )
-
-
-def _differentiate(function: Callable[[Array], Any], time: Array) -> tuple[Any, Any]:
-    """Return the values of a function of time, and their rates."""
-    return jax.jvp(function, (time,), (jnp.ones_like(time),))

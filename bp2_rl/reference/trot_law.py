@@ -17,8 +17,8 @@ from bp2_rl.robot.conventions import GRAVITY
 
 FLEXION = np.array([0.0, -0.5, 1.0])  # of abad, hip, knee: draws the foot straight towards the hip
 
-Differentiate = Callable[[Callable[[Any], Any], Any], tuple[Any, Any]]
-"""From a function of time, and times, to the function's values and their rates."""
+Differentiate = Callable[[Callable[..., Any], tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]]
+"""From a function, its arguments and their rates to the function's values and their rates, as `jax.jvp`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class TrotLaw:
         # A foot's stance now, at lift-off and at touchdown in one batch, with rates.
         half = 0.0 * since_touchdown + stance_time[..., None] / 2.0
         tau = xp.stack([xp.where(in_stance, since_touchdown - half, 0.0), half, -half], axis=-2)
-        (q, spring), (qd, spring_rate) = differentiate(lambda t: self._stance(command, t), tau)
+        (q, spring), (qd, spring_rate) = differentiate(lambda t: self._stance(command, t), (tau,), (xp.ones_like(tau),))
         s = xp.where(in_stance, 0.0, (since_touchdown - 2.0 * half) / self.swing_time)
         q_swing, qd_swing = self._swing(
             command, s, (q[..., 1, :, :], qd[..., 1, :, :]), (q[..., 2, :, :], qd[..., 2, :, :])

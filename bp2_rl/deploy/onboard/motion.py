@@ -16,7 +16,7 @@ from bp2_rl.base.polynomials import hermite_and_rate
 from bp2_rl.reference.trot_law import TrotLaw
 from bp2_rl.robot.anatomy import LegGeometry
 
-from .duals import differentiate
+from .complex_step import differentiate
 
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image

@@ -27,7 +27,7 @@ from bp2_rl.evaluation.benchmarks.run_tables import (
     spring_rows,
 )
 from bp2_rl.evaluation.benchmarks.sprint_figure import caption, sprint_figure
-from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, TRACK
+from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, TRACK
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure

@@ -16,7 +16,7 @@ from bp2_rl.base.plotting import (
     moving_mean,
     styled,
 )
-from bp2_rl.evaluation.published.sprints import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
+from bp2_rl.evaluation.races import BOLT_SPLITS, MARKS, PAPER_BP2, TIMES, TRACK
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE

@@ -5,9 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bp2_rl.base.plotting import FALL, FRONT, INK, LEG_COLORS, QUIET, WIDTH, styled
+from bp2_rl.evaluation import races
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.evaluation.published import sprints
-from bp2_rl.evaluation.published.sprints import TRACK, read_standards
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.paper import published_races
 from bp2_rl.paper.figures.drawn import Drawn
 from bp2_rl.paper.figures.race_numbers import (
     LAUNCH_DISTANCE,
@@ -22,6 +23,7 @@ from bp2_rl.paper.figures.race_numbers import (
     read_reports,
 )
 from bp2_rl.paper.figures.settings import RaceSettings
+from bp2_rl.paper.published_races import read_standards
 
 DOTS, DASHES = (0, (1.2, 1.2)), (0, (4, 2))
 ON_WHITE = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"}  # of a label on a line
@@ -97,8 +99,8 @@ def race_figure(numbers: RaceNumbers, profiles: Profiles, runs: Profiles) -> Fig
         axes.set(xlabel="Distance [m]", ylabel="Speed [m/s]", xlim=(0.0, TRACK), ylim=(0.0, top))
     for axes in (fastest, starts):
         _draw_athletes(axes, numbers, profiles, steps=axes is fastest)
-    _draw_mean(trained, numbers, sprints.TRAINED)
-    _draw_mean(untrained, numbers, sprints.UNTRAINED)
+    _draw_mean(trained, numbers, races.TRAINED)
+    _draw_mean(untrained, numbers, races.UNTRAINED)
     _draw_said(starts, numbers)
     fastest.set_title("B   Beside the fastest")
     trained.set_title("C   Beside a trained sprinter")
@@ -110,7 +112,9 @@ def race_figure(numbers: RaceNumbers, profiles: Profiles, runs: Profiles) -> Fig
     )
     for axes in (fastest, trained, untrained):
         axes.legend(loc="lower right", fontsize=8)
-    starts.legend(handles=starts.get_lines()[-len(sprints.PUBLISHED_ACCELERATIONS) :], loc="lower right", fontsize=8)
+    starts.legend(
+        handles=starts.get_lines()[-len(published_races.PUBLISHED_ACCELERATIONS) :], loc="lower right", fontsize=8
+    )
     _draw_times(panels["F"], numbers)
     return figure
 
@@ -143,8 +147,8 @@ def _draw_mean(axes: Axes, numbers: RaceNumbers, name: str) -> None:
 def _draw_said(axes: Axes, numbers: RaceNumbers) -> None:
     """The accelerations that the paper says, as if they were constant."""
     distance = np.linspace(0.0, LAUNCH_DISTANCE, 200)
-    for name, color in zip(sprints.PUBLISHED_ACCELERATIONS, (INK, QUIET, PAPER), strict=True):
-        acceleration = sprints.PUBLISHED_ACCELERATIONS[name]
+    for name, color in zip(published_races.PUBLISHED_ACCELERATIONS, (INK, QUIET, PAPER), strict=True):
+        acceleration = published_races.PUBLISHED_ACCELERATIONS[name]
         label = f"{name}, constant {acceleration:g} m/s²: {numbers.paper.constant_times[name]:.2f} s"
         axes.plot(
             distance, np.sqrt(2.0 * acceleration * distance), color=color, linewidth=1.6, linestyle=DOTS, label=label
@@ -180,4 +184,4 @@ def _draw_times(axes: Axes, numbers: RaceNumbers) -> None:
 def _time_color(numbers: RaceNumbers, racer: Racer) -> str:
     if racer in numbers.runs:
         return RUNS[numbers.runs.index(racer) % len(RUNS)]
-    return PAPER if racer.name == sprints.PAPER_BP2 else INK
+    return PAPER if racer.name == races.PAPER_BP2 else INK

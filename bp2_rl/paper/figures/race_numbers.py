@@ -11,10 +11,12 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.optimize import root_scalar
 
-from bp2_rl.evaluation.published import sprints
-from bp2_rl.evaluation.published.sprints import TRACK, Athlete, read_standards
+from bp2_rl.evaluation import races
+from bp2_rl.evaluation.races import TRACK
+from bp2_rl.paper import published_races
 from bp2_rl.paper.figures.drawn import Comparison
 from bp2_rl.paper.figures.settings import RaceSettings
+from bp2_rl.paper.published_races import Athlete, read_standards
 from bp2_rl.robot import bp2
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
@@ -102,17 +104,17 @@ class RaceNumbers:
 def published() -> tuple[Athlete, ...]:
     """Return the athletes that the paper names, with what is published of them."""
     return (
-        Athlete(sprints.BOLT, sprints.BOLT_SPLITS[-1], sprints.BOLT_REACTION, sprints.MARKS, sprints.BOLT_SPLITS),
-        Athlete(sprints.LYLES, sprints.LYLES_TIME, sprints.LYLES_REACTION),
-        Athlete(sprints.TRAINED, sprints.TRAINED_TIME, None),
-        Athlete(sprints.PAPER_BP2, bp2.SPRINT_100M_TIME, None),
-        Athlete(sprints.UNTRAINED, sprints.UNTRAINED_TIME, None),
+        Athlete(races.BOLT, races.BOLT_SPLITS[-1], published_races.BOLT_REACTION, races.MARKS, races.BOLT_SPLITS),
+        Athlete(races.LYLES, published_races.LYLES_TIME, published_races.LYLES_REACTION),
+        Athlete(races.TRAINED, races.TRAINED_TIME, None),
+        Athlete(races.PAPER_BP2, bp2.SPRINT_100M_TIME, None),
+        Athlete(races.UNTRAINED, races.UNTRAINED_TIME, None),
     )
 
 
 def read(settings: RaceSettings) -> tuple[tuple[Athlete, ...], dict[str, Profile]]:
     """Who runs, and the profiles of all whose splits are known: of one named twice, the user's."""
-    more = sprints.read_athletes(settings.athletes) if settings.athletes else ()
+    more = published_races.read_athletes(settings.athletes) if settings.athletes else ()
     athletes = {athlete.name: athlete for athlete in (*published(), *more)}
     profiles = {name: fit(athlete) for name, athlete in athletes.items() if athlete.splits}
     return tuple(athletes.values()), profiles
@@ -135,8 +137,8 @@ def judge(athlete: Athlete, profile: Profile | None) -> Racer:
         athlete.name,
         athlete.time if arrived else None,
         athlete.reaction,
-        *(sprints.best_level(athlete.time, category) for category in ("male", "female")),
-        said_acceleration=sprints.PUBLISHED_ACCELERATIONS.get(athlete.name),
+        *(published_races.best_level(athlete.time, category) for category in ("male", "female")),
+        said_acceleration=published_races.PUBLISHED_ACCELERATIONS.get(athlete.name),
         distances=athlete.distances,
         splits=athlete.splits,
         means=tuple(map(float, means)),
@@ -238,7 +240,7 @@ def check_paper() -> PaperRace:
     assert start is not None  # it goes on to 100 m
     constant = {
         name: math.sqrt(2.0 * LAUNCH_DISTANCE / acceleration)
-        for name, acceleration in sprints.PUBLISHED_ACCELERATIONS.items()
+        for name, acceleration in published_races.PUBLISHED_ACCELERATIONS.items()
     }
     return PaperRace(
         time_constant=time_constant,
@@ -248,8 +250,8 @@ def check_paper() -> PaperRace:
         time_at_said=TRACK / speed + 0.5 * speed / said,
         constant_needed=0.5 * speed / (time - TRACK / speed),
         constant_times=constant,
-        deficit=constant[sprints.PAPER_BP2] - constant[sprints.TRAINED],
-        finish_gap=time - sprints.TRAINED_TIME,
+        deficit=constant[races.PAPER_BP2] - constant[races.TRAINED],
+        finish_gap=time - races.TRAINED_TIME,
     )
 
 
@@ -261,7 +263,7 @@ FAST = 12.0  # m/s, which the paper has Bolt and Lyles exceed
 
 def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
     """What the paper says of the figure, and what the numbers say."""
-    bolt, lyles, ours = (numbers.find(name) for name in (sprints.BOLT, sprints.LYLES, sprints.PAPER_BP2))
+    bolt, lyles, ours = (numbers.find(name) for name in (races.BOLT, races.LYLES, races.PAPER_BP2))
     paper = numbers.paper
     return (
         _greatest(bolt),
@@ -282,8 +284,8 @@ def compare(numbers: RaceNumbers) -> tuple[Comparison, ...]:
         ),
         Comparison(
             "mean accelerations over 5 m: 2.38, trained 4.8, untrained 2.8 m/s²; so a deficit of nearly 1 s at 5 m",
-            f"constant, they take {paper.constant_times[sprints.PAPER_BP2]:.2f}, "
-            f"{paper.constant_times[sprints.TRAINED]:.2f} and {paper.constant_times[sprints.UNTRAINED]:.2f} s: "
+            f"constant, they take {paper.constant_times[races.PAPER_BP2]:.2f}, "
+            f"{paper.constant_times[races.TRAINED]:.2f} and {paper.constant_times[races.UNTRAINED]:.2f} s: "
             f"{paper.deficit:.2f} s behind the trained sprinter",
             "differs",
             "no definition is given; as v/t or v²/2d of two starts of one shape it is less still; "

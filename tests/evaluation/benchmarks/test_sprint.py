@@ -20,7 +20,7 @@ from bp2_rl.evaluation.benchmarks.sprint import (
     verdict,
 )
 from bp2_rl.evaluation.benchmarks.sprint_figure import sprint_figure
-from bp2_rl.evaluation.published.sprints import BOLT_SPLITS
+from bp2_rl.evaluation.races import BOLT_SPLITS
 from bp2_rl.robot import bp2
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.simulation.operator import HeadingHold

@@ -7,9 +7,8 @@ from scipy.integrate import quad
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import save_config, to_json
+from bp2_rl.evaluation import races
 from bp2_rl.evaluation.benchmarks.sprint import measure_first_metres, measure_splits
-from bp2_rl.evaluation.published import sprints
-from bp2_rl.evaluation.published.sprints import Athlete
 from bp2_rl.evaluation.report.folder import TRAJECTORY, Report
 from bp2_rl.paper.figures.race import race
 from bp2_rl.paper.figures.race_numbers import (
@@ -24,6 +23,7 @@ from bp2_rl.paper.figures.race_numbers import (
     measure_start,
 )
 from bp2_rl.paper.figures.settings import RaceSettings
+from bp2_rl.paper.published_races import Athlete
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_at_its_own_acceleration_the_papers_race_would_be_shorter():
 
 def test_read_as_constant_the_papers_accelerations_make_no_second_of_deficit():
     paper = check_paper()
-    times = [paper.constant_times[name] for name in (sprints.PAPER_BP2, sprints.TRAINED, sprints.UNTRAINED)]
+    times = [paper.constant_times[name] for name in (races.PAPER_BP2, races.TRAINED, races.UNTRAINED)]
     assert times == pytest.approx([2.05, 1.44, 1.89], abs=0.005)
     assert paper.deficit == pytest.approx(0.61, abs=0.005)
     assert paper.finish_gap == pytest.approx(1.0)
@@ -133,7 +133,7 @@ def test_fading_is_the_slope_of_the_last_40_m():
 
 
 def test_bolt_fades_and_exceeds_12(drawn):
-    bolt = drawn.results.find(sprints.BOLT)
+    bolt = drawn.results.find(races.BOLT)
     assert max(bolt.means) == pytest.approx(10.0 / 0.81)  # from 60 to 70 m
     assert bolt.fade is not None
     assert -0.5 < bolt.fade < -0.3  # 12.35, 12.20, 12.05, 12.05 m/s: -0.0105 a m
@@ -184,11 +184,11 @@ def test_every_statement_that_differs_says_why(drawn):
 
 def test_a_users_splits_complete_an_athlete(tmp_path):
     path = tmp_path / "splits.csv"
-    rows = [f'"{sprints.LYLES}",{d},{t},0.178' for d, t in ((30, 3.9), (60, 6.45), (80, 8.09), (100, 9.784))]
+    rows = [f'"{races.LYLES}",{d},{t},0.178' for d, t in ((30, 3.9), (60, 6.45), (80, 8.09), (100, 9.784))]
     path.write_text("\n".join(("athlete,distance [m],time [s],reaction [s]", *rows)))
     numbers = race(RaceSettings(athletes=path)).results
-    assert [racer.name for racer in numbers.racers].count(sprints.LYLES) == 1
-    lyles = numbers.find(sprints.LYLES)
+    assert [racer.name for racer in numbers.racers].count(races.LYLES) == 1
+    lyles = numbers.find(races.LYLES)
     assert lyles.means[2] == pytest.approx(20.0 / 1.64)
     assert lyles.start is not None
 
@@ -202,10 +202,10 @@ def test_the_picture_shows_the_numbers_of_the_file(run, leave_report):
     timed = [racer for racer in (*data["racers"], *data["runs"]) if racer["time"] is not None]
     assert shown >= {round(racer["time"], 9) for racer in timed}
     assert shown >= {round(racer["time"] - racer["reaction"], 9) for racer in timed if racer["reaction"]}
-    bolt = next(line for line in panels[0].get_lines() if line.get_label() == sprints.BOLT)
+    bolt = next(line for line in panels[0].get_lines() if line.get_label() == races.BOLT)
     reached = np.asarray(bolt.get_ydata())[-1]
     assert reached == pytest.approx(data["racers"][0]["means"][-1], abs=0.1)  # the curve's end beside the last mean
     legend = panels[3].get_legend()
     assert legend is not None
-    (label,) = [text.get_text() for text in legend.get_texts() if sprints.TRAINED in text.get_text()]
-    assert f"{data['paper']['constant_times'][sprints.TRAINED]:.2f} s" in label
+    (label,) = [text.get_text() for text in legend.get_texts() if races.TRAINED in text.get_text()]
+    assert f"{data['paper']['constant_times'][races.TRAINED]:.2f} s" in label

@@ -1,4 +1,4 @@
-"""How fast people run 100 m: world record, the paper's race, and the standards of its Table S2."""
+"""Published races over 100 m, beside those of `evaluation.races`: the paper's Table S2, and a user's own table."""
 
 import dataclasses
 import itertools
@@ -8,30 +8,13 @@ from typing import Annotated
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.published.table import ColumnHeading, read_table
+from bp2_rl.evaluation.races import PAPER_BP2, TRACK, TRAINED, UNTRAINED
+from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot import bp2
 
 TABLE_S2 = "published/standards.csv"
-TRACK = 100.0  # m
-MARKS = tuple(range(10, 101, 10))  # m, of the splits
-
-BOLT_SPLITS = (1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58)
-"""Time of Usain Bolt at each of `MARKS`, s, reaction time of 0.146 s included: world record, Berlin 2009 (Graubner and
-Nixdorf, Biomechanical analysis of the sprint and hurdles events at the 2009 IAAF World Championships in Athletics, New
-Studies in Athletics 26, 2011)."""
-BOLT_REACTION = 0.146  # s, reaction time
+BOLT_REACTION = 0.146  # s, reaction time; Berlin 2009
 LYLES_TIME, LYLES_REACTION = 9.784, 0.178  # s, Paris 2024 (World Athletics, results of the final)
-TRAINED_TIME, UNTRAINED_TIME = 11.2, 16.1  # s, paper, Results, Hundred-meter sprint benchmark
-
-BOLT, LYLES, TRAINED, UNTRAINED = "Bolt, Berlin 2009", "Lyles, Paris 2024", "trained sprinter", "untrained adults"
-PAPER_BP2 = "BP2, paper"
-TIMES = {  # s over 100 m
-    BOLT: BOLT_SPLITS[-1],
-    LYLES: 9.78,
-    TRAINED: TRAINED_TIME,
-    PAPER_BP2: bp2.SPRINT_100M_TIME,
-    UNTRAINED: UNTRAINED_TIME,
-}
 PUBLISHED_ACCELERATIONS = {TRAINED: 4.8, UNTRAINED: 2.8, PAPER_BP2: bp2.LAUNCH_ACCELERATION}
 """Mean acceleration over the first 5 m, m/s2; the paper gives the figures of the people, too."""
 

@@ -1,4 +1,4 @@
-"""Draw which way each joint turns as its angle grows: `python -m bp2_rl.tools.joint_signs PICTURE.png`."""
+"""Draw which way each joint turns as its angle grows: `python docs/joint_signs.py PICTURE.png`."""
 
 import sys
 from pathlib import Path

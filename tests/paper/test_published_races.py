@@ -1,7 +1,7 @@
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.published.sprints import best_level, read_athletes, read_standards
+from bp2_rl.paper.published_races import best_level, read_athletes, read_standards
 
 HEAD = "athlete,distance [m],time [s],reaction [s]\n"
 
