@@ -36,15 +36,29 @@ def test_it_measures_what_train_runs(preset):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """One run: (folder, what it printed)."""
+    """One run with nearly everything: (folder, what it printed)."""
     folder = tmp_path_factory.mktemp("bench")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "make_env", lambda arguments, robots: Aim())
-        argv = [*SMALL, "--out", str(folder / "out")]
+        patch.setattr(measuring, "FIRST_STEP", STARTS)
+        argv = [*SMALL, "--peer", "brax", "--startup", "--profile", str(folder / "trace"), "--out", str(folder / "out")]
         console = Console(record=True, width=80)
         patch.setattr(measuring, "Console", lambda: console)
         assert command.main(argv) == 0
     return folder, console.export_text()
+
+
+STARTS = """
+import json, os, pathlib, sys, time
+assert sys.argv[1:3] == ["--preset", "smoke"]
+cache = pathlib.Path(os.environ["BP2_CACHE"]) / "compiled"
+known = cache.exists()
+cache.touch()
+now = time.time()
+print("chatter")
+print(json.dumps({"imported": now, "initialized": now + 1, "first_step": now + (2 if known else 60)}))
+"""
+"""A start that takes a minute, but for what is in the cache."""
 
 
 def test_the_report_holds_every_number(whole):
@@ -65,11 +79,34 @@ def test_the_report_holds_every_number(whole):
     assert 50e6 < report.host_peak_bytes < 1e12
 
 
+def test_the_peer_runs_beside_the_learner(whole):
+    report = load_config(Bench, whole[0] / "out" / "bench.json")
+    assert report.peer is not None
+    assert [m.part for m in report.peer.measurements] == ["acting", "brax"]
+    assert {(m.robots, m.devices) for m in report.peer.measurements} == {(16, 1)}
+    ours, theirs = (m.control_steps_per_second for m in report.peer.measurements)
+    assert f"acts {ours / theirs:.2f} times as fast as stock Brax" in whole[1]
+
+
+def test_the_second_start_finds_what_the_first_compiled(whole):
+    report = load_config(Bench, whole[0] / "out" / "bench.json")
+    assert report.cold_start is not None
+    assert report.warm_start is not None
+    assert 0 < report.cold_start.imported < 5  # from before the process began: Python takes its time
+    assert report.cold_start.first_step == pytest.approx(report.cold_start.imported + 60)
+    assert report.warm_start.first_step == pytest.approx(report.warm_start.imported + 2)
+
+
 def test_rows_come_as_they_are_measured_and_the_table_last(whole):
     text = whole[1]
     for part in ("environment", "resets", "policy", "sgd", "training"):
         assert re.search(rf"^{part}, 16 robots", text, re.MULTILINE)
     assert text.index("training, 16 robots") < text.index("control/s")
+
+
+def test_a_profile_is_left_where_asked_for(whole):
+    (trace,) = (whole[0] / "trace").rglob("*.xplane.pb")
+    assert trace.stat().st_size > 0
 
 
 def test_a_size_that_does_not_fit_leaves_the_others(tmp_path, capsys):
@@ -119,6 +156,12 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
     assert cases[3].error == "not tried: 64 robots were out of memory"
 
 
+def test_a_start_that_fails_says_why(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(measuring, "FIRST_STEP", "raise RuntimeError('no driver')")
+    assert command.main([*SMALL, "--startup", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == "error: --startup: the cold start failed: RuntimeError: no driver\n"
+
+
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
@@ -130,7 +173,8 @@ def test_sizes_above_one_that_ran_out_of_memory_are_not_tried(monkeypatch):
         (["--seconds", "0"], ["--seconds"]),
         (["--seconds", "nan"], ["--seconds"]),
         (["--parts", "brains"], ["--parts", "physics"]),
-        (["--peer", "isaac"], ["--peer", "gymnasium"]),
+        (["--parts", "brax"], ["--parts"]),
+        (["--peer", "isaac"], ["--peer", "brax"]),
         (["--preset", "huge"], ["--preset", "smoke"]),
         (["--ppo.num-minibatches", "3"], ["num_minibatches"]),
         (["--speed"], ["--speed"]),

@@ -16,7 +16,8 @@ from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
 
 Size = Annotated[int, Within(1, 2**24)]
-OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
+OwnPart = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "training"]
+STEP: tuple[OwnPart, ...] = ("physics", "environment", "resets", "policy", "sgd", "training")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +47,13 @@ class BenchArguments(Bounded, path="--"):
     """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
     max_robots: Size | None = None
     """with --scaling: the most robots to try; by default 8 times the preset's"""
-    peer: Literal["gymnasium"] | None = None
-    """beside the environment alone, run Gymnasium's, with one robot and with all"""
+    peer: Literal["brax", "gymnasium"] | None = None
+    """brax: also run stock Brax's acting loop on the same environment and networks, one device; gymnasium: beside the
+    environment alone, run Gymnasium's, with one robot and with all"""
+    startup: bool = False
+    """also time fresh processes up to their first train step, with an empty compilation cache and with a full one"""
+    profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """leave jax.profiler's trace of two train steps here"""
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
     """of timed calls, for each part"""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

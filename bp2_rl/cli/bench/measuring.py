@@ -3,9 +3,13 @@
 import dataclasses
 import datetime
 import importlib.util
+import json
 import os
 import platform
+import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,13 +19,13 @@ from rich.console import Console
 from bp2_rl.base.errors import UserError, not_installed
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
-from bp2_rl.base.serialization import package_versions, save_config, utc_now
-from bp2_rl.cli.bench import BenchArguments, parse
+from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
+from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import prepare_jax, require_accelerator
 from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.learning.ppo import PPO
 from bp2_rl.tools.throughput.measure import (
     OUT_OF_MEMORY,
-    PARTS,
     BenchOptions,
     Case,
     PartName,
@@ -32,11 +36,15 @@ from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
     Bench,
+    Startup,
     describe_size,
     print_table,
     say,
     scaling_figure,
 )
+
+FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
+"""The program whose start `--startup` times."""
 
 
 def bench(argv: list[str]) -> None:
@@ -49,11 +57,17 @@ def bench(argv: list[str]) -> None:
     folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     console, report = Console(), describe(arguments)
     _open(folder, report)
+    if arguments.startup:  # before this process takes the devices' memory
+        cold, warm = time_startup(argv, console)
+        report = dataclasses.replace(report, cold_start=cold, warm_start=warm)
     for case in measure_all(arguments, sizes, console):
         report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
         save_config(folder / NUMBERS, report)
     if arguments.peer == "gymnasium":
         report = dataclasses.replace(report, gymnasium=measure_gymnasium_rates(arguments))
+    elif arguments.peer is not None:
+        case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
+        report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)
     print_table(report, console)
     if not any(case.measurements for case in report.cases):
@@ -99,7 +113,7 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
 
 def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
-    default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else PARTS
+    default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
     parts = arguments.parts or (("training",) if arguments.scaling else default)
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in sizes:
@@ -119,7 +133,7 @@ def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[P
         arguments.ppo,
         robots,
         jax.devices()[:devices],
-        BenchOptions(parts, arguments.seconds, lambda timing: _tell(console, say(timing))),
+        BenchOptions(parts, arguments.seconds, arguments.profile, lambda timing: _tell(console, say(timing))),
     )
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
@@ -137,6 +151,48 @@ def measure_gymnasium_rates(arguments: BenchArguments) -> dict[str, float]:
 def make_env(arguments: BenchArguments, robots: int) -> BP2Env:
     """The environment that is measured, for at most so many robots a device."""
     return BP2Env(arguments.env, impl=arguments.impl, num_robots=robots)
+
+
+# --- From the start of a process -----------------------------------------------------------------------------
+
+
+def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startup]:
+    """Two fresh processes up to their first train step: the first compiles, the second finds that on disk.
+
+    Raises:
+        UserError: one of them failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="bp2-bench-") as cache:
+        starts = []
+        for name in ("cold", "warm"):
+            began = time.time()
+            command = [sys.executable, "-c", FIRST_STEP, *argv]
+            ended = subprocess.run(
+                command, env={**os.environ, "BP2_CACHE": cache}, capture_output=True, text=True, check=False
+            )
+            if ended.returncode:
+                raise UserError(
+                    f"--startup: the {name} start failed: {' '.join(ended.stderr.strip().splitlines()[-1:])}"
+                )
+            moments = json.loads(ended.stdout.splitlines()[-1])
+            starts.append(from_json(Startup, {key: moment - began for key, moment in moments.items()}))
+            _tell(console, f"{name} start: first train step {starts[-1].first_step:.1f} s after the process began")
+    return starts[0], starts[1]
+
+
+def first_step() -> None:
+    """Take the first train step of what the command line describes; print when what was done, seconds since 1970."""
+    moments = {"imported": time.time()}
+    prepare_jax()
+    arguments = parse(sys.argv[1:])
+    robots = arguments.main_robots
+    env = make_env(arguments, -(-robots // jax.device_count()))
+    learner = PPO(env, dataclasses.replace(arguments.ppo, num_envs=robots))
+    state = jax.block_until_ready(learner.init(0))
+    moments["initialized"] = time.time()
+    jax.block_until_ready(learner.train_step(state))
+    moments["first_step"] = time.time()
+    print(json.dumps(moments))
 
 
 # --- Details -------------------------------------------------------------------------------------------------

@@ -13,12 +13,15 @@ import statistics
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from brax import envs
+from brax.envs.wrappers import training as brax_training
+from brax.training import acting
 from brax.training.types import Transition
 from jax import monitoring
 from jax.sharding import NamedSharding, PartitionSpec
@@ -30,13 +33,14 @@ from bp2_rl.robot import conventions
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
-PartName = Literal["physics", "environment", "resets", "policy", "sgd", "training"]
+PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
 PARTS: tuple[PartName, ...] = get_args(PartName)
 """What can be measured, in this order.
 
 physics: the physics steps, with motors that hold their targets. environment: control steps with zero actions, and
 the fresh episodes that they need. resets: those episodes alone. policy: the actor's actions. sgd: all epochs of
-gradient steps. training: the whole train step.
+gradient steps. acting: environment and policy, as the learner runs them. brax: the same by stock Brax, its wrappers
+and its `generate_unroll`. training: the whole train step.
 """
 
 OUT_OF_MEMORY = "out of memory"
@@ -117,8 +121,9 @@ def compilations() -> Generator[collections.Counter[str]]:
 class BenchOptions:
     """What is measured, for how long, and where it is reported."""
 
-    parts: Sequence[PartName] = PARTS  # physics only of BP2Env
+    parts: Sequence[PartName] = PARTS  # physics only of BP2Env, brax only on one device
     seconds: float = 2.0  # of timed calls for each part; at least three calls are timed
+    profile: Path | None = None  # folder for jax.profiler's trace of two train steps
     tell: Callable[[PartTiming], None] = lambda timing: None  # receives each timing as soon as it is measured
 
 
@@ -150,7 +155,8 @@ def measure_case(
         state = learner.init(0)
         state_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(state.fleet)) / robots
         for part in make_parts(learner, state, options.parts):
-            measurements.append(measure(part, learner, options.seconds))
+            trace = options.profile if part.name == "training" else None
+            measurements.append(measure(part, learner, options.seconds, trace))
             options.tell(measurements[-1])
     except (UserError, jax.errors.JaxRuntimeError) as reason:
         error = _explain(reason)
@@ -176,7 +182,7 @@ def share_out(measurements: Sequence[PartTiming]) -> dict[str, float]:
     return {name: value / seconds["training"] for name, value in parts.items()}
 
 
-def measure(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
+def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None = None) -> PartTiming:
     """Compile a part of `learner`, warm it up, and time its calls for so many seconds."""
     name, program, carry, fixed = part
     robots, devices = learner.config.num_envs, learner.mesh.size
@@ -195,6 +201,10 @@ def measure(part: BenchPart, learner: PPO, seconds: float) -> PartTiming:
             start = time.perf_counter()
             carry, _ = jax.block_until_ready(program(carry, *fixed))
             times.append(time.perf_counter() - start)
+    if profile is not None:
+        with jax.profiler.trace(str(profile)):
+            for _ in range(2):
+                carry, _ = jax.block_until_ready(program(carry, *fixed))
     low, median, high = statistics.quantiles(times, n=4, method="inclusive")
     rate = learner.config.steps_per_train_step / median
     return PartTiming(
@@ -246,7 +256,7 @@ def measure_gymnasium(config: EnvConfig, robots: int, seconds: float) -> float:
 
 def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> Iterator[BenchPart]:
     """Yield the named parts that the learner has, in the order of `PARTS`; `training` consumes `state`."""
-    env = learner.fleet.env
+    env, networks = learner.fleet.env, (state.params, state.normalizer)
     keys = jax.random.split(jax.random.PRNGKey(0), learner.config.num_envs)
     keys, zeros = jax.device_put((keys, jnp.zeros((len(keys), env.action_size))), learner.robots)
     if "physics" in names and isinstance(env, BP2Env):
@@ -256,6 +266,10 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
     if "resets" in names:
         yield BenchPart("resets", _on_each_device(learner, partial(_reset, learner)), (), (state.fleet, keys))
     yield from _networks(learner, state, keys, names)
+    if "acting" in names:
+        yield BenchPart("acting", jax.jit(partial(_unroll, learner)), state.fleet, (*networks, keys))
+    if "brax" in names and learner.mesh.size == 1:
+        yield _brax(learner, networks, keys)
     if "training" in names:
         yield BenchPart("training", learner.train_step, state, ())
 
@@ -312,6 +326,11 @@ def _reset(learner: PPO, carry: tuple[()], fleet: envs.State, keys: jax.Array) -
     return carry, learner.fleet.fresh_episodes(fleet, keys)
 
 
+def _unroll(learner: PPO, fleet: envs.State, params: Any, normalizer: Any, keys: jax.Array) -> tuple[envs.State, Any]:
+    fleet, *rest = learner.unroll(params, normalizer, fleet, keys)
+    return fleet, rest
+
+
 def _repeat(learner: PPO, observations: Any) -> Any:
     """Repeat observations over an unroll, to be passed as an argument: XLA must not see that they are equal."""
     length = learner.config.unroll_length
@@ -356,6 +375,20 @@ def batch(learner: PPO, observations: Any, actions: jax.Array, extras: Any) -> T
         return make_transition(observations, actions, zeros, jnp.ones_like(zeros), last, extras)
 
     return jax.jit(build, out_shardings=learner.robots)(observations, actions, extras)
+
+
+def _brax(learner: PPO, networks: tuple[Any, Any], keys: jax.Array) -> BenchPart:
+    config = learner.config
+    env = brax_training.wrap(learner.fleet.env, config.episode_length)
+
+    def act(carry: tuple[Any, jax.Array], params: Any, normalizer: Any) -> tuple[tuple[Any, jax.Array], Any]:
+        fleet, key = carry
+        key, now = jax.random.split(key)
+        policy = learner.infer((normalizer, params.policy))
+        fleet, data = acting.generate_unroll(env, fleet, policy, now, config.unroll_length, ("truncation",))
+        return (fleet, key), data
+
+    return BenchPart("brax", jax.jit(act), (jax.jit(env.reset)(keys), keys[0]), networks)
 
 
 # --- What JAX says of itself ---------------------------------------------------------------------------------

@@ -15,7 +15,16 @@ from bp2_rl.settings.training import TrainConfig
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 
 NUMBERS, PICTURE = "bench.json", "scaling.png"
-DRAWN: tuple[PartName, ...] = ("physics", "environment", "policy", "training")
+DRAWN: tuple[PartName, ...] = ("physics", "environment", "acting", "training")
+
+
+@dataclasses.dataclass(frozen=True)
+class Startup:
+    """When a fresh process got how far, in seconds since it was started."""
+
+    imported: float
+    initialized: float  # first episodes begun, networks drawn
+    first_step: float  # first train step done
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +40,10 @@ class Bench:
     config: TrainConfig
     seconds: float  # of timed calls, for each part
     cases: tuple[Case, ...] = ()
+    peer: Case | None = None  # our acting loop and stock Brax's, one device each
     gymnasium: dict[str, float] = dataclasses.field(default_factory=dict)  # control steps/s by number of robots
+    cold_start: Startup | None = None  # nothing compiled before
+    warm_start: Startup | None = None  # everything in the cache on disk
     host_peak_bytes: int | None = None  # of this process since it began
 
 
@@ -54,7 +66,7 @@ def print_table(bench: Bench, console: Console) -> None:
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
     for heading in ("", "robots", "devices", "control/s", "physics/s", "±", "trace", "compile", "memory"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-    for case in bench.cases:
+    for case in _cases(bench):
         for m in case.measurements:
             table.add_row(*_cells(m), style="bold" if m.part == "training" else None)
         if case.error:
@@ -82,7 +94,7 @@ def _cells(m: PartTiming) -> Iterable[str]:
 def remarks(bench: Bench) -> list[str]:
     """What the table does not show, a line each."""
     lines = []
-    for case in bench.cases:
+    for case in _cases(bench):
         if case.error:
             lines.append(f"{describe_size(case)}: {case.error}")
         if case.shares:
@@ -94,10 +106,27 @@ def remarks(bench: Bench) -> list[str]:
             f"{describe_size(case)}, {part}: compiled {n} programs while it was timed" for part, n in late.items()
         ]
     lines += _memory(bench)
+    for name, start in (("cold", bench.cold_start), ("warm", bench.warm_start)):
+        if start is not None:
+            lines.append(
+                f"{name} start: imports {start.imported:.1f} s, initialized {start.initialized:.1f} s, "
+                f"first train step {start.first_step:.1f} s after the process began"
+            )
     if bench.gymnasium:
         rates = ", ".join(f"{robots} robots: {count(rate)}" for robots, rate in bench.gymnasium.items())
         lines.append(f"in Gymnasium, on C MuJoCo, control steps/s; {rates.replace('1 robots', '1 robot', 1)}")
+    ratio = peer_ratio(bench)
+    if ratio is not None:
+        lines.append(f"the learner acts {ratio:.2f} times as fast as stock Brax")
     return lines
+
+
+def peer_ratio(bench: Bench) -> float | None:
+    """How many times as fast as stock Brax the learner acts; None where that was not measured."""
+    if bench.peer is None:
+        return None
+    ours, theirs = bench.peer.rate("acting"), bench.peer.rate("brax")
+    return ours / theirs if ours and theirs else None
 
 
 def _memory(bench: Bench) -> list[str]:
@@ -110,11 +139,15 @@ def _memory(bench: Bench) -> list[str]:
         within, between = most.bytes_per_robot, kept[most.robots, most.devices]
         if within is not None and between is not None:
             lines.append(f"memory a robot: {count(between)}B kept, {count(within)}B within a train step")
-    peak = max((case.device_peak_bytes for case in bench.cases if case.device_peak_bytes), default=None)
+    peak = max((case.device_peak_bytes for case in _cases(bench) if case.device_peak_bytes), default=None)
     device = "" if peak is None else f"{count(peak)}B on a device, "
     if bench.host_peak_bytes is not None:
         lines.append(f"peak memory: {device}{count(bench.host_peak_bytes)}B on the host")
     return lines
+
+
+def _cases(bench: Bench) -> tuple[Case, ...]:
+    return bench.cases if bench.peer is None else (*bench.cases, bench.peer)
 
 
 def describe_size(case: Case) -> str:

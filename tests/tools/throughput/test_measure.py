@@ -72,6 +72,8 @@ def test_every_part_is_measured_in_order(sleepy):
     [
         ("environment", RESET + LENGTH * STEP),
         ("resets", RESET),
+        ("acting", RESET + LENGTH * STEP),
+        ("brax", LENGTH * STEP),  # it prepares no episodes, but repeats the first ones
         ("training", RESET + LENGTH * STEP),
     ],
 )
@@ -190,7 +192,7 @@ def test_memory_that_runs_out_ends_a_size_and_keeps_what_was_measured():
             rows = jnp.outer(jnp.ones(1 << 24) * action, jnp.ones(1 << 22))  # 2^46 numbers
             return super().step(state, action + jnp.sort(rows, axis=0)[0, 0])
 
-    case = measure_case(lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "training"], 0.01))
+    case = measure_case(lambda robots: Huge(), TINY, 16, ONE, BenchOptions(["resets", "acting"], 0.01))
     assert case.error == OUT_OF_MEMORY
     assert [m.part for m in case.measurements] == ["resets"]
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.presets import make_config
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
-from bp2_rl.tools.throughput.report import Bench, print_table, remarks, scaling_figure
+from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 
 BASE = make_config("imitation", "gpu").ppo.num_envs
 
@@ -109,17 +109,28 @@ def test_the_remarks_say_what_the_table_does_not():
         64, 2, (measurement("training", 64, 2, 1e3, compilations=3),), state_bytes_per_robot=1572.0,
         device_peak_bytes=2_000_000_000, shares={"physics": 0.75, "bookkeeping": 0.25},
     )  # fmt: skip
-    said = remarks(bench(odd, host_peak_bytes=3_000_000_000))
+    said = remarks(
+        bench(odd, host_peak_bytes=3_000_000_000, cold_start=Startup(5, 20, 90), warm_start=Startup(5, 9, 18))
+    )
     assert said == [
         "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
         "64 robots on 2 devices, training: compiled 3 programs while it was timed",
         "memory a robot: 1.57kB kept, 19.5MB within a train step",
         "peak memory: 2.00GB on a device, 3.00GB on the host",
+        "cold start: imports 5.0 s, initialized 20.0 s, first train step 90.0 s after the process began",
+        "warm start: imports 5.0 s, initialized 9.0 s, first train step 18.0 s after the process began",
     ]
 
 
+def test_the_peer_is_a_ratio_of_acting_loops():
+    report = bench(case(64, 1, acting=1.0), peer=case(64, 1, acting=300.0, brax=120.0))
+    assert peer_ratio(report) == pytest.approx(2.5)
+    assert "the learner acts 2.50 times as fast as stock Brax" in remarks(report)
+    assert peer_ratio(bench(peer=case(64, 1, acting=300.0))) is None
+
+
 def test_a_report_is_read_as_it_was_written(scaled):
-    report = bench(*scaled.cases, gymnasium={"1": 310.0})
+    report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0))
     assert from_json(Bench, to_json(report)) == report
 
 
