@@ -19,7 +19,7 @@ from bp2_rl.cli import app
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import find_policy
 from bp2_rl.settings.training import RobotWish
-from bp2_rl.simulation.backend import Backend
+from bp2_rl.simulation.backend import Backend, DrakeContact
 from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
@@ -59,7 +59,8 @@ class EvalConfig:
     """built: BP2 with losses and solid legs; ideal: without; by default built, or the policy's own robot where that is
     neither"""
     backend: Backend = "mujoco"
-    """mujoco: C MuJoCo. mjx: MJX, the reference engine of training."""
+    """mujoco: C MuJoCo. mjx: MJX, the reference engine of training. drake: Drake's dynamics and contact, a second
+    opinion."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="M/S")] = None
     """Speed to command; by default the one at which the card's result was measured (robustness: 10.74)."""
     acceleration: Annotated[float | None, tyro.conf.arg(metavar="M/S2")] = None
@@ -73,6 +74,7 @@ class EvalConfig:
     sensor_noise: bool = False
     """Let the sensors be as noisy as in training. Of topspeed and sprint."""
     operator: HeadingHold = HeadingHold()
+    drake: DrakeContact = DrakeContact()
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The report's folder; by default reports/<benchmark>-<date>-<time>."""
     video: bool = True
@@ -115,7 +117,9 @@ def evaluate(
     from bp2_rl.learning.policy import load_policy
     from bp2_rl.simulation.parallel import compute_here, keep_workers
 
-    if config.backend == "mujoco":
+    if config.backend == "drake":
+        importlib.import_module("bp2_rl.simulation.drake")  # says how to install it where it is missing
+    if config.backend != "mjx":
         compute_here()  # and leave the accelerator to a training that may be running
     prepare_jax()
     find_backend()

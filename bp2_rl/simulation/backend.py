@@ -1,6 +1,29 @@
-"""The simulators that can run a policy for an evaluation."""
+"""The simulators that can run a policy for an evaluation, and what may be chosen about Drake's contact."""
 
-from typing import Literal
+import dataclasses
+from typing import Annotated, Literal
 
-Backend = Literal["mujoco", "mjx"]
-TITLES: dict[Backend, str] = {"mujoco": "C MuJoCo", "mjx": "MJX"}
+from bp2_rl.base.bounds import Bounded, Within
+
+Backend = Literal["mujoco", "mjx", "drake"]
+TITLES: dict[Backend, str] = {"mujoco": "C MuJoCo", "mjx": "MJX", "drake": "Drake"}
+
+
+@dataclasses.dataclass(frozen=True)
+class DrakeContact(Bounded, path="--drake."):
+    """How a foot meets the ground in Drake."""
+
+    model: Literal["point", "hydroelastic"] = "point"
+    """point: a force at the deepest point, by Hunt and Crossley. hydroelastic: a pressure over the patch of contact"""
+    solver: Literal["lagged", "similar", "sap", "tamsi"] = "lagged"
+    """how friction and damping are discretised, by Drake's names; in sap, which damps by a law of its own, and in
+    similar slip lifts a foot"""
+    stiffness: Annotated[float, Within(1e3, 1e8)] | None = None
+    """of the ground under a foot, N/m; by default what the robot's `contact_time` stands for"""
+    dissipation: Annotated[float, Within(0.0, 100.0)] = 0.5
+    """Hunt and Crossley's, s/m: a foot leaves the ground at no more than the reciprocal"""
+    stiction: Annotated[float, Within(1e-6, 1.0)] = 1e-3
+    """m/s: slip that friction needs to reach its limit"""
+
+
+DRAKE_CONTACT = DrakeContact()

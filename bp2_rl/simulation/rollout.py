@@ -105,10 +105,11 @@ def simulate(
     *,
     backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand, in C MuJoCo many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, but in MJX many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
-    CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32.
+    CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32. Drake is a second
+    opinion on C MuJoCo's dynamics and contact.
 
     Args:
         policy: a loaded policy, or a function from an observation to an action, for one robot.
@@ -118,15 +119,15 @@ def simulate(
 
     Raises:
         UserError: a policy without a card and without `config`, a policy that reads other observations than `config`
-            gives, or a request that MJX does not run.
+            gives, a request that MJX or Drake does not run, or Drake where it is not installed.
     """
     config = _config_of(policy, config)
     require_one_of("backend", backend, TITLES)
-    if backend == "mujoco":
-        return _in_parts(policy, requests, config)
-    from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
+    if backend == "mjx":
+        from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
 
-    return (simulate_in_mjx(policy, config, request) for request in requests)
+        return (simulate_in_mjx(policy, config, request) for request in requests)
+    return _in_parts(policy, requests, config, _engine(backend))
 
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
@@ -148,17 +149,29 @@ def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> Env
     return config
 
 
-def _in_parts(policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig) -> Iterator[Trajectory]:
+def _in_parts(
+    policy: ActionFunction, requests: Sequence[RunRequest], config: EnvConfig, engine: type[Simulator]
+) -> Iterator[Trajectory]:
     """Yield the trajectories in order, of at most `MOST` runs at a time."""
     parts = math.ceil(len(requests) / MOST)
     for part in np.array_split(np.arange(len(requests)), parts) if parts else ():
-        yield from _simulate(policy, config, [requests[i] for i in part])
+        yield from _simulate(policy, config, [requests[i] for i in part], engine)
 
 
-def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest]) -> list[Trajectory]:
+def _engine(backend: Backend) -> type[Simulator]:
+    if backend == "mujoco":
+        return Simulator
+    from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
+
+    return DrakeSimulator
+
+
+def _simulate(
+    policy: ActionFunction, config: EnvConfig, requests: Sequence[RunRequest], engine: type[Simulator]
+) -> list[Trajectory]:
     count = len(requests)
     robots = [request.robot(config) for request in requests]
-    simulator = settled(robots)
+    simulator = settled(robots, engine)
     schedules = [sampled_commands(request.schedule) for request in requests]
     ticks = np.array([len(commands) - 1 for commands in schedules])
     longest = int(np.max(ticks))
@@ -202,7 +215,7 @@ def _simulate(policy: ActionFunction, config: EnvConfig, requests: Sequence[RunR
             break
     return [
         recording.of(i).trajectory(
-            request, config, "mujoco", length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i)
+            request, config, engine.backend, length=int(lasted[i]), fell=bool(fell[i]), mass=simulator.mass(i)
         )
         for i, request in enumerate(requests)
     ]

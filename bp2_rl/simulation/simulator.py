@@ -7,6 +7,7 @@ by itself, so that robots may differ in hardware, ground and numerics. Compiled 
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -21,6 +22,7 @@ from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import foot_forces, let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
+from bp2_rl.simulation.backend import Backend, DrakeContact
 from bp2_rl.simulation.world import LEVEL, World
 
 DT = conventions.PHYSICS_STEP
@@ -40,6 +42,7 @@ class Numerics:
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most
     tolerance: float = 1e-10  # scaled residual at which the solver is done
+    drake: DrakeContact = DrakeContact()  # contact, where Drake takes MuJoCo's place
 
     @property
     def updates(self) -> int:
@@ -103,6 +106,8 @@ class Simulator:
         foot_force: (N, 4, 3), N, the ground's forces in the last physics step, world frame; 0 before it.
         motors: each robot's motors; `set_motors` changes them.
     """
+
+    backend: ClassVar[Backend] = "mujoco"
 
     def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
         self.models = [robot.model() for robot in robots] if models is None else list(models)
@@ -208,7 +213,7 @@ class Simulator:
         for trial in range(TRIALS if len(tried) else 0):
             self._step(tried, forces)
             for robot in tried.tolist() if trial == 0 else ():  # of the step's start, which all trials share
-                self._mobility[robot] = _mobility(self.models[robot], self.data[robot])
+                self._mobility[robot] = self._mobilities(robot)
             again = laws.correct(self._rows, forces[:, :12], before, qpos, qvel, self.qvel, self._mobility)
             tried = tried[again[tried, -1] > OUTSIDE]
             if not len(tried):
@@ -227,14 +232,25 @@ class Simulator:
         for robot in robots.tolist():
             (torque, force), (qpos, qvel, foot_force) = self._inputs[robot], self._outputs[robot]
             torque[:], force[:] = forces[robot, :12], forces[robot, 12:]
-            mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
+            self._advance(robot)
             self.qpos[robot], self.qvel[robot], self.foot_force[robot] = qpos, qvel, foot_force
 
+    def _advance(self, robot: int) -> None:
+        """Take the physics steps of one update, and leave the state, and the forces on the feet, in `data`."""
+        mujoco.mj_step(self.models[robot], self.data[robot], nstep=self._steps[robot])
 
-def settled(robots: Sequence[RobotSetup]) -> Simulator:
+    def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
+        """Return each joint's acceleration per torque on it, rad/s2/Nm, in the state that the last step began with."""
+        unit = _unit(self.models[robot].nv)
+        answer = np.empty_like(unit)
+        mujoco.mj_solveM(self.models[robot], self.data[robot], answer, unit)
+        return answer[unit > 0.0]
+
+
+def settled(robots: Sequence[RobotSetup], engine: type[Simulator] = Simulator) -> Simulator:
     """Return a simulator whose robots stand at rest on their feet at the origin.
 
-    Each kind of robot is settled once in a process, with the usual numerics.
+    Each kind of robot is settled once in a process, by C MuJoCo with the usual numerics; `engine` then takes it over.
     """
     kinds = [
         (dataclasses.replace(one, world=dataclasses.replace(one.world, pushes=()), numerics=CONVERGED), SETTLING_TIME)
@@ -245,21 +261,13 @@ def settled(robots: Sequence[RobotSetup]) -> Simulator:
         settling = Simulator([robot for robot, _ in new])
         settling.settle()
         _stands.update({kind: settling.state(i) for i, kind in enumerate(new)})
-    simulator = Simulator(robots)
+    simulator = engine(robots)
     for robot, kind in enumerate(kinds):
         simulator.set_state(robot, _stands[kind])
     return simulator
 
 
 _stands: dict[tuple[RobotSetup, float], np.ndarray] = {}
-
-
-def _mobility(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "12"]:
-    """Return the acceleration of each joint per torque on it, rad/s2/Nm, at the state that the last step began with."""
-    unit = _unit(model.nv)
-    answer = np.empty_like(unit)
-    mujoco.mj_solveM(model, data, answer, unit)
-    return answer[unit > 0.0]
 
 
 @functools.cache

@@ -149,7 +149,11 @@ def test_help_explains_every_flag(capsys):
         (["--benchmark", "robustness", "--robots", "0"], ("--robots", "0")),
         (["--acceleration", "0"], ("--acceleration", "0")),
         (["--operator.limit", "-1"], ("--operator.limit", "-1")),
-        (["--backend", "bullet"], ("--backend takes mjx or mujoco; got bullet",)),
+        (["--backend", "bullet"], ("--backend takes drake, mjx or mujoco; got bullet",)),
+        (["--drake.stiffness", "1e5"], ("--drake.* is of --backend drake; got --backend mujoco",)),
+        (["--benchmark", "robustness", "--backend", "drake"], ("--backend drake runs topspeed and sprint",)),
+        (["--backend", "drake", "--drake.solver", "newton"], ("--drake.solver", "newton")),
+        (["--backend", "drake", "--drake.dissipation", "-1"], ("--drake.dissipation", "-1")),
         (["--speed", "-3"], ("--speed", "-3")),
         (["--speed", "0"], ("--speed", "0")),
         (["--speed", "nan"], ("--speed", "nan")),
@@ -164,6 +168,14 @@ def test_help_explains_every_flag(capsys):
 )
 def test_wrong_flags_are_named_in_one_line(policy, capsys, arguments, words):
     assert_refused(capsys, [policy, *arguments], *words)
+
+
+def test_where_drake_is_missing_its_installation_is_named(policy, capsys, monkeypatch):
+    monkeypatch.delitem(sys.modules, "bp2_rl.simulation.drake", raising=False)
+    monkeypatch.setitem(sys.modules, "pydrake", None)
+    for name in [name for name in sys.modules if name.startswith("pydrake.")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert_refused(capsys, [policy, "--backend", "drake"], 'pip install -c constraints.txt -e ".[drake]"')
 
 
 @pytest.mark.parametrize("name", ["gone", "gone/deeper"])

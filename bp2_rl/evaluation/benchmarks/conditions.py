@@ -1,5 +1,6 @@
 """What a benchmark is run with, and what a reader must know to run it again."""
 
+import importlib.metadata
 import math
 
 import jax
@@ -14,6 +15,7 @@ from bp2_rl.robot.easing import EASE
 from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
+from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
@@ -199,9 +201,13 @@ def _launching(of: ControlConfig | Ramp) -> str:
     return f"{of.launching:g} m/s²{share}"
 
 
-def describe_simulator(backend: str, hardware: HardwareSpec) -> str:
+def describe_simulator(backend: str, hardware: HardwareSpec, drake: DrakeContact = DRAKE_CONTACT) -> str:
     """The physics of a single run in one line."""
-    held = describe_limits(hardware if backend == "mujoco" else IDEAL)
+    held = describe_limits(IDEAL if backend == "mjx" else hardware)
+    if backend == "drake":
+        contact = ", ".join(f"{name} {'of the robot' if x is None else x}" for name, x in vars(drake).items())
+        version = importlib.metadata.version("drake")
+        return f"Drake {version}, 1 kHz, float64; contact: {contact}; {held}; policy at 200 Hz, full strength"
     return {
         "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 "
         "Hz, full strength",

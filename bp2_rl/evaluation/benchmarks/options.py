@@ -4,8 +4,9 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.errors import UserError
 from bp2_rl.settings.training import LARGEST_SEED, RobotWish
-from bp2_rl.simulation.backend import Backend
+from bp2_rl.simulation.backend import Backend, DrakeContact
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 
 LEAST_HOLD = 0.1  # s: twenty control steps to take a mean of
@@ -24,6 +25,13 @@ class Setup(Bounded, path="--"):
     seed: Annotated[int, Within(0, LARGEST_SEED)] | None = None
     sensor_noise: bool = False
     operator: HeadingHold = HEADING_HOLD
+    drake: DrakeContact = DrakeContact()
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        super().__post_init__()
+        if self.backend != "drake" and self.drake != DrakeContact():
+            raise UserError(f"--drake.* is of --backend drake; got --backend {self.backend}")
 
     @property
     def noise_seed(self) -> int | None:

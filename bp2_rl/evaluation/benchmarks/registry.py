@@ -34,10 +34,10 @@ BENCHMARKS = {
     "topspeed": Benchmark(
         ramp_to_topspeed,
         topspeed,
-        ("backend", "robot", "speed", "acceleration", "hold", "seed", "sensor_noise", "operator"),
+        ("backend", "robot", "speed", "acceleration", "hold", "seed", "sensor_noise", "operator", "drake"),
     ),
     "sprint": Benchmark(
-        race, sprint, ("backend", "robot", "speed", "acceleration", "seed", "sensor_noise", "operator")
+        race, sprint, ("backend", "robot", "speed", "acceleration", "seed", "sensor_noise", "operator", "drake")
     ),
     "robustness": Benchmark(
         ramp_to_robustness,

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.plotting import FALL, FRONT, INK, WIDTH, legend_above, moving_mean, styled
 from bp2_rl.evaluation.benchmarks.conditions import (
     conditions,
@@ -130,6 +131,8 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
 
 def ramp_to_robustness(policy: Policy, setup: Setup) -> Ramp:
     """The schedule: of BP2 the same for every policy, so that they can be compared."""
+    if setup.backend not in _IMPLS:
+        raise UserError(f"--backend {setup.backend} runs topspeed and sprint; robustness takes {' or '.join(_IMPLS)}")
     return ramp_to_topspeed(policy, setup, speed=cruising_speed(policy), hold=ROBUSTNESS_HOLD)
 
 

@@ -33,6 +33,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.simulation.metrics import RIPPLE, RunMetrics, measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import Numerics
 from bp2_rl.simulation.track import LANE_WIDTH, Lane, measure_lane, time_at, track_position
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -94,9 +95,17 @@ def time_limit(speed: float, robot: HardwareSpec) -> float:
 def sprint(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Race over 100 m and measure the run."""
     name, robot = describe_subject(policy, setup), robot_of(policy, setup)
-    request = RunRequest(ramp, robot, setup.operator, finish=TRACK, noise_seed=setup.noise_seed, name=name)
+    request = RunRequest(
+        ramp,
+        robot,
+        setup.operator,
+        finish=TRACK,
+        noise_seed=setup.noise_seed,
+        numerics=Numerics(drake=setup.drake),
+        name=name,
+    )
     [run] = simulate(policy, [request], backend=setup.backend)
-    said = conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot), setup)
+    said = conditions(policy, describe_race(ramp), describe_simulator(setup.backend, robot, setup.drake), setup)
     metrics = measure_sprint(run, ramp.acceleration)
     return Evaluation(
         benchmark="sprint",

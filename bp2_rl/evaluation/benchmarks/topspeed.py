@@ -18,6 +18,7 @@ from bp2_rl.simulation.account import account
 from bp2_rl.simulation.metrics import RunMetrics, measure
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
+from bp2_rl.simulation.simulator import Numerics
 from bp2_rl.simulation.windows import steady_window
 
 TOPSPEED_HOLD = 20.0  # s
@@ -29,9 +30,11 @@ TILES = "Best speed", "Time held", "Tracking error", "Fall", "Electrical cost", 
 def topspeed(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Ramp to the commanded speed, hold it, and measure the run."""
     name, robot = describe_subject(policy, setup), robot_of(policy, setup)
-    request = RunRequest(ramp, robot, setup.operator, noise_seed=setup.noise_seed, name=name)
+    request = RunRequest(
+        ramp, robot, setup.operator, noise_seed=setup.noise_seed, numerics=Numerics(drake=setup.drake), name=name
+    )
     [run] = simulate(policy, [request], backend=setup.backend)
-    said = conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend, robot), setup)
+    said = conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend, robot, setup.drake), setup)
     metrics = measure(run)
     if setup.backend == "mujoco" and metrics.hold_time >= 1.0:
         metrics = dataclasses.replace(metrics, account=account(steady_window(run)))

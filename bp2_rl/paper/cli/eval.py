@@ -12,7 +12,7 @@ from bp2_rl.cli import app
 from bp2_rl.cli.eval import EvalConfig, evaluate
 from bp2_rl.paper.benchmarks.options import DeepSetup
 from bp2_rl.paper.thermal_specs import MotorHeat
-from bp2_rl.simulation.backend import Backend
+from bp2_rl.simulation.backend import Backend, DrakeContact
 
 DeepBenchmarkName = Literal["endurance", "mechanism", "efficiency", "stability", "all"]
 
@@ -30,6 +30,7 @@ class DeepEvalConfig(EvalConfig):
     gait repeats itself under noise, and how hard it may be pushed, at 10.74 m/s and at the top speed. all: one after
     the other."""
     backend: Annotated[Backend, tyro.conf.Suppress] = "mujoco"
+    drake: Annotated[DrakeContact, tyro.conf.Suppress] = DrakeContact()
     hold: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """How long to hold a speed; by default 10 in efficiency and 5 in mechanism, in endurance 180 at most. Not of
     stability."""

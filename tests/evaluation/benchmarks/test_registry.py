@@ -10,6 +10,7 @@ from bp2_rl.evaluation.benchmarks import topspeed as module
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.registry import ALL, BENCHMARKS, choose
 from bp2_rl.evaluation.benchmarks.topspeed import follows, ramp_to_topspeed, topspeed, verdict
+from bp2_rl.simulation.backend import DrakeContact
 from bp2_rl.simulation.metrics import measure
 from bp2_rl.simulation.operator import HeadingHold
 
@@ -54,8 +55,8 @@ def test_an_unknown_benchmark_is_refused_with_those_there_are():
 
 def test_all_gives_each_benchmark_the_flags_that_it_knows():
     everything = Setup(
-        backend="mjx", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
-        sensor_noise=True, operator=HeadingHold(1.0),
+        backend="drake", robot="ideal", speed=5.0, acceleration=1.0, hold=2.0, robots=7, seed=1,
+        sensor_noise=True, operator=HeadingHold(1.0), drake=DrakeContact("hydroelastic"),
     )  # fmt: skip
     chosen = choose("all", everything)
     assert list(chosen) == list(BENCHMARKS)
@@ -71,8 +72,10 @@ def run(policy, setup):
     return topspeed(policy, ramp_to_topspeed(policy, setup), setup)
 
 
-@pytest.mark.parametrize("backend", ["mujoco", "mjx"])
+@pytest.mark.parametrize("backend", ["mujoco", "mjx", "drake"])
 def test_topspeed_ramps_to_the_speed_and_holds_it(make_policy, asked, backend):
+    if backend == "drake":
+        pytest.importorskip("pydrake")
     operator = HeadingHold(heading_gain=1.0)
     evaluation = run(make_policy(), Setup(backend=backend, speed=6.0, operator=operator))
     ((name, request),) = asked
