@@ -1,0 +1,94 @@
+"""The greatest speed of a robot's trot by the optimiser, and what a little more of each of its limits would bring."""
+
+import concurrent.futures
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT
+from bp2_rl.optimiser.problem import Form, Problem
+from bp2_rl.optimiser.solution import NotSolved, Solution
+from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
+from bp2_rl.robot.hardware import HardwareSpec
+
+STARTS = 4.0, 2.5, 1.5
+"""m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
+COARSE = 8
+"""Intervals a segment, for those."""
+CHANGES: dict[str, Change] = {
+    "joint speed": times_fields("hardware.corner_speed", "hardware.no_load_speed"),
+    "torque": times_fields("hardware.peak_torque"),
+    "torque rate": times_fields("torque_rate"),
+    "friction": times_fields("hardware.friction"),
+    "landing impact": times_fields("form.greatest_impact"),
+}
+"""The limits of which one binds first, each by a factor."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedLimit:
+    """A robot's fastest trot."""
+
+    speed: float  # m/s
+    period: float  # s
+    duty: float
+    gains: dict[str, float]  # by limit: d ln speed / d ln limit
+    unsound: tuple[str, ...]  # what the verifier objects to
+
+    @property
+    def binds(self) -> str:
+        """The limit of which one per cent more brings most."""
+        return max(self.gains, key=lambda name: self.gains[name])
+
+
+def limit_problem(hardware: HardwareSpec, intervals: int) -> Problem:
+    """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
+    problem = Problem(intervals=intervals).sized(hardware)
+    return dataclasses.replace(problem, form=Form(greatest_impact=MOST_IMPACT))
+
+
+def find_limits(robots: Mapping[str, HardwareSpec], intervals: int, workers: int) -> Iterator[tuple[str, SpeedLimit]]:
+    """Yield the limits of robots, as they are found; a robot without any trot is left out."""
+    with spawned(workers) as pool:
+        searches = {pool.submit(find_limit, robot, intervals): name for name, robot in robots.items()}
+        for search in concurrent.futures.as_completed(searches):
+            with contextlib.suppress(NotSolved):
+                yield searches[search], search.result()
+
+
+def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
+    """Return the fastest trot of a robot: the best that several starts lead to, on `intervals` a segment.
+
+    Raises:
+        NotSolved: no start led to a trot.
+    """
+    from bp2_rl.optimiser.solution import resample  # CasADi and MuJoCo only where something is solved
+    from bp2_rl.optimiser.verify import failures, verify
+
+    problem, found = limit_problem(hardware, intervals), []
+    coarse = problem.on_mesh(min(COARSE, intervals))
+    for speed in STARTS:
+        with contextlib.suppress(NotSolved):
+            found.append(_fastest(coarse.at(hardware.size.speed * speed)))
+    if not found:
+        raise NotSolved(f"{hardware.anatomy.name}: no trot was found at any speed")
+    best = max(found, key=lambda solution: solution.problem.speed)
+    fine = problem.at(best.problem.speed)
+    start = dataclasses.replace(best, problem=fine, motion=resample(best.problem, best.motion, fine))
+    priced = find_shadow_prices(start, CHANGES, greatest=True)
+    fastest = priced.solution
+    speed = fastest.problem.speed
+    return SpeedLimit(
+        speed=speed,
+        period=fastest.period,
+        duty=fastest.duty,
+        gains={name: price / speed for name, price in priced.prices.items()},
+        unsound=tuple(failures(verify(fastest), exact=False)),
+    )
+
+
+def _fastest(problem: Problem) -> Solution:
+    from bp2_rl.optimiser.collocation import fastest, solve_best
+
+    return fastest(solve_best(problem, starts=2, time_limit=LIMIT_TIME))
