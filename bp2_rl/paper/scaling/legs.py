@@ -131,7 +131,7 @@ def _left_leg(legs: PublishedLegs, mass: float) -> Leg:
     abad_mass = _or(legs.abad_mass, ABAD_SHARE * mass)
     thigh_inertia = _or(legs.thigh_inertia, THIGH_INERTIA * thigh_mass * legs.thigh**2)
     shank_inertia = _or(legs.shank_inertia, SHANK_INERTIA * shank_mass * legs.shank**2)
-    foot = Link(legs.foot_mass, (0.0, 0.0, -legs.shank), (0.0,) * 6)
+    foot = Link(legs.foot_mass, (0.0, 0.0, -legs.shank), rod(0.0))
     shank = Link(shank_mass, (0.0, 0.0, -_or(legs.shank_com, SHANK_COM * legs.shank)), rod(shank_inertia))
     low, high = _or(legs.least_bend, KNEE_BEND[0]), _or(legs.greatest_bend, KNEE_BEND[1])
     return Leg(

@@ -5,17 +5,22 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT
 from bp2_rl.optimiser.problem import Form, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution
 from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
+from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 
 STARTS = 4.0, 2.5, 1.5
 """m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
 COARSE = 8
 """Intervals a segment, for those."""
+RISE = bp2.PEAK_TORQUE / Problem().torque_rate
+"""s, in which a motor reaches its peak torque at the earliest: BP2's, of every robot."""
 CHANGES: dict[str, Change] = {
     "joint speed": times_fields("hardware.corner_speed", "hardware.no_load_speed"),
     "torque": times_fields("hardware.peak_torque"),
@@ -45,7 +50,8 @@ class SpeedLimit:
 def limit_problem(hardware: HardwareSpec, intervals: int) -> Problem:
     """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
     problem = Problem(intervals=intervals).sized(hardware)
-    return dataclasses.replace(problem, form=Form(greatest_impact=MOST_IMPACT))
+    rate = float(np.max(hardware.joint_peak_torque)) / RISE
+    return dataclasses.replace(problem, torque_rate=rate, form=Form(greatest_impact=MOST_IMPACT))
 
 
 def find_limits(robots: Mapping[str, HardwareSpec], intervals: int, workers: int) -> Iterator[tuple[str, SpeedLimit]]:
