@@ -41,6 +41,7 @@ def _compare(arguments: Any) -> None:
     from bp2_rl.base.errors import UserError
     from bp2_rl.base.files import require_name
     from bp2_rl.base.serialization import load_config, save_config
+    from bp2_rl.cli.trajopt.output import progress
     from bp2_rl.paper.cli.figures import FigureReport, leave, show
     from bp2_rl.paper.figures.drawn import Drawn
     from bp2_rl.paper.robots import read_robots
@@ -53,7 +54,14 @@ def _compare(arguments: Any) -> None:
         raise UserError("--robots chooses whose limits to find anew: add --simulate")
     robots, variants = study.choose_robots(settings.robots)
     open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
-    limits = _simulate(robots, variants, settings) if settings.simulate else study.read_limits()
+    if settings.simulate:
+        with progress() as bar:
+            search = study.simulate(robots, variants, settings.intervals, settings.workers)
+            for limits in bar.track(search, len(robots) + len(variants) + 1, description="limits"):
+                save_config(out / LIMITS, limits)  # as they are found
+    else:
+        save_config(out / LIMITS, study.read_limits())
+    limits = study.read_limits(out / LIMITS)
     found = study.compare_limits(limits, read_robots(), study.read_learned())
     print(*study.refutations(found), sep="\n")
     drawn = Drawn(found, study.tables(found), (), {"scaling": draw_limits(found)})
@@ -63,18 +71,7 @@ def _compare(arguments: Any) -> None:
         if names:
             print(f"{what}: {', '.join(names)}")
     leave(arguments, "limits", drawn)
-    save_config(out / LIMITS, limits)
     print(f"picture, numbers and limits: {out}")
-
-
-def _simulate(robots: Any, variants: Any, settings: LimitSettings) -> Any:
-    from bp2_rl.cli.trajopt.output import progress
-    from bp2_rl.paper.scaling.study import simulate
-
-    with progress() as bar:
-        search = simulate(robots, variants, settings.intervals, settings.workers)
-        *_, last = bar.track(search, len(robots) + len(variants) + 1, description="limits")
-    return last
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,13 +10,15 @@ import numpy as np
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT
 from bp2_rl.optimiser.problem import Form, Problem
-from bp2_rl.optimiser.solution import NotSolved, Solution
+from bp2_rl.optimiser.solution import NotSolved, Solution, resample
 from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
 
 STARTS = 4.0, 2.5, 1.5
 """m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
+ENOUGH = 2
+"""Of those, the first that there are."""
 COARSE = 8
 """Intervals a segment, for those."""
 RISE = bp2.PEAK_TORQUE / Problem().torque_rate
@@ -69,20 +71,30 @@ def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
     Raises:
         NotSolved: no start led to a trot.
     """
-    from bp2_rl.optimiser.solution import resample  # CasADi and MuJoCo only where something is solved
-    from bp2_rl.optimiser.verify import failures, verify
-
     problem, found = limit_problem(hardware, intervals), []
     coarse = problem.on_mesh(min(COARSE, intervals))
     for speed in STARTS:
+        if len(found) < ENOUGH:
+            with contextlib.suppress(NotSolved):
+                found.append(_fastest(coarse.at(hardware.size.speed * speed)))
+    for start in sorted(found, key=lambda solution: -solution.problem.speed):
         with contextlib.suppress(NotSolved):
-            found.append(_fastest(coarse.at(hardware.size.speed * speed)))
-    if not found:
-        raise NotSolved(f"{hardware.anatomy.name}: no trot was found at any speed")
-    best = max(found, key=lambda solution: solution.problem.speed)
-    fine = problem.at(best.problem.speed)
-    start = dataclasses.replace(best, problem=fine, motion=resample(best.problem, best.motion, fine))
-    priced = find_shadow_prices(start, CHANGES, greatest=True)
+            return _refine(start, problem.at(start.problem.speed))
+    raise NotSolved(f"{hardware.anatomy.name}: no trot was found at any speed")
+
+
+def _fastest(problem: Problem) -> Solution:
+    from bp2_rl.optimiser.collocation import fastest, solve_best  # CasADi only where something is solved
+
+    return fastest(solve_best(problem, starts=2, time_limit=LIMIT_TIME))
+
+
+def _refine(start: Solution, problem: Problem) -> SpeedLimit:
+    """Return the limit that a solution leads to on the mesh of a problem."""
+    from bp2_rl.optimiser.verify import failures, verify
+
+    near = dataclasses.replace(start, problem=problem, motion=resample(start.problem, start.motion, problem))
+    priced = find_shadow_prices(near, CHANGES, greatest=True)
     fastest = priced.solution
     speed = fastest.problem.speed
     return SpeedLimit(
@@ -92,9 +104,3 @@ def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
         gains={name: price / speed for name, price in priced.prices.items()},
         unsound=tuple(failures(verify(fastest), exact=False)),
     )
-
-
-def _fastest(problem: Problem) -> Solution:
-    from bp2_rl.optimiser.collocation import fastest, solve_best
-
-    return fastest(solve_best(problem, starts=2, time_limit=LIMIT_TIME))
