@@ -8,9 +8,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.collocation import fastest, solve_best
 from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT
 from bp2_rl.optimiser.problem import Form, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
+from bp2_rl.optimiser.verify import failures, verify
 from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
@@ -84,23 +86,19 @@ def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
 
 
 def _fastest(problem: Problem) -> Solution:
-    from bp2_rl.optimiser.collocation import fastest, solve_best  # CasADi only where something is solved
-
-    return fastest(solve_best(problem, starts=2, time_limit=LIMIT_TIME))
+    return fastest(solve_best(problem, starts=1, time_limit=LIMIT_TIME))
 
 
 def _refine(start: Solution, problem: Problem) -> SpeedLimit:
     """Return the limit that a solution leads to on the mesh of a problem."""
-    from bp2_rl.optimiser.verify import failures, verify
-
     near = dataclasses.replace(start, problem=problem, motion=resample(start.problem, start.motion, problem))
     priced = find_shadow_prices(near, CHANGES, greatest=True)
-    fastest = priced.solution
-    speed = fastest.problem.speed
+    trot = priced.solution
+    speed = trot.problem.speed
     return SpeedLimit(
         speed=speed,
-        period=fastest.period,
-        duty=fastest.duty,
+        period=trot.period,
+        duty=trot.duty,
         gains={name: price / speed for name, price in priced.prices.items()},
-        unsound=tuple(failures(verify(fastest), exact=False)),
+        unsound=tuple(failures(verify(trot), exact=False)),
     )
