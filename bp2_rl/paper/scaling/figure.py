@@ -53,7 +53,7 @@ def _draw_variants(axes: Axes, study: ScalingStudy) -> None:
         said = f"{one.limit.speed:.1f}, {one.limit.binds}"
         axes.annotate(said, (one.limit.speed, row), (5, 0), textcoords="offset points", va="center", fontsize=8)
     names = [f"{one.variant} ({one.leg_share:.0%}, {one.leg_length:.2f} m)" for one in variants]
-    _name(axes, names, "B   BP2's limit at equal motors (share of mass in the legs, their length)")
+    _name(axes, names, "B   BP2's limit at equal motors (legs' share of mass, length)")
 
 
 def _name(axes: Axes, names: list[str], title: str) -> None:

@@ -95,14 +95,13 @@ class ScalingStudy:
 def find_robots() -> dict[str, HardwareSpec]:
     """Return the robots that have a limit, by their names in Table S1."""
     masses = {robot.robot: robot.mass for robot in read_robots()}
-    files = [load_robot(path) for path in shipped_files().values()]
-    tabled = {legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()}
-    return {robot.name: robot.hardware for robot in files} | tabled
+    files = {robot.name: robot.hardware for robot in map(load_robot, shipped_files().values())}
+    return files | {legs.robot: rigid_robot(legs, masses[legs.robot]) for legs in read_legs()}
 
 
 def find_variants() -> dict[str, HardwareSpec]:
     """Return BP2 and its variants, by name."""
-    return bp2_variants({name: load_robot(path).hardware for name, path in shipped_files().items()})
+    return bp2_variants({robot.name: robot.hardware for robot in map(load_robot, shipped_files().values())})
 
 
 def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[str, HardwareSpec]]:

@@ -19,8 +19,8 @@ def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
         found[f"thighs x {factor:g}"] = BUILT.changed(thigh_mass=factor * BUILT.bp2.thigh_mass)
     found[RIGID] = rigid
     for name, other in others.items():
-        found[f"rigid, as long as {name}'s"] = on_legs_of(other.anatomy, rigid, masses=False)
-        found[f"rigid, {name}'s"] = on_legs_of(other.anatomy, rigid, masses=True)
+        found[f"rigid, lengths of {name}"] = on_legs_of(other.anatomy, rigid, masses=False)
+        found[f"rigid, legs of {name}"] = on_legs_of(other.anatomy, rigid, masses=True)
     return found
 
 

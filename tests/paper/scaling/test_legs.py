@@ -76,7 +76,7 @@ def test_other_legs_are_scaled_to_bp2s_mass():
     for name, variant in variants.items():
         assert variant.anatomy.mass == pytest.approx(BUILT.anatomy.mass), name
         assert variant.peak_torque == BUILT.peak_torque, name
-    light, heavy = variants["rigid, as long as x's"].anatomy, variants["rigid, x's"].anatomy
+    light, heavy = variants["rigid, lengths of x"].anatomy, variants["rigid, legs of x"].anatomy
     assert light.leg_length == heavy.leg_length == pytest.approx(scale * go2.anatomy.leg_length)
     assert leg_share(light) == pytest.approx(leg_share(BUILT.anatomy))
     assert leg_share(heavy) == pytest.approx(leg_share(go2.anatomy))
