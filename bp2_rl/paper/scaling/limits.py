@@ -9,13 +9,15 @@ import numpy as np
 
 from bp2_rl.base.workers import spawned
 from bp2_rl.optimiser.collocation import fastest, solve_best
-from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT
+from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT, family_of
 from bp2_rl.optimiser.problem import Form, Problem
 from bp2_rl.optimiser.solution import NotSolved, Solution, resample
 from bp2_rl.optimiser.verify import failures, verify
 from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
+from bp2_rl.reference.library.file import load_library
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.reference import CollocationConfig
 
 STARTS = 4.0, 2.5, 1.5
 """m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
@@ -73,20 +75,30 @@ def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
     Raises:
         NotSolved: no start led to a trot.
     """
-    problem, found = limit_problem(hardware, intervals), []
+    problem = limit_problem(hardware, intervals)
     coarse = problem.on_mesh(min(COARSE, intervals))
-    for speed in STARTS:
-        if len(found) < ENOUGH:
-            with contextlib.suppress(NotSolved):
-                found.append(_fastest(coarse.at(hardware.size.speed * speed)))
+    found = [_fastest_of_library()] if hardware.anatomy.sprung else _fastest_from_cold(coarse)
     for start in sorted(found, key=lambda solution: -solution.problem.speed):
         with contextlib.suppress(NotSolved):
             return _refine(start, problem.at(start.problem.speed))
     raise NotSolved(f"{hardware.anatomy.name}: no trot was found at any speed")
 
 
-def _fastest(problem: Problem) -> Solution:
-    return fastest(solve_best(problem, starts=1, time_limit=LIMIT_TIME))
+def _fastest_from_cold(problem: Problem) -> list[Solution]:
+    """Return the fastest trots that those of several speeds lead to."""
+    found: list[Solution] = []
+    for speed in STARTS:
+        if len(found) < ENOUGH:
+            with contextlib.suppress(NotSolved):
+                start = solve_best(problem.at(problem.hardware.size.speed * speed), starts=1, time_limit=LIMIT_TIME)
+                found.append(fastest(start))
+    return found
+
+
+def _fastest_of_library() -> Solution:
+    """Return the fastest trot of BP2's library, which a search on springs would take long to find."""
+    library = load_library(CollocationConfig().file)
+    return family_of(library.arrays, library.provenance)[-1]
 
 
 def _refine(start: Solution, problem: Problem) -> SpeedLimit:

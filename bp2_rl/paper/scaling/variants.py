@@ -19,8 +19,7 @@ def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
         found[f"thighs x {factor:g}"] = BUILT.changed(thigh_mass=factor * BUILT.bp2.thigh_mass)
     found[RIGID] = rigid
     for name, other in others.items():
-        found[f"rigid, lengths of {name}"] = on_legs_of(other.anatomy, rigid, masses=False)
-        found[f"rigid, legs of {name}"] = on_legs_of(other.anatomy, rigid, masses=True)
+        found[f"rigid, legs of {name}"] = on_legs_of(other.anatomy, rigid)
     return found
 
 
@@ -37,28 +36,27 @@ def rigid_shanks(hardware: HardwareSpec) -> HardwareSpec:
     return dataclasses.replace(hardware, body=body)
 
 
-def on_legs_of(other: Anatomy, hardware: HardwareSpec, *, masses: bool) -> HardwareSpec:
+def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
     """Return a robot with rigid shanks on the thighs and shanks of another one, which is scaled to the same mass.
 
-    Lengths go with the cube root of the mass. Hips, joint ranges and motors stay.
+    Lengths go with the cube root of the mass, and the trunk has what the legs leave. Hips, joint ranges and motors stay.
 
     Args:
         other: the robot whose legs are taken.
         hardware: the robot that gets them.
-        masses: whether links have the other's masses, and the trunk what these leave, or keep their own.
     """
     body = hardware.anatomy
     scale = (body.mass / other.mass) ** (1.0 / 3.0)
 
     def refit(leg: Leg, model: Leg) -> Leg:
-        knee, radius = (0.0, 0.0, scale * model.knee[2]), scale * model.foot_radius
-        foot = (0.0, 0.0, scale * model.foot[2])
-        if masses:
-            thigh, shank = (_scaled(link, scale, scale**3) for link in (model.thigh, model.shank))
-        else:
-            thigh = _scaled(leg.thigh, knee[2] / leg.knee[2], 1.0)
-            shank = _scaled(leg.shank, (radius - foot[2]) / leg.lower_length, 1.0)
-        return dataclasses.replace(leg, knee=knee, foot=foot, foot_radius=radius, thigh=thigh, shank=shank)
+        return dataclasses.replace(
+            leg,
+            knee=(0.0, 0.0, scale * model.knee[2]),
+            foot=(0.0, 0.0, scale * model.foot[2]),
+            foot_radius=scale * model.foot_radius,
+            thigh=_scaled(model.thigh, scale, scale**3),
+            shank=_scaled(model.shank, scale, scale**3),
+        )
 
     fr, fl, rr, rl = map(refit, body.legs, other.legs)
     trunk = body.mass - sum(link.mass for leg in (fr, fl, rr, rl) for link in leg.links)
