@@ -39,7 +39,7 @@ def rigid_shanks(hardware: HardwareSpec) -> HardwareSpec:
 def on_legs_of(other: Anatomy, hardware: HardwareSpec) -> HardwareSpec:
     """Return a robot with rigid shanks on the thighs and shanks of another one, which is scaled to the same mass.
 
-    Lengths go with the cube root of the mass, and the trunk has what the legs leave. Hips, joint ranges and motors stay.
+    Lengths go with the cube root of the mass. The trunk has what the legs leave. Hips, joint ranges and motors stay.
 
     Args:
         other: the robot whose legs are taken.
