@@ -42,7 +42,7 @@ def docstrings():
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("all", SOURCES, 43_700),
+        ("all", SOURCES, 44_420),  # 720 of them compare published robots with the optimiser: paper/scaling
         ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 30_200),
     ],
 )

@@ -21,7 +21,7 @@ from bp2_rl.paper.figures.scaling_numbers import shipped
 from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.limits import SpeedLimit, find_limits
-from bp2_rl.paper.scaling.variants import BP2, bp2_variants, leg_share
+from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import shipped_files
 from bp2_rl.robot.robot_file import load_robot
@@ -213,6 +213,11 @@ def verdict(study: ScalingStudy) -> list[str]:
     ]
     if learned := [max(robot.learned) / robot.limit.speed for robot in others if robot.learned]:
         lines.append(f"Other robots' learned speeds are {shares(learned)} of their limits")
+    limits = {one.variant: one.limit.speed for one in study.variants}
+    if rigid := limits.get(RIGID):
+        lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s: springs buy {top - rigid:.2f} m/s")
+    if legs := [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]:
+        lines.append(f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s")
     return lines
 
 

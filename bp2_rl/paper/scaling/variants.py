@@ -8,7 +8,7 @@ from bp2_rl.robot.anatomy import Anatomy, Leg, Link
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 
 THIGHS = 0.5, 2.0  # times the mass of BP2's
-BP2, RIGID = "BP2", "rigid shanks"
+BP2, RIGID, ON_LEGS = "BP2", "rigid shanks", "rigid, legs of "
 
 
 def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
@@ -19,7 +19,7 @@ def bp2_variants(others: Mapping[str, HardwareSpec]) -> dict[str, HardwareSpec]:
         found[f"thighs x {factor:g}"] = BUILT.changed(thigh_mass=factor * BUILT.bp2.thigh_mass)
     found[RIGID] = rigid
     for name, other in others.items():
-        found[f"rigid, legs of {name}"] = on_legs_of(other.anatomy, rigid)
+        found[f"{ON_LEGS}{name}"] = on_legs_of(other.anatomy, rigid)
     return found
 
 
