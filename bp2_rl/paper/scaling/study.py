@@ -196,26 +196,27 @@ def refutations(study: ScalingStudy) -> list[str]:
 
 
 def verdict(study: ScalingStudy) -> list[str]:
-    """Return sentences on what the limits make of BP2's speed; none without BP2."""
+    """Return sentences on what the limits make of robots' speeds and of BP2's."""
     bp2 = next((robot for robot in study.robots if robot.robot == BP2), None)
     others = [robot for robot in study.robots if robot is not bp2]
-    if bp2 is None or not others:
-        return []
-    top = bp2.limit.speed
 
     def shares(speeds: Sequence[float]) -> str:
         return f"{min(speeds):.2f} to {max(speeds):.2f}, in the median {statistics.median(speeds):.2f}"
 
-    lines = [
-        f"BP2's limit by the same rules is {top:.2f} m/s: what it learned is {max(bp2.learned, default=0.0) / top:.2f} "
-        f"of its limit, the published {bp2.published:g} m/s {bp2.published / top:.2f}",
-        f"Other robots' published speeds are {shares([1.0 / robot.ratio for robot in others])} of their limits",
-    ]
+    lines: list[str] = []
+    if others:
+        lines.append(f"Published speeds are {shares([1.0 / robot.ratio for robot in others])} of other robots' limits")
     if learned := [max(robot.learned) / robot.limit.speed for robot in others if robot.learned]:
-        lines.append(f"Other robots' learned speeds are {shares(learned)} of their limits")
+        lines.append(f"Learned speeds are {shares(learned)} of other robots' limits")
+    if bp2:
+        top = bp2.limit.speed
+        lines.append(
+            f"BP2's limit by the same rules is {top:.2f} m/s: what it learned is {max(bp2.learned, default=0.0) / top:.2f} "
+            f"of its limit, the published {bp2.published:g} m/s {bp2.published / top:.2f}"
+        )
     limits = {one.variant: one.limit.speed for one in study.variants}
     if rigid := limits.get(RIGID):
-        lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s: springs buy {top - rigid:.2f} m/s")
+        lines.append(f"With rigid shanks BP2's limit is {rigid:.2f} m/s")
     if legs := [speed for name, speed in limits.items() if name.startswith(ON_LEGS)]:
         lines.append(f"With its motors on rigid legs of other robots it is {min(legs):.2f} to {max(legs):.2f} m/s")
     return lines
