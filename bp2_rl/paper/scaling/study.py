@@ -211,8 +211,8 @@ def verdict(study: ScalingStudy) -> list[str]:
     if bp2:
         top = bp2.limit.speed
         lines.append(
-            f"BP2's limit by the same rules is {top:.2f} m/s: what it learned is {max(bp2.learned, default=0.0) / top:.2f} "
-            f"of its limit, the published {bp2.published:g} m/s {bp2.published / top:.2f}"
+            f"BP2's limit by the same rules is {top:.2f} m/s: it learned {max(bp2.learned, default=0.0) / top:.2f} of "
+            f"that, and the published {bp2.published:g} m/s are {bp2.published / top:.2f}"
         )
     limits = {one.variant: one.limit.speed for one in study.variants}
     if rigid := limits.get(RIGID):
