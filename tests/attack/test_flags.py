@@ -58,6 +58,7 @@ COMMANDS = {
         f"figures {figure}": ("bp2_rl.paper.cli.figures", [figure])
         for figure in ("scaling", "race", "robot", "rewards")
     },
+    "scaling": ("bp2_rl.paper.cli.scaling", []),
     "figures --all": ("bp2_rl.paper.cli.figures", ["--all"]),
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
     **{
@@ -89,6 +90,7 @@ WORK = (
     "bp2_rl.paper.trajectories.objective.compare_objectives",
     "bp2_rl.paper.trajectories.decomposition.decompose",
     "bp2_rl.paper.cli.pendulum.open_folder",
+    "bp2_rl.paper.cli.scaling.open_folder",
     "bp2_rl.paper.figures.scaling.scaling_figure",
     "bp2_rl.paper.figures.race.race_figure",
     "bp2_rl.paper.figures.robot.measure",

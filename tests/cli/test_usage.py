@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 LEAVES = (
     "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
     "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper pendulum simulate",
-    "paper trajectories limits", "paper trajectories codesign",
+    "paper trajectories limits", "paper trajectories codesign", "paper scaling",
 )  # fmt: skip
 GROUPS = ("trajopt", "paper", "paper figures", "paper pendulum", "paper trajectories")
 WATCHED = """

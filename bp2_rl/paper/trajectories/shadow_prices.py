@@ -11,7 +11,6 @@ How p enters the cost itself, as the peak torque does by which torques are divid
 
 import dataclasses
 import functools
-import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,13 +22,14 @@ from bp2_rl.optimiser.problem import Problem
 from bp2_rl.optimiser.program import Bounds
 from bp2_rl.optimiser.solution import Solution
 from bp2_rl.optimiser.transcription import SolveOptions, transcribe
+from bp2_rl.robot.hardware import times
 
 STEP = 1e-4  # relative, of a parameter, to either side
 Change = Callable[[Problem, float], Problem]
 """A problem with a parameter times a factor."""
 
 
-def _times(*fields: str, law: Callable[[float, float], float] = operator.mul) -> Change:
+def times_fields(*fields: str, law: Callable[[float, Any], Any] = times) -> Change:
     """Return the change that multiplies fields of a problem, or applies another law of factor and value to them."""
 
     def changed(config: Any, field: str, factor: float) -> Any:
@@ -41,31 +41,31 @@ def _times(*fields: str, law: Callable[[float, float], float] = operator.mul) ->
 
 
 LIMITS: dict[str, Change] = {
-    "peak torque": _times("hardware.peak_torque"),
-    "corner speed": _times("hardware.corner_speed"),
-    "no-load speed": _times("hardware.no_load_speed"),
-    "joint speed's limit alone": _times("speed_margin"),
-    "friction": _times("hardware.friction"),
-    "spring travel": _times("hardware.spring_travel"),
-    "stops' stiffness": _times("hardware.spring_stop_stiffness", "hardware.rebound_stiffness"),
-    "spring stiffness": _times("hardware.spring_stiffness"),
-    "rotor inertia": _times("hardware.rotor_inertia"),
-    "leg length": _times("hardware.body.leg_length"),
-    "torque rate": _times("torque_rate"),
-    "force rate": _times("force_rate"),
-    "foot clearance": _times("clearance"),
-    "pitch limit": _times("pitch_limit"),
+    "peak torque": times_fields("hardware.peak_torque"),
+    "corner speed": times_fields("hardware.corner_speed"),
+    "no-load speed": times_fields("hardware.no_load_speed"),
+    "joint speed's limit alone": times_fields("speed_margin"),
+    "friction": times_fields("hardware.friction"),
+    "spring travel": times_fields("hardware.spring_travel"),
+    "stops' stiffness": times_fields("hardware.spring_stop_stiffness", "hardware.rebound_stiffness"),
+    "spring stiffness": times_fields("hardware.spring_stiffness"),
+    "rotor inertia": times_fields("hardware.rotor_inertia"),
+    "leg length": times_fields("hardware.body.leg_length"),
+    "torque rate": times_fields("torque_rate"),
+    "force rate": times_fields("force_rate"),
+    "foot clearance": times_fields("clearance"),
+    "pitch limit": times_fields("pitch_limit"),
 }
 """What a designer or a problem's settings may change, each by a factor."""
 
 LOSSES: dict[str, Change] = {
-    "drag area": _times("hardware.losses.drag_area"),
-    "gear loss": _times("hardware.losses.gear_efficiency", law=lambda factor, kept: 1.0 - factor * (1.0 - kept)),
-    "joint friction": _times("hardware.losses.joint_friction"),
-    "joint viscosity": _times("hardware.losses.joint_viscosity"),
-    "slide friction": _times("hardware.losses.spring_friction"),
-    "bus sag": _times("hardware.losses.bus_sag"),
-    "bus power": _times("hardware.losses.bus_power_out", "hardware.losses.bus_power_in"),
+    "drag area": times_fields("hardware.losses.drag_area"),
+    "gear loss": times_fields("hardware.losses.gear_efficiency", law=lambda factor, kept: 1.0 - factor * (1.0 - kept)),
+    "joint friction": times_fields("hardware.losses.joint_friction"),
+    "joint viscosity": times_fields("hardware.losses.joint_viscosity"),
+    "slide friction": times_fields("hardware.losses.spring_friction"),
+    "bus sag": times_fields("hardware.losses.bus_sag"),
+    "bus power": times_fields("hardware.losses.bus_power_out", "hardware.losses.bus_power_in"),
 }
 """What is scaled of a robot that has losses."""
 

@@ -1,0 +1,116 @@
+"""The greatest speed of a robot's trot by the optimiser, and what a little more of each of its limits would bring."""
+
+import concurrent.futures
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from bp2_rl.base.workers import spawned
+from bp2_rl.optimiser.collocation import fastest, solve_best
+from bp2_rl.optimiser.family import LIMIT_TIME, MOST_IMPACT, family_of
+from bp2_rl.optimiser.problem import Form, Problem
+from bp2_rl.optimiser.solution import NotSolved, Solution, resample
+from bp2_rl.optimiser.verify import failures, verify
+from bp2_rl.paper.trajectories.shadow_prices import Change, find_shadow_prices, times_fields
+from bp2_rl.reference.library.file import load_library
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.reference import CollocationConfig
+
+STARTS = 4.0, 2.5, 1.5
+"""m/s for BP2's size: speeds of the trots from which the greatest speed is looked for."""
+ENOUGH = 2
+"""Of those, the first that there are."""
+COARSE = 8
+"""Intervals a segment, for those."""
+RISE = bp2.PEAK_TORQUE / Problem().torque_rate
+"""s, in which a motor reaches its peak torque at the earliest: BP2's, of every robot."""
+CHANGES: dict[str, Change] = {
+    "joint speed": times_fields("hardware.corner_speed", "hardware.no_load_speed"),
+    "torque": times_fields("hardware.peak_torque"),
+    "torque rate": times_fields("torque_rate"),
+    "friction": times_fields("hardware.friction"),
+    "landing impact": times_fields("form.greatest_impact"),
+}
+"""The limits of which one binds first, each by a factor."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedLimit:
+    """A robot's fastest trot."""
+
+    speed: float  # m/s
+    period: float  # s
+    duty: float
+    gains: dict[str, float]  # by limit: d ln speed / d ln limit
+    unsound: tuple[str, ...]  # what the verifier objects to
+
+    @property
+    def binds(self) -> str:
+        """The limit of which one per cent more brings most."""
+        return max(self.gains, key=lambda name: self.gains[name])
+
+
+def limit_problem(hardware: HardwareSpec, intervals: int) -> Problem:
+    """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
+    problem = Problem(intervals=intervals).sized(hardware)
+    rate = float(np.max(hardware.joint_peak_torque)) / RISE
+    return dataclasses.replace(problem, torque_rate=rate, form=Form(greatest_impact=MOST_IMPACT))
+
+
+def find_limits(robots: Mapping[str, HardwareSpec], intervals: int, workers: int) -> Iterator[tuple[str, SpeedLimit]]:
+    """Yield the limits of robots, as they are found; a robot without any trot is left out."""
+    with spawned(workers) as pool:
+        searches = {pool.submit(find_limit, robot, intervals): name for name, robot in robots.items()}
+        for search in concurrent.futures.as_completed(searches):
+            with contextlib.suppress(NotSolved):
+                yield searches[search], search.result()
+
+
+def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
+    """Return the fastest trot of a robot: the best that several starts lead to, on `intervals` a segment.
+
+    Raises:
+        NotSolved: no start led to a trot.
+    """
+    problem = limit_problem(hardware, intervals)
+    coarse = problem.on_mesh(min(COARSE, intervals))
+    found = [_fastest_of_library()] if hardware.anatomy.sprung else _fastest_from_cold(coarse)
+    for start in sorted(found, key=lambda solution: -solution.problem.speed):
+        with contextlib.suppress(NotSolved):
+            return _refine(start, problem.at(start.problem.speed))
+    raise NotSolved(f"{hardware.anatomy.name}: no trot was found at any speed")
+
+
+def _fastest_from_cold(problem: Problem) -> list[Solution]:
+    """Return the fastest trots that those of several speeds lead to."""
+    found: list[Solution] = []
+    for speed in STARTS:
+        if len(found) < ENOUGH:
+            with contextlib.suppress(NotSolved):
+                start = solve_best(problem.at(problem.hardware.size.speed * speed), starts=1, time_limit=LIMIT_TIME)
+                found.append(fastest(start))
+    return found
+
+
+def _fastest_of_library() -> Solution:
+    """Return the fastest trot of BP2's library, which a search on springs would take long to find."""
+    library = load_library(CollocationConfig().file)
+    return family_of(library.arrays, library.provenance)[-1]
+
+
+def _refine(start: Solution, problem: Problem) -> SpeedLimit:
+    """Return the limit that a solution leads to on the mesh of a problem."""
+    near = dataclasses.replace(start, problem=problem, motion=resample(start.problem, start.motion, problem))
+    priced = find_shadow_prices(near, CHANGES, greatest=True)
+    trot = priced.solution
+    speed = trot.problem.speed
+    return SpeedLimit(
+        speed=speed,
+        period=trot.period,
+        duty=trot.duty,
+        gains={name: price / speed for name, price in priced.prices.items()},
+        unsound=tuple(failures(verify(trot), exact=False)),
+    )

@@ -1,0 +1,108 @@
+"""A limit that follows the motors, and speeds above a limit, which are said first."""
+
+import dataclasses
+
+import pytest
+
+from bp2_rl.base.errors import OK, WRONG_INPUT
+from bp2_rl.base.serialization import load_config
+from bp2_rl.paper.cli import scaling
+from bp2_rl.paper.robots import read_robots
+from bp2_rl.paper.scaling.limits import SpeedLimit
+from bp2_rl.paper.scaling.study import (
+    SpeedLimits,
+    choose_robots,
+    compare_limits,
+    find_robots,
+    find_variants,
+    read_learned,
+    read_limits,
+    refutations,
+    simulate,
+)
+from bp2_rl.robot.hardware import times
+
+A1 = "Unitree A1"
+
+
+SLOWER = 0.8  # times the speed of A1's motors
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, SpeedLimit]:
+    """A1's limit, and that with slower motors, on a mesh that is solved in moments."""
+    robot = find_robots()[A1]
+    corner, no_load = (times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed))
+    slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
+    *_, limits = simulate({A1: robot, "slow": slow}, {}, intervals=4, workers=1)
+    return {name: limit for name, limit in limits.robots.items() if limit}
+
+
+@pytest.fixture(scope="module")
+def a1(found) -> SpeedLimit:
+    return found[A1]
+
+
+def test_slower_motors_lower_the_limit(found, a1):
+    # To first order by the price of joint speed, some 0.5; speed would go with the motors' if nothing else bound.
+    first_order = a1.speed * SLOWER ** a1.gains["joint speed"]
+    assert found["slow"].speed == pytest.approx(first_order, rel=0.1)
+    assert SLOWER * a1.speed < found["slow"].speed < 0.96 * a1.speed
+
+
+def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
+    """In stance the foot rests, so the hip passes it no faster than all joints at their no-load speed allow."""
+    robot = find_robots()[A1]
+    length, speed = 2.0 * robot.anatomy.leg_length, 21.0  # rad/s, of hip and knee
+    assert a1.speed < length * speed + 0.5 * length * speed
+    assert a1.binds == "joint speed"
+
+
+def test_a_speed_above_its_limit_is_said_first(a1):
+    limits = SpeedLimits("by hand", 4, {A1: a1}, {})
+    fine = compare_limits(limits, read_robots(), ())
+    assert refutations(fine) == ["no speed of 1 robots, published or learned, is above the optimiser's limit"]
+    above = [dataclasses.replace(r, top_speed=9.0) if r.robot == A1 else r for r in read_robots()]
+    lines = refutations(compare_limits(limits, above, ()))
+    assert lines == [f"{A1} runs 9.00 m/s (published), and its limit is {a1.speed:.2f} m/s: the model is wrong"]
+
+
+def test_what_ships_is_of_the_robots_that_there_are():
+    limits = read_limits()
+    assert limits.robots.keys() == find_robots().keys()
+    assert limits.variants.keys() == find_variants().keys()
+    study = compare_limits(limits, read_robots(), read_learned())
+    assert {robot.robot for robot in study.robots if robot.learned} >= {"BP2", "Unitree Go1", "Unitree B2"}
+    assert "WildCat" in study.left_out
+    assert not {"BP2", "Unitree Go2-W"} & set(study.left_out)
+
+
+def test_words_choose_robots():
+    assert set(choose_robots(("go1", "mini_cheetah"))[0]) == {"Unitree Go1", "MIT Mini Cheetah"}
+    assert choose_robots(("bp2",)) == ({}, find_variants())
+
+
+def test_the_command_prints_refutations_first(tmp_path, capsys):
+    assert scaling.main(["--out", str(tmp_path / "out")]) == OK
+    first = capsys.readouterr().out.splitlines()[0]
+    study = compare_limits(read_limits(), read_robots(), read_learned())
+    assert first == refutations(study)[0]
+    assert (tmp_path / "out" / "scaling.png").stat().st_size > 10_000
+    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS) == read_limits()
+
+
+@pytest.mark.attack
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--simulate", "--robots", "unicorn"], "no robot's name has 'unicorn'"),
+        (["--robots", "go1"], "add --simulate"),
+        (["--intervals", "1"], "intervals"),
+    ],
+)
+def test_mistakes_are_one_line(words, line, tmp_path, capsys):
+    assert scaling.main([*words, "--out", str(tmp_path / "out")]) == WRONG_INPUT
+    said = capsys.readouterr().err
+    assert line in said
+    assert len(said.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
