@@ -12,7 +12,7 @@ from typing import Annotated
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
-from bp2_rl.evaluation.published.table import ColumnHeading, read_table
+from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link
 from bp2_rl.robot.conventions import LEGS
 from bp2_rl.robot.hardware import HardwareSpec, Losses

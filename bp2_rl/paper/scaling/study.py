@@ -16,8 +16,8 @@ from bp2_rl.base.bounds import Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import load_config
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Table, show
-from bp2_rl.evaluation.published.table import ColumnHeading, read_table
 from bp2_rl.paper.figures.scaling_numbers import shipped
+from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
 from bp2_rl.paper.scaling.limits import SpeedLimit, find_limits

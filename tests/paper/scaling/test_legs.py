@@ -44,6 +44,9 @@ def test_a_tabled_robot_weighs_what_is_published(name):
 
 def test_a_foot_is_a_point_at_the_shanks_end():
     legs = dataclasses.replace(LEGS["Unitree A1"], foot_mass=0.5)
+    assert legs.shank_mass is not None
+    assert legs.shank_com is not None
+    assert legs.shank_inertia is not None
     shank = rigid_robot(legs, 13.7).anatomy.legs[0].shank
     mass, com = legs.shank_mass + 0.5, (legs.shank_mass * legs.shank_com + 0.5 * legs.shank) / (legs.shank_mass + 0.5)
     about_knee = legs.shank_inertia + legs.shank_mass * legs.shank_com**2 + 0.5 * legs.shank**2
