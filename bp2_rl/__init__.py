@@ -13,14 +13,17 @@ The public names, each with its own help, such as `help(bp2_rl.rollout)`:
 
     load_policy, rollout, simulate, RunRequest    run policies in C MuJoCo
     Ramp, Course, World, Push                     what the robot is asked to do, and what it meets
-    preset, train, resume                         train policies
+    preset, TrainConfig, train, resume            train policies
     make, BP2Env, EnvConfig, HardwareSpec         the environment, its settings and its robot
+    UserError, RunStopped                         wrong input, and a run that ends early with its work kept
 """
 
 import pkgutil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bp2_rl.base.errors import RunStopped as RunStopped
+    from bp2_rl.base.errors import UserError as UserError
     from bp2_rl.env.bp2_env import BP2Env as BP2Env
     from bp2_rl.env.bp2_env import make_env as make  # noqa: F401
     from bp2_rl.evaluation.judged_training import resume as resume
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from bp2_rl.robot.hardware import HardwareSpec as HardwareSpec
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import make_config as preset  # noqa: F401
+    from bp2_rl.settings.training import TrainConfig as TrainConfig
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
     from bp2_rl.simulation.rollout import rollout as rollout
     from bp2_rl.simulation.rollout import simulate as simulate
@@ -54,6 +58,9 @@ HOMES = {
     "preset": "settings.presets:make_config",
     "train": "evaluation.judged_training:train",
     "resume": "evaluation.judged_training:resume",
+    "TrainConfig": "settings.training:TrainConfig",
+    "UserError": "base.errors:UserError",
+    "RunStopped": "base.errors:RunStopped",
 }
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 

@@ -71,34 +71,57 @@ def test_a_folder_of_that_name_goes_before_the_shipped_policy(tmp_path, monkeypa
         bp2_rl.load_policy("built")
 
 
-@pytest.mark.parametrize(
-    ("ask", "answer"),
-    [
-        ('make("walker")', "there is no environment 'walker': choose one of bp2, bp2_ideal, bp2_kinematic"),
-        ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
-        ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
-        ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
-        ('make("bp2", impl="mjx")', "there is no physics 'mjx': choose one of jax, kernel, warp"),
-        ('make("bp2", "cpu")', 'make takes settings, such as preset("imitation", "cpu").env, got \'cpu\''),
-        ("Course().to(5.0, 1.0)", "a course leads to three numbers (forward, left, yaw rate); got 5.0"),
-        (
-            'rollout(bp2.load_policy("built"), 10.0)',
-            "rollout takes a schedule that lasts, such as Ramp(10.0), got 10",
-        ),
-        ('rollout(bp2.load_policy("built"), bp2.Course())', "rollout takes a schedule that lasts"),
-        ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), backend="bullet")', "there is no backend 'bullet'"),
-        ('train("imitation", "run")', 'train takes settings, such as preset("imitation", "cpu") gives, got \'imit'),
-        ('preset("relaxed", "cpu", robot="dog")', "there is no robot 'dog': choose one of ideal, built"),
-    ],
-)
-def test_a_wrong_choice_is_answered_with_what_is_right(ask, answer):
-    """In a process of its own: here the types are checked first."""
+WRONG = [
+    ('make("walker")', "there is no environment 'walker': choose one of bp2, bp2_ideal, bp2_kinematic"),
+    ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
+    ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
+    ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
+    ('make("bp2", impl="mjx")', "there is no physics 'mjx': choose one of jax, kernel, warp"),
+    ('make("bp2", "cpu")', 'make takes settings, such as preset("imitation", "cpu").env, got \'cpu\''),
+    ("Course().to(5.0, 1.0)", "a course leads to three numbers (forward, left, yaw rate); got 5.0"),
+    (
+        'rollout(bp2.load_policy("built"), 10.0)',
+        "rollout takes a schedule that lasts, such as Ramp(10.0), got 10",
+    ),
+    ('rollout(bp2.load_policy("built"), bp2.Course())', "rollout takes a schedule that lasts"),
+    ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), backend="bullet")', "there is no backend 'bullet'"),
+    ('train("imitation", "run")', 'train takes settings, such as preset("imitation", "cpu") gives, got \'imit'),
+    (
+        'rollout(bp2.load_policy("built"), bp2.Ramp(3.0), hardware="ideal")',
+        "hardware takes a HardwareSpec, as in preset",
+    ),
+    (
+        'rollout(bp2.load_policy("built"), bp2.Ramp(3.0), world=0.1)',
+        "world takes a World, such as World(slope=0.05), g",
+    ),
+    (
+        'simulate(bp2.load_policy("built"), bp2.RunRequest(bp2.Ramp(3.0)))',
+        "simulate takes several requests, such as",
+    ),
+    ('simulate(bp2.load_policy("built"), [bp2.Ramp(3.0)])', "each request takes a RunRequest, such as"),
+    ("load_policy(3)", "load_policy takes a folder or a policy's name (built, "),
+    ('make("bp2", num_robots=0)', "num_robots must be at least 1, got 0"),
+    ('train(bp2.preset("imitation", "cpu"), "run", tracker="tensorboard")', "there is no tracker 'tensorboard'"),
+    ("train(bp2.EnvConfig(), 'run')", 'train takes settings, such as preset("imitation", "cpu") gives, got a EnvC'),
+    ('preset("imitation", "cpu", robot=5)', "robot takes a robot's name, a robot file's path or a HardwareSpec, g"),
+    ('preset("relaxed", "cpu", robot="dog")', "there is no robot 'dog': choose one of ideal, built"),
+]  # ask, how the answer begins
+
+
+@pytest.fixture(scope="module")
+def answers():
+    """The answers to all that is asked wrongly, from a process of its own: here the types are checked first."""
     code = f"""
 import bp2_rl as bp2
-from bp2_rl.base.errors import UserError
-try:
-    bp2.{ask}
-except UserError as error:
-    print(error)
+for ask in {[ask for ask, _ in WRONG]}:
+    try:
+        print(eval("bp2." + ask))
+    except bp2.UserError as error:
+        print(error)
 """
-    assert in_a_process(code).stdout.startswith(answer)
+    return in_a_process(code).stdout.splitlines()
+
+
+@pytest.mark.parametrize("number", range(len(WRONG)))
+def test_a_wrong_choice_is_answered_with_what_is_right(number, answers):
+    assert answers[number].startswith(WRONG[number][1])

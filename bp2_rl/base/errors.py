@@ -33,7 +33,15 @@ class RunStopped(Exception):
         self.status = status
 
 
-def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
+def require_one_of(what: str, name: object, choices: Iterable[str | None]) -> None:
     """Raise a `UserError` that lists the choices where `name` is none of them."""
     if name not in (names := tuple(choices)):
-        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(names)}")
+        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(map(str, names))}")
+
+
+def require_kind(what: str, value: object, kinds: type | tuple[type, ...], such_as: str) -> None:
+    """Raise a `UserError` with an example where a value is of none of these kinds."""
+    if not isinstance(value, kinds):
+        shown = one_line(repr(value))
+        shown = shown if len(shown) < 80 else f"a {type(value).__name__}"
+        raise UserError(f"{what} takes {such_as}, got {shown}")

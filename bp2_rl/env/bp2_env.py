@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Mapping, Sequence
+from types import NoneType
 from typing import Any, get_args
 
 import jax
@@ -14,7 +15,7 @@ from brax import base, envs, kinematics
 from brax.io import image, mjcf
 from jaxtyping import Array, Float
 
-from bp2_rl.base.errors import UserError, require_one_of
+from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env import commands, observations, randomization, rewards, termination
 from bp2_rl.env.commands import CommandState
 from bp2_rl.env.controller import Controller, Targets, motors_of
@@ -319,6 +320,7 @@ def make_env(
         make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
-    if config is not None and type(config) is not EnvConfig:
-        raise UserError(f'make takes settings, such as preset("imitation", "cpu").env, got {config!r}')
+    require_kind("make", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
+    if num_robots < 1:
+        raise UserError(f"num_robots must be at least 1, got {num_robots}")
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)

@@ -4,10 +4,11 @@ import contextlib
 import os
 from collections.abc import Generator
 from pathlib import Path
+from typing import get_args
 
 import jax
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.base.workers import use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, run
@@ -37,8 +38,8 @@ def train(
         first = train(preset("imitation", "cpu"), "runs/first")
         train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
-    if type(config) is not TrainConfig:
-        raise UserError(f'train takes settings, such as preset("imitation", "cpu") gives, got {config!r}')
+    require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
+    require_one_of("tracker", tracker, (None, *get_args(Tracker)))
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
         return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
@@ -51,6 +52,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
         UserError: the folder is no run, or its newest checkpoint does not fit its settings.
         RunStopped: as `train` does.
     """
+    require_one_of("tracker", tracker, (None, *get_args(Tracker)))
     with _judge(load_run_config(Path(run_dir))) as judge:
         return run.resume(Path(run_dir), judge=judge, tracker=tracker)
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_kind
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
@@ -189,6 +189,7 @@ def find_policy(path: Path | str) -> Path:
     Raises:
         PolicyError: there is none.
     """
+    require_kind("load_policy", path, (str, Path), f"a folder or a policy's name ({', '.join(SHIPPED)})")
     path = asset_path(f"policies/{path}") if str(path) in SHIPPED and not Path(path).exists() else Path(path)
     require_name(path)
     for directory in map(find_folder, (path, path / "policy")):

@@ -8,12 +8,13 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from types import NoneType
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from bp2_rl.base.errors import UserError, require_one_of
+from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
@@ -60,6 +61,13 @@ class RunRequest:
     """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
     watch: Watch | None = None
     name: str = "policy"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no run, with an example of what is."""
+        kinds = HardwareSpec, NoneType
+        require_kind("hardware", self.hardware, kinds, 'a HardwareSpec, as in preset("imitation", "cpu").env')
+        require_kind("world", self.world, World, "a World, such as World(slope=0.05)")
+        require_kind("noise_seed", self.noise_seed, (int, np.integer, NoneType), "a whole number or None")
 
     def robot(self, config: EnvConfig) -> RobotSetup:
         """Return the robot of this run, under a policy that was trained in an environment."""
@@ -123,6 +131,9 @@ def simulate(
     """
     config = _config_of(policy, config)
     require_one_of("backend", backend, TITLES)
+    for each in [requests] if isinstance(requests, RunRequest) else requests:
+        require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
+    require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")
     if backend == "mjx":
         from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
 

@@ -7,7 +7,7 @@ docs/notes/training.md says what was tried.
 import dataclasses
 from typing import get_args
 
-from bp2_rl.base.errors import require_one_of
+from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.presets import cpu, first, gpu, smoke
@@ -39,6 +39,7 @@ def make_config(
     require_one_of("stage", stage, get_args(Stage))
     require_one_of("preset", preset, PRESETS)
     require_one_of("weights", weights or "ours", get_args(Weights))
+    require_kind("robot", robot, (str, HardwareSpec), "a robot's name, a robot file's path or a HardwareSpec")
     chosen = weights or ("paper" if preset == "smoke" else "ours")
     config = PRESETS[preset][stage](chosen, find_robot(robot) if isinstance(robot, str) else robot)
     config = dataclasses.replace(config, env=sized(config.env))
