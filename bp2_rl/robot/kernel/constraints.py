@@ -26,7 +26,7 @@ from bp2_rl.robot.kernel.legs import RobotPose
 from bp2_rl.robot.kernel.vectors import ZERO, Number, Vector, add, cross, dot, over_legs, scaled
 
 STEPS_ON_GPU = 4
-"""Newton's steps of every robot in a fused GPU kernel, which has no loop of its own for a robot that needs more."""
+"""Newton's steps of every robot in a fused GPU kernel: Triton crashes on a loop that ends when robots have settled."""
 MOST_STEPS = 10
 """After so many of Newton's steps a robot counts as settled; on a CPU `COMMON_STEPS` come before."""
 COMMON_STEPS, SHARE = 2, 8
