@@ -12,7 +12,8 @@ within, and a `Range` must ascend; None stands for a choice that is left open.
 import dataclasses
 import math
 import typing
-from typing import Annotated, Any, ClassVar, get_args, get_origin
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin
 
 from bp2_rl.base.errors import UserError
 
@@ -86,6 +87,9 @@ def check_bounds(config: Any, path: str = "") -> None:
             check_bounds(value, f"{name}.")
             continue
         annotation = hints[field.name]
+        if isinstance(value, str):
+            _require_text(name, value, annotation)
+            continue
         numbers = value if isinstance(value, tuple) else (value,)
         if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
             continue
@@ -124,6 +128,25 @@ def _bounds(annotation: Any) -> Within:
         if found is not ANY:
             return found
     return ANY
+
+
+def _require_text(name: str, text: str, annotation: Any) -> None:
+    """Refuse a text where none belongs, or another one than the choices."""
+    kinds = _kinds(annotation)
+    choices = [choice for kind in kinds for choice in get_args(kind) if get_origin(kind) is Literal]
+    if text not in choices and str not in kinds:
+        words = {float: "a number", int: "a whole number"}
+        wanted = choices or [words.get(kind, f"a {kind.__name__}") for kind in kinds if isinstance(kind, type)]
+        raise UserError(f"{name} takes {' or '.join(map(str, wanted))}, got {text!r}")
+
+
+def _kinds(annotation: Any) -> list[Any]:
+    """Return what a value of this annotation may be, one by one."""
+    if get_origin(annotation) is Annotated:
+        return _kinds(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [kind for member in get_args(annotation) if member is not NoneType for kind in _kinds(member)]
+    return [annotation]
 
 
 def _is_range(annotation: Any) -> bool:

@@ -115,6 +115,7 @@ def evaluate(
     from bp2_rl.evaluation.benchmarks.registry import ALL, choose
     from bp2_rl.evaluation.report import folder, page, terminal
     from bp2_rl.learning.policy import load_policy
+    from bp2_rl.robot.named import find_robot
     from bp2_rl.simulation.parallel import compute_here, keep_workers
 
     if config.backend == "drake":
@@ -126,6 +127,8 @@ def evaluate(
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)
     policy = load_policy(path, layout_of=layout_of)
+    if config.robot is not None:
+        find_robot(config.robot)
     schedules = {name: benchmarks[name].schedule(policy, setup) for name, setup in chosen.items()}
     now = datetime.datetime.now()
     out = config.out or Path("reports") / f"{config.benchmark}-{now:%Y%m%d-%H%M%S}"

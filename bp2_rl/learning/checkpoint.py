@@ -166,7 +166,7 @@ def restore_checkpoint(
     if step is None:
         step = latest_step(run_dir, folder)
         if step is None:
-            raise CheckpointError(f"no complete checkpoint in {Path(run_dir) / folder}")
+            raise CheckpointError(f"no complete checkpoint in {Path(run_dir) / folder}: name another run")
     metadata = read_metadata(run_dir, step, folder)
     directory = find_folder(Path(run_dir) / folder / str(step))
     content = _read_state(directory, metadata.files[STATE])
