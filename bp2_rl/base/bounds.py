@@ -98,7 +98,7 @@ def check_bounds(config: Any, path: str = "") -> None:
             if number not in bounds:
                 endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
                 raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
-        if _is_range(annotation) and not value[0] <= value[1]:
+        if _kinds(annotation) == [Range] and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
 
 
@@ -147,12 +147,6 @@ def _kinds(annotation: Any) -> list[Any]:
     if get_origin(annotation) in (Union, UnionType):
         return [kind for member in get_args(annotation) if member is not NoneType for kind in _kinds(member)]
     return [annotation]
-
-
-def _is_range(annotation: Any) -> bool:
-    if get_origin(annotation) is Annotated:
-        return _is_range(get_args(annotation)[0])
-    return annotation in (Range, Range | None)
 
 
 def _is_finite(number: float) -> bool:

@@ -33,10 +33,10 @@ class RunStopped(Exception):
         self.status = status
 
 
-def require_one_of(what: str, name: object, choices: Iterable[str | None]) -> None:
+def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
     """Raise a `UserError` that lists the choices where `name` is none of them."""
     if name not in (names := tuple(choices)):
-        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(map(str, names))}")
+        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(names)}")
 
 
 def require_kind(what: str, value: object, kinds: type | tuple[type, ...], such_as: str) -> None:

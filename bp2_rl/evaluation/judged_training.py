@@ -39,7 +39,7 @@ def train(
         train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
     require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
-    require_one_of("tracker", tracker, (None, *get_args(Tracker)))
+    require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
         return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
@@ -52,7 +52,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
         UserError: the folder is no run, or its newest checkpoint does not fit its settings.
         RunStopped: as `train` does.
     """
-    require_one_of("tracker", tracker, (None, *get_args(Tracker)))
+    require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(load_run_config(Path(run_dir))) as judge:
         return run.resume(Path(run_dir), judge=judge, tracker=tracker)
 

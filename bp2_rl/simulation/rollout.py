@@ -131,9 +131,9 @@ def simulate(
     """
     config = _config_of(policy, config)
     require_one_of("backend", backend, TITLES)
-    for each in [requests] if isinstance(requests, RunRequest) else requests:
-        require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
     require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")
+    for each in requests:
+        require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
     if backend == "mjx":
         from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
 
