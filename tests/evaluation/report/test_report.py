@@ -86,7 +86,7 @@ def test_page_holds_all_that_it_shows(busy_run, tmp_path):
     assert wide != narrow
     assert link == "trajectory.npz"
     assert "://" not in text
-    assert "python eval.py --speed &#x27;&lt;5&gt;&#x27;" in text
+    assert "python eval.py --speed &#39;&lt;5&gt;&#39;" in text
     assert "ramp &amp; &lt;hold&gt;" in text
     for leg in ("FR", "FL", "RR", "RL"):
         assert f"{leg}_knee" in text
