@@ -1,6 +1,5 @@
 """What a bench shows, against numbers chosen so that the answer is known."""
 
-import dataclasses
 import io
 
 import numpy as np
@@ -132,8 +131,3 @@ def test_the_peer_is_a_ratio_of_acting_loops():
 def test_a_report_is_read_as_it_was_written(scaled):
     report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0))
     assert from_json(Bench, to_json(report)) == report
-
-
-def test_rates_in_gymnasium_are_a_line():
-    report = dataclasses.replace(bench(case(64, 1, environment=900.0)), gymnasium={"1": 310.0, "64": 4200.0})
-    assert "in Gymnasium, on C MuJoCo, control steps/s; 1 robot: 310, 64 robots: 4.20k" in remarks(report)
