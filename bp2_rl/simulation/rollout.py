@@ -113,7 +113,7 @@ def simulate(
     *,
     backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand, but in MJX many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32. Drake is a second
@@ -134,10 +134,6 @@ def simulate(
     require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")
     for each in requests:
         require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
-    if backend == "mjx":
-        from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
-
-        return (simulate_in_mjx(policy, config, request) for request in requests)
     return _in_parts(policy, requests, config, _engine(backend))
 
 
@@ -170,11 +166,15 @@ def _in_parts(
 
 
 def _engine(backend: Backend) -> type[Simulator]:
-    if backend == "mujoco":
-        return Simulator
-    from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
+    if backend == "mjx":
+        from bp2_rl.simulation.mjx import MjxSimulator  # loads JAX's MuJoCo, which takes seconds
 
-    return DrakeSimulator
+        return MjxSimulator
+    if backend == "drake":
+        from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
+
+        return DrakeSimulator
+    return Simulator
 
 
 def _simulate(
