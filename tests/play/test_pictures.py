@@ -14,7 +14,7 @@ from bp2_rl.robot.model import load_model
 
 pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"')
 
-from bp2_rl.play.chart import COLORS, HEIGHT, LEFT, RIGHT, WIDTH, TorqueSpeed
+from bp2_rl.play.chart import CENTER, COLORS, REACH, TorqueSpeed
 from bp2_rl.play.looks import Looks
 
 
@@ -68,8 +68,7 @@ def test_the_chart_has_every_motor_inside_its_envelope():
     assert outline is not None
     edge = [tuple(map(float, point.split())) for point in outline.get("d", "").strip("MZ").split(" L")]
     x, y = map(float, dots[COLORS["hip"]][0].removesuffix("h0").split())
-    middle = LEFT + (WIDTH - LEFT - RIGHT) / 2
-    assert x - middle == pytest.approx((WIDTH - LEFT - RIGHT) / 2 / 1.4, abs=0.1)
-    assert 0 < y < HEIGHT
+    assert x - CENTER[0] == pytest.approx(REACH[0] / 1.4, abs=0.1)
+    assert y == CENTER[1]
     upper = [b for a, b in edge[: len(edge) // 2] if abs(a - x) < 2.0]
     assert min(abs(b - y) for b in upper) < 4.0  # px: no driving torque is left there
