@@ -10,7 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError, one_line
@@ -30,6 +30,7 @@ TRUNK_GEOMS = ("trunk_right", "trunk_left")
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in LEGS)
 SOLID_PARTS = ("thigh", "shank", "toe")
 SOLE_SITES = tuple(f"{leg}_sole" for leg in LEGS)
+VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
 
 
 FAR = 1e3
@@ -137,6 +138,20 @@ def load_spec(hardware: HardwareSpec = IDEAL, *, xml: Path | None = None) -> muj
 def foot_geom_ids(model: mujoco.MjModel) -> np.ndarray:
     """Ids of the four foot spheres, in the order of the legs."""
     return np.array([model.geom(name).id for name in FOOT_GEOMS])
+
+
+def visible_geoms(model: mujoco.MjModel) -> list[tuple[int, Float[np.ndarray, "3"]]]:
+    """Return the geoms by which the robot is seen, each with its red, green and blue, 0 to 1."""
+    seen = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_group <= VISIBLE)).tolist()
+    painted = {geom: int(model.geom_matid[geom]) for geom in seen}
+    return [(geom, (model.mat_rgba[m] if m >= 0 else model.geom_rgba[geom])[:3]) for geom, m in painted.items()]
+
+
+def mesh_of(model: mujoco.MjModel, mesh: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+    """Return a mesh's vertices, m, in the frame of its geoms, and its faces."""
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return model.mesh_vert[first : first + count], model.mesh_face[start : start + faces]
 
 
 def foot_forces(data: mujoco.MjData) -> Float[np.ndarray, "4 3"]:
