@@ -38,7 +38,7 @@ from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.benchmarks.conditions import cruising_speed
 from bp2_rl.learning.policy import Policy
-from bp2_rl.reference import library_law, stepping, trot_law
+from bp2_rl.reference import stepping, trot_law
 from bp2_rl.robot import actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses
 from bp2_rl.robot.easing import COMMAND_LIMITS
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec, robot_name
@@ -56,8 +56,7 @@ LAWS = [
     str(module.__file__)
     for module in (
         *(arrays, bounds, errors, polynomials),
-        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses),
-        *(library_law, stepping, trot_law),
+        *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses, stepping, trot_law),
     )
 ]
 """The modules of bp2_rl that the code on board shares; a bundle holds copies of them, so that it is whole."""

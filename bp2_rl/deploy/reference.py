@@ -8,24 +8,67 @@ import numpy as np
 
 from bp2_rl.env.controller import motion_of
 from bp2_rl.reference.kinematic_trot import KinematicGait
+from bp2_rl.reference.library.table import load_table
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.standing import Standing
+from bp2_rl.reference.stepping import foot_circle
+from bp2_rl.robot import kinematics
 from bp2_rl.settings.env import EnvConfig
 
+Playback = tuple[dict[str, Any], dict[str, np.ndarray]]
+"""`reference` of deploy.json, and the arrays of reference.npz."""
 
-def playback(config: EnvConfig) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return `reference` of deploy.json and the arrays of reference.npz for the motion and the robot of `config`.
+
+def playback(config: EnvConfig) -> Playback:
+    """Return the numbers of the reference motion that `config` names, for the robot of `config`.
 
     Raises:
         UserError: the motion library cannot be read.
     """
     motion = motion_of(config)
+    if isinstance(motion, CollocationGait):
+        return _trot(motion)
     if isinstance(motion, Standing):
         with jax.enable_x64(True):
             pose, rate = motion(jnp.zeros(3), jnp.zeros(())), motion.phase_rate(jnp.zeros(3))
         return {"kind": "none", "phase_rate": float(rate)}, {"pose": np.asarray(pose.joint_position)}
-    assert isinstance(motion, CollocationGait | KinematicGait)
-    numbers = dict(vars(motion.law))
-    legs = numbers.pop("legs")._asdict()
-    arrays = {name: numbers.pop(name) for name, value in list(numbers.items()) if isinstance(value, np.ndarray)}
-    return {"kind": config.reference, **numbers}, {**legs, **arrays}
+    assert isinstance(motion, KinematicGait)
+    return _kinematic(motion)
+
+
+def _kinematic(gait: KinematicGait) -> Playback:
+    law = dict(vars(gait.law))
+    arrays = {**law.pop("legs")._asdict(), **{name: law.pop(name) for name in ("nominal", "sole_clearance")}}
+    return {"kind": "kinematic", **law}, arrays
+
+
+def _trot(gait: CollocationGait) -> Playback:
+    hardware = gait.hardware
+    table, legs = load_table(gait.file, hardware.anatomy), hardware.anatomy.geometry
+    with jax.enable_x64(True):
+        rest = gait(jnp.zeros(3), jnp.zeros(()))
+    sag = np.asarray(rest.spring_compression)
+    angles = np.reshape(hardware.anatomy.stand, (4, 3))
+    settings: dict[str, Any] = {
+        "kind": "collocation",
+        "stepping_speed": gait.stepping_speed,  # m/s, below which steps shrink
+        "foot_circle": foot_circle(hardware),  # m, of the outermost foot
+    }
+    columns = {
+        "sag": sag,  # m, of a spring at rest
+        "thigh": legs.thigh,  # m
+        "lower": legs.lower - legs.foot_radius,  # m, knee to the foot's centre, spring at rest
+        "lateral": legs.lateral,  # m, abduction axis to the leg's plane, to the left
+        "drop": legs.drop,  # m, of the hip axis below the abduction axis
+        "bend": legs.bend,  # sign of the knee's angle
+        "straight_knee": kinematics.straightest_knees(hardware),  # rad, at which a leg has no reach left
+    }
+    settings["legs"] = [dict(zip(columns, map(float, leg), strict=True)) for leg in zip(*columns.values(), strict=True)]
+    arrays = {
+        "strides": table.strides,  # speed, durations of stance and flight, x of fore and hind foot in mid-stance
+        "cubics": table.cubics,
+        "stand_feet": kinematics.foot_position(angles, sag + legs.foot_radius, hardware),  # m
+        "leg_origins": kinematics.leg_origins(hardware),  # m
+        "stand_torque": np.asarray(rest.torque).reshape(4, 3)[:, 1:],  # Nm, hip and knee
+    }
+    return settings, arrays

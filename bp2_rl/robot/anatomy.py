@@ -168,11 +168,6 @@ class LegGeometry(NamedTuple):
     bend: Any  # sign of the knee's angle
     foot_radius: Any
 
-    @property
-    def hips(self) -> Any:
-        """Where each hip axis crosses the plane of the abduction axis, in the trunk's frame at no abduction: (4, 3)."""
-        return self.origins - self.drop[:, None] * np.array([0.0, 0.0, 1.0])
-
     def cast(self, xp: Any, dtype: Any) -> "LegGeometry":
         """Return the lengths as arrays of the library `xp`, in a precision."""
         return LegGeometry(*(xp.asarray(x, dtype=dtype) for x in self))

@@ -20,6 +20,18 @@ def leg_origins(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
     return hardware.anatomy.geometry.origins
 
 
+def hip_places(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4 3"]:
+    """Where each leg's hip axis crosses the plane of its abduction axis, in the trunk frame at no abduction, m."""
+    legs = hardware.anatomy.geometry
+    return legs.origins - legs.drop[:, None] * np.array([0.0, 0.0, 1.0])
+
+
+def straightest_knees(hardware: HardwareSpec = IDEAL) -> Float[np.ndarray, "4"]:
+    """The angle of each knee, within its range, at which the leg is the longest, rad."""
+    low, high = np.transpose([leg.ranges[2] for leg in hardware.anatomy.legs])
+    return np.clip(0.0, low, high)
+
+
 def foot_position(
     joints: Float[Array, "... 4 3"],
     compression: Float[Array, "... 4"] | float = 0.0,

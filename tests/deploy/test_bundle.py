@@ -146,7 +146,7 @@ def test_a_folder_that_is_no_bundle_is_refused(onboard, bundle, tmp_path):
     for name in ("policy.onnx", "reference.npz"):
         (tmp_path / name).write_bytes((bundle / name).read_bytes())
     for changed, words in (
-        ({"format": 99}, "has format 99, this controller reads 5"),
+        ({"format": 99}, "has format 99, this controller reads 4"),
         ({"observation": [["command", 3], ["smell", 2]]}, "reads .* numbers"),
     ):
         (tmp_path / "deploy.json").write_text(json.dumps(settings | changed))

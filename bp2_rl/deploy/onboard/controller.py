@@ -25,7 +25,7 @@ from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 from .motion import Pose, load_motion
 from .watchdog import SensorFault, SensorReading, Watchdog
 
-FORMAT = 5
+FORMAT = 4
 SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
 

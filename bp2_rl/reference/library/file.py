@@ -14,11 +14,11 @@ from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import ArraySpec, BadFileError, parse_json, read_bytes, read_npz, write_npz
-from bp2_rl.reference.library_law import COORDINATES, TRUNK, by_leg, mirror
 from bp2_rl.settings.reference import MEND
 
 FORMAT = 1
 
+TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
 PERIODIC = 1e-4  # m or rad, by which segments may fail to join
 ARRAYS = {
     "speeds": ArraySpec(np.floating, ("speeds",)),
@@ -101,6 +101,18 @@ def load_library(path: Path) -> MotionLibrary:
 def broken(path: Path, fault: str) -> UserError:
     """A library that is not as it must be, in one line."""
     return UserError(f"motion library {path} {fault}: {MEND}")
+
+
+def by_leg(coordinates: Any) -> Any:
+    """(..., 12) -> (..., 4 legs, 3); NumPy or JAX."""
+    return coordinates.reshape(*coordinates.shape[:-1], 4, 3)
+
+
+def mirror(legs: Any) -> Any:
+    """(..., 4 legs, n) with left and right in each other's place; NumPy or JAX."""
+    xp = legs.__array_namespace__()
+    pairs = legs.reshape(*legs.shape[:-2], 2, 2, legs.shape[-1])
+    return xp.flip(pairs, axis=-2).reshape(legs.shape)
 
 
 def _provenance(path: Path, text: str) -> dict[str, Any]:

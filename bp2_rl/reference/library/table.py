@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.polynomials import hermite_coefficients
-from bp2_rl.reference.library.file import load_library
-from bp2_rl.reference.library_law import COORDINATES, TRUNK, by_leg
+from bp2_rl.reference.library.file import COORDINATES, TRUNK, by_leg, load_library
 from bp2_rl.robot.anatomy import Anatomy, LegGeometry
 
 STANDING_PAIR = np.array([1, 2])  # FL, RR: on the ground in the first segment
