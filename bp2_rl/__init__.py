@@ -18,20 +18,20 @@ The public names, each with its own help, such as `help(bp2_rl.rollout)`:
     UserError, RunStopped                         wrong input, and a run that ends early with its work kept
 """
 
-import pkgutil
+import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bp2_rl.base.errors import RunStopped as RunStopped
     from bp2_rl.base.errors import UserError as UserError
     from bp2_rl.env.bp2_env import BP2Env as BP2Env
-    from bp2_rl.env.bp2_env import make_env as make  # noqa: F401
+    from bp2_rl.env.bp2_env import make as make
     from bp2_rl.evaluation.judged_training import resume as resume
     from bp2_rl.evaluation.judged_training import train as train
     from bp2_rl.learning.policy import load_policy as load_policy
     from bp2_rl.robot.hardware import HardwareSpec as HardwareSpec
     from bp2_rl.settings.env import EnvConfig as EnvConfig
-    from bp2_rl.settings.presets import make_config as preset  # noqa: F401
+    from bp2_rl.settings.presets import preset as preset
     from bp2_rl.settings.training import TrainConfig as TrainConfig
     from bp2_rl.simulation.rollout import RunRequest as RunRequest
     from bp2_rl.simulation.rollout import rollout as rollout
@@ -43,24 +43,24 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 HOMES = {
-    "load_policy": "learning.policy:load_policy",
-    "rollout": "simulation.rollout:rollout",
-    "simulate": "simulation.rollout:simulate",
-    "RunRequest": "simulation.rollout:RunRequest",
-    "Ramp": "simulation.schedule:Ramp",
-    "Course": "simulation.schedule:Course",
-    "World": "simulation.world:World",
-    "Push": "simulation.world:Push",
-    "HardwareSpec": "robot.hardware:HardwareSpec",
-    "make": "env.bp2_env:make_env",
-    "BP2Env": "env.bp2_env:BP2Env",
-    "EnvConfig": "settings.env:EnvConfig",
-    "preset": "settings.presets:make_config",
-    "train": "evaluation.judged_training:train",
-    "resume": "evaluation.judged_training:resume",
-    "TrainConfig": "settings.training:TrainConfig",
-    "UserError": "base.errors:UserError",
-    "RunStopped": "base.errors:RunStopped",
+    "load_policy": "learning.policy",
+    "rollout": "simulation.rollout",
+    "simulate": "simulation.rollout",
+    "RunRequest": "simulation.rollout",
+    "Ramp": "simulation.schedule",
+    "Course": "simulation.schedule",
+    "World": "simulation.world",
+    "Push": "simulation.world",
+    "HardwareSpec": "robot.hardware",
+    "make": "env.bp2_env",
+    "BP2Env": "env.bp2_env",
+    "EnvConfig": "settings.env",
+    "preset": "settings.presets",
+    "train": "evaluation.judged_training",
+    "resume": "evaluation.judged_training",
+    "TrainConfig": "settings.training",
+    "UserError": "base.errors",
+    "RunStopped": "base.errors",
 }
 """Where each public name is defined: its module is imported when the name is asked for, so that commands start fast."""
 
@@ -72,7 +72,7 @@ def __getattr__(name: str) -> Any:
     """Return a public name of the package."""
     if name not in HOMES:
         raise AttributeError(f"bp2_rl has no {name}; its public names are {', '.join(HOMES)}")
-    return pkgutil.resolve_name(f"bp2_rl.{HOMES[name]}")
+    return getattr(importlib.import_module(f"bp2_rl.{HOMES[name]}"), name)
 
 
 def __dir__() -> list[str]:

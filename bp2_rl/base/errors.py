@@ -42,6 +42,10 @@ def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
 def require_kind(what: str, value: object, kinds: type | tuple[type, ...], such_as: str) -> None:
     """Raise a `UserError` with an example where a value is of none of these kinds."""
     if not isinstance(value, kinds):
-        shown = one_line(repr(value))
-        shown = shown if len(shown) < 80 else f"a {type(value).__name__}"
-        raise UserError(f"{what} takes {such_as}, got {shown}")
+        raise UserError(f"{what} takes {such_as}, got {shown(value)}")
+
+
+def shown(value: object) -> str:
+    """Return a value for a message: as it is written, or only its type where that is long."""
+    text = one_line(repr(value))
+    return text if len(text) < 80 else f"a {type(value).__name__}"

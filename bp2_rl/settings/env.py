@@ -178,7 +178,10 @@ class RewardConfig:
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """All settings of BP2Env. `EnvConfig()` is the ideal robot with the rewards of Table S4; a preset has its own."""
+    """All settings of BP2Env. `EnvConfig()` is the ideal robot with the rewards of Table S4.
+
+    `make("bp2")` and the presets have other settings: the built robot, our rewards.
+    """
 
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that actions, rewards and starts are about; none: standing"""

@@ -11,7 +11,7 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import train, usage
 from bp2_rl.cli.__main__ import main
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 ROOT = Path(__file__).parents[2]
 LEAVES = (
@@ -69,7 +69,7 @@ def test_all_settings_are_listed_with_their_defaults(capsys):
     text = shown(capsys, "train", "--preset", "gpu", "--help-all")
     assert "those of the preset gpu" in " ".join(text.split())
     rows = " ".join(text.split())
-    assert f"--ppo.num-envs INT [{make_config('imitation', 'gpu').ppo.num_envs}]" in rows
+    assert f"--ppo.num-envs INT [{preset('imitation', 'gpu').ppo.num_envs}]" in rows
     assert "--env.hardware.gear-ratio FLOAT [8.5]" in rows
     assert "--run.[no-]films" in rows
     assert "{None" not in text
