@@ -16,10 +16,10 @@ from bp2_rl.settings.presets import preset
 ROOT = Path(__file__).parents[2]
 LEAVES = (
     "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
-    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper pendulum simulate",
+    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper figures exchange",
     "paper trajectories limits", "paper trajectories codesign", "paper scaling",
 )  # fmt: skip
-GROUPS = ("trajopt", "paper", "paper figures", "paper pendulum", "paper trajectories")
+GROUPS = ("trajopt", "paper", "paper figures", "paper trajectories")
 WATCHED = """
 import sys
 from bp2_rl.cli.__main__ import main
