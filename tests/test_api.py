@@ -76,7 +76,7 @@ WRONG = [
     ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
     ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
     ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
-    ('make("bp2", impl="mjx")', "there is no physics 'mjx': choose one of jax, kernel, warp"),
+    ('make("bp2", impl="mjx")', "there is no physics 'mjx': did you mean jax? choose one of jax, kernel"),
     ('make("bp2", "cpu")', 'make takes settings, such as preset("imitation", "cpu").env, got \'cpu\''),
     ("Course().to(5.0, 1.0)", "a course leads to three numbers (forward, left, yaw rate); got 5.0"),
     (

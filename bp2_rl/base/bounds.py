@@ -143,8 +143,10 @@ def _fits(value: Any, annotation: Any) -> bool:
     if origin is Literal:
         return value in inner
     if origin in (tuple, Sequence):
+        if not isinstance(value, origin):
+            return False
         kinds = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
-        return isinstance(value, origin) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+        return len(value) == len(kinds) and all(map(_fits, value, kinds))
     if annotation in NUMBERS:
         return isinstance(value, NUMBERS[annotation]) and not isinstance(value, bool)
     return annotation is Any or not isinstance(annotation, type) or isinstance(value, annotation)

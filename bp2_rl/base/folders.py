@@ -152,7 +152,12 @@ def make_folder(folder: Path) -> None:
         if not os.access(folder, os.W_OK):
             raise UserError(f"cannot write to {folder}: choose another folder")
     except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error
+        raise UserError(f"cannot write to {folder}: {_reason(error)}; choose another folder") from error
+
+
+def _reason(error: OSError) -> str:
+    """Say why there is no such folder."""
+    return "it is a file, not a folder" if isinstance(error, FileExistsError) else error.strerror or str(error)
 
 
 def open_report(folder: Path, mark: str, what: str) -> None:
@@ -175,4 +180,4 @@ def open_report(folder: Path, mark: str, what: str) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+        raise UserError(f"--out {folder} cannot be written: {_reason(error)}") from error

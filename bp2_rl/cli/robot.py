@@ -46,7 +46,7 @@ class CheckConfig:
     """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
-    """A robot that ships as a file, by its name, or a robot file."""
+    """A robot that ships, by its name, or a robot file."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="PICTURE.png")] = None
     """The picture; by default the robot's name in this folder."""
 
@@ -76,22 +76,17 @@ def new(config: NewConfig) -> None:
 def check(config: CheckConfig) -> None:
     """Print and draw a robot."""
     from bp2_rl.base.files import require_name
-    from bp2_rl.robot.named import shipped_files
 
-    shipped = shipped_files()
-    path = shipped.get(config.robot, Path(config.robot))
-    if path.suffix != ".toml":
-        raise UserError(f"no robot file {config.robot!r}: name ROBOT.toml, or one of {', '.join(shipped)}")
-    out = Path(f"{path.stem}.png") if config.out is None else config.out
+    out = Path(f"{Path(config.robot).stem}.png") if config.out is None else config.out
     require_name(out)
     if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
         raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
     from bp2_rl.base.plotting import save_figure
+    from bp2_rl.robot.named import find_robot_file
     from bp2_rl.robot.portrait import draw_robot
-    from bp2_rl.robot.robot_file import load_robot
     from bp2_rl.robot.sheet import sheet, stand
 
-    robot = load_robot(path)
+    robot = find_robot_file(config.robot)
     print(sheet(robot, stand(robot)))
     save_figure(draw_robot(robot.hardware), out)
     print(f"picture: {out}")

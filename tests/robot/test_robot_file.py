@@ -139,7 +139,7 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
         ("anchor = [0.1881, 0.04675, 0]", "anchor = [0.1881, -0.24675, 0]", "fore: anchor, hip"),
         ("weighed_mass = 12.74", "weighed_mass = 127.4", "one is wrong"),
         ("weighed_mass = 12.74", 'mjcf = "nowhere.xml"', "either `mjcf`"),
-        ("[stand]\nhip = 0.9\nknee = -1.8", "", "stand: missing"),
+        ("[stand]\nhip = 0.9\nknee = -1.8", "", "it has no [stand]: `bp2 robot new MODEL.xml --numbers`"),
         ("[gains]", "[spring]\nstiffness = 6000\ndamping = 10\ntravel = 0.1\n[gains]", "spring: the legs have no toe"),
     ],
 )  # fmt: skip
