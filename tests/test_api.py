@@ -2,8 +2,10 @@
 
 import importlib
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +22,11 @@ def test_a_public_name_is_what_its_home_defines(name):
     assert getattr(bp2_rl, name).__name__ == name
     assert getattr(bp2_rl, name).__module__ == home.__name__
     assert name in dir(bp2_rl)
+
+
+def test_the_reference_describes_every_public_name():
+    page = (Path(__file__).parents[1] / "docs/reference/python.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^::: bp2_rl\.(\w+)$", page, re.MULTILINE)) == sorted(bp2_rl.HOMES)
 
 
 def test_a_wrong_name_is_answered_with_the_right_ones():

@@ -66,7 +66,7 @@ POSITIVE = Within(0.0, open_below=True)
 Positive = Annotated[float, POSITIVE]
 Share = Annotated[float, Within(0.0, 1.0)]
 Count = Annotated[int, Within(1)]
-NUMBERS = {float: Real, int: Integral}
+NUMBERS: dict[Any, Any] = {float: Real, int: Integral}
 """What counts as a number of a type: NumPy's, too."""
 Range = tuple[float, float]
 """(low, high), from which something is drawn or between which it lies."""
@@ -95,7 +95,7 @@ def check_bounds(config: Any, path: str = "") -> None:
             check_bounds(value, f"{name}.")
             continue
         entries = value if isinstance(value, tuple) else (value,)
-        numbers = [entry for entry in entries if isinstance(entry, Real) and not isinstance(entry, bool)]
+        numbers: list[Any] = [each for each in entries if not isinstance(each, bool) and isinstance(each, Real)]
         bounds = _bounds(annotation)
         for number in numbers:
             if number not in bounds:

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from numbers import Real
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -59,7 +58,7 @@ class Ramp:
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         check_bounds(self, "ramp.")
-        if not isinstance(self.to, Real) and len(self.to) != 3:
+        if isinstance(self.to, Sequence) and len(self.to) != 3:
             raise UserError(f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}")
         if self._speed >= self.launching_speed:
             raise UserError(
@@ -74,7 +73,7 @@ class Ramp:
     @property
     def target(self) -> Command:
         """The command that is held at last."""
-        forward, left, turn = (self.to, 0.0, 0.0) if isinstance(self.to, Real) else self.to
+        forward, left, turn = self.to if isinstance(self.to, Sequence) else (self.to, 0.0, 0.0)
         return forward, left, turn
 
     @property
@@ -145,7 +144,8 @@ class Course(Bounded, path="course."):
         """Return this course with one more leg: to a command in so many seconds."""
         if np.shape(command) != (3,):
             raise UserError(f"a course leads to three numbers (forward, left, yaw rate); got {command}")
-        return Course((*self.legs, CourseLeg(tuple(command), seconds)))
+        forward, left, turn = command
+        return Course((*self.legs, CourseLeg((forward, left, turn), seconds)))
 
     def hold(self, seconds: float) -> "Course":
         """Return this course with its last command held for so many seconds more."""

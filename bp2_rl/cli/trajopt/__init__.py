@@ -29,7 +29,8 @@ from bp2_rl.robot.named import find_robot
 class SolveArguments:
     """Find the stride that costs least at one speed, by trajectory optimisation; verify it and draw it.
 
-    It takes about three minutes of a processor. The solution is a .npz and a .json file, named after the speed, beside the picture.
+    It takes about three minutes of a processor. The solution, a .npz and a .json file, and its picture are named after
+    the speed.
 
     Examples:
         bp2 trajopt solve --speed 8                    # a trot of BP2 at 8 m/s
