@@ -316,8 +316,8 @@ def make(
         UserError: there is no such environment, or it cannot be.
 
     Examples:
-        make("bp2")  # the built robot, the rewards of `preset("imitation", "gpu")`
-        make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
+        >>> make("bp2")  # the built robot, the rewards of preset("imitation", "gpu")
+        >>> make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
     require_one_of("environment", name, CONFIGS)
     require_kind("make", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')

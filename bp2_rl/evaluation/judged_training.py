@@ -36,8 +36,8 @@ def train(
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
 
     Examples:
-        first = train(preset("imitation", "cpu"), "runs/first")
-        train(preset("relaxed", "cpu"), "runs/second", parent=first)
+        >>> first = train(preset("imitation", "cpu"), "runs/first")
+        >>> train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
     require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
     require_name(run_dir)

@@ -45,7 +45,7 @@ class RunRequest(Bounded):
     """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
 
     Examples:
-        RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
+        >>> RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
     """
 
     schedule: Schedule
@@ -89,8 +89,8 @@ def rollout(
         UserError: as `simulate` does, and for a schedule that does not last.
 
     Examples:
-        run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
-        run.metrics.best_speed  # m/s
+        >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        >>> run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
     if getattr(schedule, "duration", 0.0) <= 0.0:

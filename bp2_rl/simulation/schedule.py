@@ -135,7 +135,7 @@ class Course(Bounded, path="course."):
     """From rest through one command after the other: launch, hold, brake, turn.
 
     Examples:
-        Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch in 3 s, run for 4 s, stop in 2 s
+        >>> Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch, run, stop: in 3 s, 4 s, 2 s
     """
 
     legs: tuple[CourseLeg, ...] = ()
