@@ -109,7 +109,7 @@ WRONG = [
     ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), config=3)', "config takes settings, such as preset"),
     ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), operator=3)', "operator takes a HeadingHold, got 3"),
     ("Course(3)", "course.legs takes a tuple of entries, each a CourseLeg, got 3"),
-    ("Course().to((1.0, 2.0, 'x'), 1.0)", "leg.command takes a tuple of 3 entries, each a number, got (1.0, 2.0, 'x')"),
+    ("Course().to((1.0, 2.0, 'x'), 1.0)", "leg.command takes a tuple of entries, each a number, got (1.0, 2.0, 'x')"),
     ("World(pushes=3)", "world.pushes takes a tuple of entries, each a Push, got 3"),
     ("World(pushes=(bp2.Push(1.0, 0.0, 1.0), 3))", "world.pushes takes a tuple of entries, each a Push, got (Push("),
     ('make("bp2", rows=3)', "rows takes the reward's terms by name, as env.rewards.ROWS has them, got 3"),

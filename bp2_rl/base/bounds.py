@@ -22,21 +22,13 @@ from bp2_rl.base.errors import UserError, shown
 
 @dataclasses.dataclass(frozen=True)
 class Within:
-    """What a number may be: from `least` to `most`.
-
-    Args:
-        least: and below it nothing.
-        most: and above it nothing.
-        open_below: `least` itself is too little.
-        open_above: `most` itself is too much.
-        infinite: plus infinity is allowed, and means that there is no limit.
-    """
+    """What a number may be: from `least` to `most`."""
 
     least: float = -math.inf
     most: float = math.inf
-    open_below: bool = False
-    open_above: bool = False
-    infinite: bool = False
+    open_below: bool = False  # `least` itself is too little
+    open_above: bool = False  # `most` itself is too much
+    infinite: bool = False  # plus infinity is allowed, and means that there is no limit
 
     def __contains__(self, number: float) -> bool:
         """Whether a number keeps to the bounds; NaN never does."""
@@ -167,8 +159,7 @@ def _in_words(kind: Any) -> str:
     if get_origin(kind) is Literal:
         return " or ".join(map(str, inner))
     if inner:
-        several = f"{len(inner)} entries" if len(inner) > 1 else "entries"
-        return f"a {get_origin(kind).__name__.lower()} of {several}, each {_in_words(_kinds(inner[0])[0])}"
+        return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(_kinds(inner[0])[0])}"
     words = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
     return words.get(kind) or f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
 

@@ -225,7 +225,8 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
-     lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}{_nearest(found[1], found[3])}"),
+     lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}"
+     + did_you_mean(found[1], re.findall(r"'([^']+)'", found[3]))),
     (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
     (r"Unrecognized options: (-[^,]+)", lambda found: f"unknown option {found[1]}"),
@@ -238,10 +239,6 @@ def _choices(listed: str) -> str:
     """Python's `'a', None, 'b'`, in an order of their own: a or b; None is what a flag that is not given stands for."""
     *others, last = sorted(set(re.findall(r"'([^']+)'", listed)) - {"None"})
     return f"{', '.join(others)} or {last}" if others else f"only {last}"
-
-
-def _nearest(word: str, listed: str) -> str:
-    return did_you_mean(word, re.findall(r"'([^']+)'", listed))
 
 
 def _in_words(metavar: str) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError, did_you_mean
+from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
 
 if TYPE_CHECKING:
@@ -43,8 +43,5 @@ def find_robot_file(name: str) -> "RobotFile":
         return RobotFile(ROBOTS[name], None, None, None, None, (), ())
     path = shipped_files().get(name, Path(name))
     if path.suffix != ".toml":
-        near = did_you_mean(name, robot_names()) or ":"
-        known = f"choose one of {', '.join(robot_names())}, or name a robot file, ROBOT.toml"
-        kind = "a folder" if path.is_dir() else "a file, but not a .toml"
-        raise UserError(f"{name} is {kind}: {known}" if path.exists() else f"there is no robot {name!r}{near} {known}")
+        require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
     return load_robot(path)

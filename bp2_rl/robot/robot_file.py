@@ -188,9 +188,8 @@ def _require_tables(given: dict[str, Any]) -> None:
     body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
     lacking = [name for name in ("motors", *body) if name not in given]
     if lacking and given.keys() <= {field.name for field in dataclasses.fields(WrittenRobot)}:
-        tables = ", ".join([*(["name"] if "name" not in given else []), *(f"[{name}]" for name in lacking)])
-        instead = "; `mjcf`, the path of a model, stands for [trunk], [fore], [hind] and [stand]" if body else ""
-        raise UserError(f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them{instead}")
+        tables = ", ".join(["name"] * ("name" not in given) + [f"[{name}]" for name in lacking])
+        raise UserError(f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them")
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:

@@ -34,7 +34,6 @@ class SolveArguments:
 
     Examples:
         bp2 trajopt solve --speed 8                    # a trot of BP2 at 8 m/s
-        bp2 trajopt solve --robot go1 --speed 3
         bp2 trajopt solve --gait gallop --starts 5 --out reports/gallop
     """
 
@@ -56,8 +55,7 @@ class SolveArguments:
         fastest = rate * 3.0 * hardware.anatomy.leg_length  # two from hip to foot, one from knee to foot
         if speed > fastest:
             raise UserError(
-                f"speed must be at most {fastest:.1f} m/s, got {speed:g}: this robot's hip and knee at their no-load "
-                "speed move a foot no faster"
+                f"speed must be at most {fastest:.1f} m/s, as fast as hip and knee move a foot, got {speed:g}"
             )
 
 

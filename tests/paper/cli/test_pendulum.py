@@ -46,7 +46,7 @@ def test_the_commands_are_listed(capsys):
         (["trapping", "--thresholds", "2"], "--thresholds must be from 0.3 to 1.5, got 2"),
         (["trapping", "--points", "1"], "--points must be from 5 to 200, got 1"),
         (["gaits", "--mass-ratio", *"1234"], "--mass-ratio takes 1 to 3 values, got 4"),
-        (["gaits", "--out", "/dev/null/here"], "/dev/null/here cannot be written"),
+        (["gaits", "--out", "/dev/null/here"], "cannot write to /dev/null/here"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(argv, message, capsys, tmp_path, monkeypatch):
