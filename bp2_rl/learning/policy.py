@@ -196,8 +196,8 @@ def find_policy(path: Path | str) -> Path:
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
-        near = did_you_mean(str(path), SHIPPED) or ":"
-        raise PolicyError(f"no policy at {path}{near} there is no such file or folder; {', '.join(SHIPPED)} ship")
+        near = did_you_mean(str(path), SHIPPED)
+        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship{near}")
     if path.is_file():
         raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
     if (path / "checkpoints").is_dir():

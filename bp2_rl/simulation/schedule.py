@@ -37,16 +37,10 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Ramp:
-    """From rest to a target at constant acceleration, or as slowly as a controller tells its policy, then hold.
+    """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at `acceleration` (m/s2); `hold` (s).
 
-    Where that limit is the lower one the speed v rises as dv/dt = launching (1 - v / launching_speed), an exponential.
-
-    Args:
-        to: the speed ahead, m/s, or m/s ahead, m/s to the left and rad/s.
-        acceleration: m/s2, along the target's direction.
-        hold: s.
-        launching: m/s2, as `ControlConfig` has it.
-        launching_speed: m/s, as `ControlConfig` has it.
+    Where a controller tells its policy less, `launching` and `launching_speed` as in `ControlConfig`, the speed v rises
+    as dv/dt = launching (1 - v / launching_speed), an exponential.
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
