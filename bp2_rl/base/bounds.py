@@ -81,8 +81,7 @@ def check_bounds(config: Any, path: str = "") -> None:
         name = name.replace("_", "-") if path.startswith("--") else name
         annotation = hints[field.name]
         if not _fits(value, annotation):
-            wanted = [_in_words(kind) for kind in _kinds(annotation) if kind is not NoneType]
-            raise UserError(f"{name} takes {' or '.join(wanted)}, got {shown(value)}")
+            raise UserError(f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}")
         if dataclasses.is_dataclass(value):
             check_bounds(value, f"{name}.")
             continue
@@ -93,7 +92,7 @@ def check_bounds(config: Any, path: str = "") -> None:
             if number not in bounds:
                 endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
                 raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
-        if Range in _kinds(annotation) and value is not None and not value[0] <= value[1]:
+        if numbers and _kinds(annotation) == [Range] and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
 
 
@@ -149,7 +148,7 @@ def _kinds(annotation: Any) -> list[Any]:
     if get_origin(annotation) is Annotated:
         return _kinds(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
-        return [kind for member in get_args(annotation) for kind in _kinds(member)]
+        return [kind for member in get_args(annotation) if member is not NoneType for kind in _kinds(member)]
     return [annotation]
 
 

@@ -29,7 +29,7 @@ def test_the_commands_are_listed(capsys):
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["swing"], "no command 'swing'; bp2 paper figures has: scaling, race"),
+        (["swing"], "no command 'swing': did you mean scaling?"),
         (["exchange", "--mass-ratio", "0"], "--mass-ratio must be from 0.05 to 10000, got 0"),
         (["exchange", "--mass-ratio", "nan"], "--mass-ratio must be from 0.05 to 10000, got nan"),
         (["exchange", "--mass-ratio"], "--mass-ratio"),
