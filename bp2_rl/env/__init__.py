@@ -10,12 +10,12 @@ from bp2_rl.robot import mjx  # noqa: F401  # before Brax, which imports MJX and
 from brax import envs
 # isort: on
 
-from bp2_rl.env.bp2_env import BP2Env, make_env
+from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.settings.env import EnvConfig
 
 __all__ = ["BP2Env", "EnvConfig"]
 
 for name in CONFIGS:
-    maker = functools.partial(make_env, name)
+    maker = functools.partial(make, name)
     envs.register_environment(name, maker)  # pyright: ignore[reportArgumentType]  # it is only called

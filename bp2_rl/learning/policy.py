@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError, require_kind
+from bp2_rl.base.errors import UserError, did_you_mean, require_kind
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
@@ -196,7 +196,8 @@ def find_policy(path: Path | str) -> Path:
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
-        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship")
+        near = did_you_mean(str(path), SHIPPED)
+        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship{near}")
     if path.is_file():
         raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
     if (path / "checkpoints").is_dir():

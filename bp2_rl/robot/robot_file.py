@@ -10,7 +10,7 @@ import math
 import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
@@ -162,17 +162,30 @@ def load_robot(path: Path) -> RobotFile:
     """
     content = read_bytes(path, LARGEST)
     try:
-        written = from_json(WrittenRobot, tomllib.loads(content.decode()))
+        given = tomllib.loads(content.decode())
+        _require_tables(given)
+        written = from_json(WrittenRobot, given)
         check_bounds(written)
         return _robot(written, path)
     except RecursionError as error:
         raise RobotFileError(f"{path} is no robot file: it is nested too deeply") from error
-    except ValueError as error:  # UTF-8's, TOML's, and every UserError
+    except UserError as error:
         raise RobotFileError(f"{path}: {one_line(str(error))}") from error
+    except ValueError as error:  # UTF-8's and TOML's
+        raise RobotFileError(f"{path} is damaged or not TOML: {one_line(str(error))}") from error
+
+
+def _require_tables(given: dict[str, Any]) -> None:
+    """Refuse a file that lacks what every robot needs, all of it named at once; a slip of the pen is told first."""
+    body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
+    lacking = [name for name in ("motors", *body) if name not in given]
+    if lacking and given.keys() <= {field.name for field in dataclasses.fields(WrittenRobot)}:
+        tables = ", ".join(["name"] * ("name" not in given) + [f"[{name}]" for name in lacking])
+        raise UserError(f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them")
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:
-    if (written.mjcf is None) == (written.trunk is None and written.fore is None and written.hind is None):
+    if written.mjcf is not None and (written.trunk or written.fore or written.hind):
         raise UserError("give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]")
     reading = None
     if written.mjcf is not None:
@@ -242,12 +255,8 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
     if reading is not None:
         anatomy = reading.anatomy
     else:
-        trunk, fore, hind = written.trunk, written.fore, written.hind
-        if trunk is None or fore is None or hind is None:
-            raise UserError("trunk, fore, hind: a robot in numbers needs all three")
-        if written.stand is None:
-            raise UserError("stand: missing; give hip and knee, the angles of the standing pose, rad")
-        left = [_leg(numbers) for numbers in (fore, hind)]
+        trunk = cast(TrunkNumbers, written.trunk)  # `_require_tables` has seen all three
+        left = [_leg(cast(LegNumbers, numbers)) for numbers in (written.fore, written.hind)]
         if (left[0].toe is None) != (left[1].toe is None):
             raise UserError("fore.toe, hind.toe: give both, or neither")
         legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])

@@ -178,7 +178,7 @@ class RewardConfig:
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """All settings of BP2Env. `EnvConfig()` is the ideal robot with the rewards of Table S4; a preset has its own."""
+    """All settings of BP2Env: by default the ideal robot, with Table S4's rewards; `make("bp2")` has others."""
 
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that actions, rewards and starts are about; none: standing"""

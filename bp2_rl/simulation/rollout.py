@@ -9,11 +9,13 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from types import NoneType
+from typing import Annotated
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
@@ -39,11 +41,11 @@ returns whether the run ends, and may change the robot's motors."""
 
 
 @dataclasses.dataclass(frozen=True)
-class RunRequest:
+class RunRequest(Bounded):
     """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
 
     Examples:
-        RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
+        >>> RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
     """
 
     schedule: Schedule
@@ -55,19 +57,12 @@ class RunRequest:
     """rad/s, of the gyro from which the operator has the heading"""
     noise_seed: int | None = None
     """of the sensors' noise, whose deviations are those of the policy's training; None: sensors without noise"""
-    finish: float = math.inf
+    finish: Annotated[float, Within(0.0, infinite=True)] = math.inf
     """m, at which distance ahead the run ends"""
     numerics: Numerics = CONVERGED
     """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
     watch: Watch | None = None
     name: str = "policy"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no run, with an example of what is."""
-        kinds = HardwareSpec, NoneType
-        require_kind("hardware", self.hardware, kinds, 'a HardwareSpec, as in preset("imitation", "cpu").env')
-        require_kind("world", self.world, World, "a World, such as World(slope=0.05)")
-        require_kind("noise_seed", self.noise_seed, (int, np.integer, NoneType), "a whole number or None")
 
     def robot(self, config: EnvConfig) -> RobotSetup:
         """Return the robot of this run, under a policy that was trained in an environment."""
@@ -94,8 +89,8 @@ def rollout(
         UserError: as `simulate` does, and for a schedule that does not last.
 
     Examples:
-        run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
-        run.metrics.best_speed  # m/s
+        >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        >>> run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
     if getattr(schedule, "duration", 0.0) <= 0.0:
@@ -139,6 +134,7 @@ def simulate(
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
     """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
+    require_kind("config", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
     if not callable(policy):
         raise UserError(f"a policy is run, and {policy!r} is none: pass load_policy({policy!r})")
     if not isinstance(policy, Policy):

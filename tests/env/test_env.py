@@ -13,7 +13,7 @@ from mujoco import mjx
 
 import bp2_rl.env
 from bp2_rl.env import commands, observations, randomization, rewards
-from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
@@ -33,7 +33,7 @@ from bp2_rl.settings.env import (
     TerminationConfig,
     TrackingShape,
 )
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -74,7 +74,7 @@ def test_it_is_a_registered_brax_environment(env: BP2Env):
 
 
 def test_the_default_is_the_environment_bp2():
-    assert vars(envs.get_environment("bp2"))["config"] == BP2Env().config == make_config("imitation", "gpu").env
+    assert vars(envs.get_environment("bp2"))["config"] == make("bp2").config == preset("imitation", "gpu").env
 
 
 def test_sizes_are_what_reset_and_step_return(env, start, step):

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import sys
 from collections.abc import Generator, Sequence
 from pathlib import Path
 
@@ -76,10 +77,10 @@ def progress() -> Progress:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Console(stderr=True),
+        console=Console(file=sys.stderr),
     )
 
 
 def spinner(text: str) -> Status:
     """Something that turns on standard error while there is nothing to count."""
-    return Console(stderr=True).status(text)
+    return Console(file=sys.stderr).status(text)

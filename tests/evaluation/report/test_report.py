@@ -117,7 +117,7 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "report"):
-        with pytest.raises(UserError, match="cannot be written"):
+        with pytest.raises(UserError, match="cannot write to"):
             folder.open_folder(place, "topspeed")
 
 

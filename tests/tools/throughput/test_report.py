@@ -8,11 +8,11 @@ from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 
-BASE = make_config("imitation", "gpu").ppo.num_envs
+BASE = preset("imitation", "gpu").ppo.num_envs
 
 
 def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> PartTiming:
@@ -32,7 +32,7 @@ def case(robots: int, devices: int, **rates: float) -> Case:
 def bench(*cases: Case, **others) -> Bench:
     return Bench(
         created="2026-11-21T00:00:00Z", versions={}, platform="gpu", device_kind="NVIDIA H200", device_count=4,
-        cpu_cores=16, config=make_config("imitation", "gpu"), seconds=2.0, cases=cases, **others,
+        cpu_cores=16, config=preset("imitation", "gpu"), seconds=2.0, cases=cases, **others,
     )  # fmt: skip
 
 
