@@ -238,8 +238,6 @@ class BP2Env(envs.Env):
             terminal=outcome.fall.happened.astype(jnp.float32),
             sole_height=soles.height / size.length,
             sole_rate=soles.rate / size.speed,
-            compression=compressions(physics.qpos) / size.length,
-            compression_rate=compression_rates(physics.qvel) / size.speed,
             qd_n=joint_velocities(physics.qvel) / config.hardware.joint_no_load_speed,
         )
 

@@ -110,12 +110,6 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
     return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
 
 
-def hard_rebound(compression: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
-    """Beyond Table S4: the sum over springs within 10 mm of their rebound stop of (extension's speed / 5 m/s)^2."""
-    near = jnp.clip(1.0 - compression / 0.01, 0.0, 1.0)
-    return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
-
-
 def overspeed(qd_n: Float[Array, "12"]) -> Scalar:
     """Beyond Table S4: the sum of how far motors are beyond their no-load speed; speeds over that speed."""
     return jnp.sum(jnp.maximum(jnp.abs(qd_n) - 1.0, 0.0))
@@ -185,8 +179,6 @@ class RewardInputs(struct.PyTreeNode):
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
-    compression: Float[Array, "... 4"]  # m, of springs
-    compression_rate: Float[Array, "... 4"]  # m/s
     qd_n: Float[Array, "... 12"]  # joint speed over the motor's no-load speed
 
 
@@ -216,13 +208,10 @@ ROWS: Mapping[str, RewardRow] = {
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
     "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
-    "rebound": lambda x, c, _: (
-        -c.rebound * hard_rebound(x.compression, x.compression_rate) if c.rebound else jnp.zeros(())
-    ),
     "overspeed": lambda x, c, _: -c.overspeed * overspeed(x.qd_n) if c.overspeed else jnp.zeros(()),
     "stand": lambda x, c, _: -c.stand * standing_still_penalty(x.mean_action, x.command) if c.stand else jnp.zeros(()),
 }
-"""Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
+"""Table S4 and three rows more, by their names, as in the metrics `reward/NAME`."""
 
 
 def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:

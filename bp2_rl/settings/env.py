@@ -157,7 +157,7 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4's rows, and of two rows more; `env.rewards` has the terms.
+    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the terms.
 
     `RewardConfig()` is the table's imitation column; presets set others (`settings.presets`).
     """
@@ -173,7 +173,6 @@ class RewardConfig:
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
-    rebound: Coefficient = 0.0  # of springs that run into their rebound stop; no row of Table S4
     overspeed: Coefficient = 0.0  # of motors beyond their no-load speed; no row of Table S4
     stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
     schedule: Schedule = "text"  # see rewards.speed_schedule
