@@ -237,6 +237,7 @@ class BP2Env(envs.Env):
             terminal=outcome.fall.happened.astype(jnp.float32),
             sole_height=soles.height / size.length,
             sole_rate=soles.rate / size.speed,
+            qd_n=joint_velocities(physics.qvel) / config.hardware.joint_no_load_speed,
         )
 
     def _next_command(

@@ -94,6 +94,7 @@ class Limits(Form):
             "highest_step": length * form["highest_step"],
             "longest_period": size.time * form["longest_period"],
             "hardest_landing": size.speed * form["hardest_landing"],
+            "fastest_release": size.speed * form["fastest_release"],
             "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
             "greatest_impact": min(form["greatest_impact"], problem.form.greatest_impact),
         }
