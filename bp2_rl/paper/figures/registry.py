@@ -20,6 +20,7 @@ FIGURES: dict[str, tuple[type[Any], str]] = {
     "strides": (settings.StridesSettings, "figures.strides:strides"),
     "operating": (settings.OperatingSettings, "figures.operating:operating"),
     "learning": (settings.LearningSettings, "figures.learning:learning"),
+    "wear": (settings.WearSettings, "figures.wear:wear"),
     "identifiability": (settings.IdentifiabilitySettings, "figures.identifiability:identifiability"),
     "binding": (settings.BindingSettings, "figures.binding:binding"),
     "exchange": (pendulum.PendulumExchangeSettings, "pendulum.exchange:study_exchange"),
