@@ -47,7 +47,7 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
-    optimum = transcription.program.solve(options.time_limit)
+    optimum = transcription.program.solve(options.time_limit, options.perhaps_infeasible)
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:
         raise KeyboardInterrupt

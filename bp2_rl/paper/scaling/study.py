@@ -7,7 +7,7 @@ optimiser's refutes the model.
 
 import dataclasses
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +38,15 @@ class LearnedSpeed:
     robot: str  # as in Table S1
     speed: Annotated[float, Within(0.0, 1e3), ColumnHeading("top speed [m/s]")]
     command: str  # that trained it
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """Whose limits are looked for, by name, and on which mesh."""
+
+    robots: dict[str, HardwareSpec]
+    variants: dict[str, HardwareSpec]
+    intervals: int  # a segment
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,23 +130,23 @@ def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[s
     return chosen, variants if any(word in BP2.casefold() for word in wanted) else {}
 
 
-def simulate(
-    robots: Mapping[str, HardwareSpec], variants: Mapping[str, HardwareSpec], intervals: int, workers: int
-) -> Iterator[SpeedLimits]:
-    """Yield what is found so far each time that a limit is found; the last has all."""
-    keys = {f"robot {name}": robot for name, robot in robots.items()}
-    keys |= {f"variant {name}": robot for name, robot in variants.items()}
-    found: dict[str, SpeedLimit] = {}
+def simulate(search: Search, workers: int, begun: SpeedLimits | None = None) -> Iterator[SpeedLimits]:
+    """Yield what is found so far each time that a limit is found; the last has all.
 
-    def limits() -> SpeedLimits:
-        each = ({name: found.get(f"{kind} {name}") for name in names} for kind, names in
-                (("robot", robots), ("variant", variants)))  # fmt: skip
-        return SpeedLimits(SIMULATE, intervals, *each)
-
-    yield limits()
-    for key, limit in find_limits(keys, intervals, workers):
-        found[key] = limit
-        yield limits()
+    Args:
+        search: whose limits are found.
+        workers: processes.
+        begun: what the same search found before it was interrupted.
+    """
+    kinds = {"robots": search.robots, "variants": search.variants}
+    before = {kind: dict[str, SpeedLimit | None](getattr(begun, kind, {})) for kind in kinds}
+    found = {kind: {name: before[kind].get(name) for name in robots} for kind, robots in kinds.items()}
+    left = {(kind, name): robot for kind, robots in kinds.items() for name, robot in robots.items()
+            if found[kind][name] is None}  # fmt: skip
+    yield SpeedLimits(SIMULATE, search.intervals, **found)
+    for (kind, name), limit in find_limits(left, search.intervals, workers):
+        found[kind] = found[kind] | {name: limit}
+        yield SpeedLimits(SIMULATE, search.intervals, **found)
 
 
 def read_limits(path: Path | None = None) -> SpeedLimits:
