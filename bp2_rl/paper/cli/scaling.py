@@ -10,6 +10,7 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.trajopt.arguments import Workers
+from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import open_folder, with_folder
 
@@ -34,7 +35,9 @@ class LimitSettings(Bounded, path="--"):
     robots: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...")] = ()
     """with --simulate: only robots whose names have one of these words; bp2 has its variants"""
     intervals: Annotated[Intervals, Within(2, 500)] = 16
-    """with --simulate: of the optimiser's mesh, in each segment"""
+    """with --simulate: of the optimiser's mesh, in each segment; three times as many where there are springs"""
+    impact: Annotated[float, Within(0.0, 1.0)] = MOST_IMPACT
+    """with --simulate: share of the weight that landings may bear"""
     workers: Workers = 2
     """with --simulate: processes"""
 
@@ -49,6 +52,7 @@ def _compare(arguments: Any) -> None:
     from bp2_rl.paper.robots import read_robots
     from bp2_rl.paper.scaling import study
     from bp2_rl.paper.scaling.figure import draw_limits
+    from bp2_rl.paper.scaling.limits import Rules
 
     settings, out = arguments.settings, arguments.out
     require_name(out)
@@ -59,7 +63,8 @@ def _compare(arguments: Any) -> None:
         open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
     limits = study.read_limits()
     if settings.simulate:
-        claim_folder(out, SEARCH, search := study.Search(robots, variants, settings.intervals), "a search")
+        search = study.Search(robots, variants, Rules(settings.intervals, settings.impact))
+        claim_folder(out, SEARCH, search, "a search")
         begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
         with progress() as bar:
             found = study.simulate(search, settings.workers, begun)

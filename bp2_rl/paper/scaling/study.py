@@ -20,7 +20,7 @@ from bp2_rl.paper.figures.scaling_numbers import shipped
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
-from bp2_rl.paper.scaling.limits import SpeedLimit, find_limits
+from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
 from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import shipped_files
@@ -42,11 +42,11 @@ class LearnedSpeed:
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """Whose limits are looked for, by name, and on which mesh."""
+    """Whose limits are looked for, by name, and by which rules."""
 
     robots: dict[str, HardwareSpec]
     variants: dict[str, HardwareSpec]
-    intervals: int  # a segment
+    rules: Rules
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SpeedLimits:
     """What the optimiser found, by name: robots, and BP2 and its variants; None where it found no trot."""
 
     command: str
-    intervals: int  # a segment
+    rules: Rules
     robots: dict[str, SpeedLimit | None]
     variants: dict[str, SpeedLimit | None]
 
@@ -143,10 +143,10 @@ def simulate(search: Search, workers: int, begun: SpeedLimits | None = None) -> 
     found = {kind: {name: before[kind].get(name) for name in robots} for kind, robots in kinds.items()}
     left = {(kind, name): robot for kind, robots in kinds.items() for name, robot in robots.items()
             if found[kind][name] is None}  # fmt: skip
-    yield SpeedLimits(SIMULATE, search.intervals, **found)
-    for (kind, name), limit in find_limits(left, search.intervals, workers):
+    yield SpeedLimits(SIMULATE, search.rules, **found)
+    for (kind, name), limit in find_limits(left, search.rules, workers):
         found[kind] = found[kind] | {name: limit}
-        yield SpeedLimits(SIMULATE, search.intervals, **found)
+        yield SpeedLimits(SIMULATE, search.rules, **found)
 
 
 def read_limits(path: Path | None = None) -> SpeedLimits:

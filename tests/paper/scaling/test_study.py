@@ -9,7 +9,7 @@ from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import scaling
 from bp2_rl.paper.robots import read_robots
 from bp2_rl.paper.scaling import study
-from bp2_rl.paper.scaling.limits import SpeedLimit
+from bp2_rl.paper.scaling.limits import Rules, SpeedLimit
 from bp2_rl.paper.scaling.study import (
     Search,
     SpeedLimits,
@@ -36,7 +36,7 @@ def found() -> dict[str, SpeedLimit]:
     robot = find_robots()[A1]
     corner, no_load = (times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed))
     slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
-    *_, limits = simulate(Search({A1: robot, "slow": slow}, {}, intervals=4), workers=1)
+    *_, limits = simulate(Search({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1)
     return {name: limit for name, limit in limits.robots.items() if limit}
 
 
@@ -61,7 +61,7 @@ def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
 
 
 def test_a_speed_above_its_limit_is_said_first(a1):
-    limits = SpeedLimits("by hand", 4, {A1: a1}, {})
+    limits = SpeedLimits("by hand", Rules(4), {A1: a1}, {})
     fine = compare_limits(limits, read_robots(), ())
     assert refutations(fine) == ["no speed of 1 robots, published or learned, is above the optimiser's limit"]
     above = [dataclasses.replace(r, top_speed=9.0) if r.robot == A1 else r for r in read_robots()]
@@ -97,7 +97,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatc
     asked: list[tuple[str, str]] = []
     interrupts = iter([True, False])
 
-    def find(robots, intervals, workers):
+    def find(robots, rules, workers):
         asked.extend(robots)
         for key in robots:
             yield key, a1
