@@ -63,7 +63,7 @@ def _compare(arguments: Any) -> None:
         open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
     limits = study.read_limits()
     if settings.simulate:
-        search = study.Search(robots, variants, Rules(settings.intervals, settings.impact))
+        search = study.LimitSearch(robots, variants, Rules(settings.intervals, settings.impact))
         claim_folder(out, SEARCH, search, "a search")
         begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
         with progress() as bar:

@@ -41,7 +41,7 @@ class LearnedSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Search:
+class LimitSearch:
     """Whose limits are looked for, by name, and by which rules."""
 
     robots: dict[str, HardwareSpec]
@@ -130,7 +130,7 @@ def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[s
     return chosen, variants if any(word in BP2.casefold() for word in wanted) else {}
 
 
-def simulate(search: Search, workers: int, begun: SpeedLimits | None = None) -> Iterator[SpeedLimits]:
+def simulate(search: LimitSearch, workers: int, begun: SpeedLimits | None = None) -> Iterator[SpeedLimits]:
     """Yield what is found so far each time that a limit is found; the last has all.
 
     Args:

@@ -11,7 +11,7 @@ from bp2_rl.paper.robots import read_robots
 from bp2_rl.paper.scaling import study
 from bp2_rl.paper.scaling.limits import Rules, SpeedLimit
 from bp2_rl.paper.scaling.study import (
-    Search,
+    LimitSearch,
     SpeedLimits,
     choose_robots,
     compare_limits,
@@ -36,7 +36,7 @@ def found() -> dict[str, SpeedLimit]:
     robot = find_robots()[A1]
     corner, no_load = (times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed))
     slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
-    *_, limits = simulate(Search({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1)
+    *_, limits = simulate(LimitSearch({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1)
     return {name: limit for name, limit in limits.robots.items() if limit}
 
 
