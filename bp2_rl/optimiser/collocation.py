@@ -51,7 +51,7 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
     with contextlib.redirect_stderr(io.StringIO()) as said:
-        optimum = transcription.program.solve(options.time_limit)
+        optimum = transcription.program.solve(options.time_limit, options.perhaps_infeasible)
     stats = optimum.statistics
     if stats["return_status"] in INTERRUPTED:  # of which CasADi warns
         raise KeyboardInterrupt

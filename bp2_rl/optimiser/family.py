@@ -338,7 +338,8 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
 
     problem = settings.at(speed)
     proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
-    return solve(problem, here.motion, SolveOptions(proximity=proximity, time_limit=settings.time_limit))
+    options = SolveOptions(proximity=proximity, time_limit=settings.time_limit, perhaps_infeasible=not settings.fastest)
+    return solve(problem, here.motion, options)
 
 
 def _keep(folder: Path, solution: Solution) -> None:

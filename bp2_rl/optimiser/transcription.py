@@ -65,6 +65,8 @@ class SolveOptions:
     """what a metre per second is worth, in units of the cost"""
     time_limit: float = SOLVE_TIME
     """s, of a processor's time"""
+    perhaps_infeasible: bool = False
+    """look for a point of local infeasibility as soon as multipliers diverge, instead of factorising ever longer"""
 
 
 class Unknowns(NamedTuple):

@@ -161,6 +161,9 @@ def _build(arguments: LibraryArguments) -> None:
     output.describe(family)
     if arguments.family.fastest is None:
         print(f"the robot's limit, less what is left to feedback: {family[-1].problem.speed:g} m/s")
+        kept = {speed_name(solution.problem.speed) for solution in family}
+        if refused := sorted({path.stem for path in arguments.out.glob("speed-*.json")} - kept):
+            print(f"left out, as the verifier refuses them ({arguments.out}): {', '.join(refused)}")
     steps = steps_of(family)
     print(
         f"largest step between neighbours: period {max(abs(step.period) for step in steps):.1%}, "
