@@ -27,7 +27,7 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
-SHIPPED = ("built", "fastest", "ideal")
+SHIPPED = ("built", "gentle", "fastest", "ideal")
 """Names of the policies that ship."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"

@@ -7,8 +7,9 @@ import pytest
 from runs import no_action, run_one
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.learning.policy import load_policy
 from bp2_rl.paper.figures.settings import WearSettings
-from bp2_rl.paper.figures.wear import WEAK, measure, wear, wear_figure
+from bp2_rl.paper.figures.wear import WEAK, measure, wear, wear_figure, wear_of
 from bp2_rl.robot.actuator import Actuator, torque_limits
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import EnvConfig
@@ -52,3 +53,13 @@ def test_circles_are_filled_where_weak_brakes_do_and_missing_where_the_robot_fel
 def test_a_policy_that_is_none_is_named(tmp_path):
     with pytest.raises(UserError, match="no policy"):
         wear(WearSettings((tmp_path,)))
+
+
+def test_the_gentle_policy_lands_softly_within_the_motors_speed_and_needs_no_strong_brakes():
+    """What docs/notes/reality.md says of the policy that ships."""
+    found = wear_of("gentle", load_policy("gentle"), 15.5)
+    assert (found.fell_at, found.weak_fell_at) == (None, None)
+    assert found.speed > 11.5
+    assert found.landing < 2.5
+    assert found.overspeed < 0.001
+    assert found.room > 0.015
