@@ -96,10 +96,10 @@ def wear_figure(policies: Sequence[Wear]) -> Figure:
     rewards = sorted({one.landing_reward for one in policies})
     for place, reward in enumerate(rewards):
         color = COLORS[place % len(COLORS)]
-        stood = [one for one in policies if one.landing_reward == reward and one.fell_at is None and one.landing]
+        stood = [one for one in policies if one.landing_reward == reward and one.fell_at is None]
         fills = [color if one.weak_fell_at is None else "white" for one in stood]
         axes.scatter(
-            [one.landing for one in stood], [one.speed for one in stood], s=36, facecolors=fills, edgecolors=color,
+            np.array([one.landing for one in stood], float), [one.speed for one in stood], s=36, facecolors=fills, edgecolors=color,
             linewidths=1.4, label=f"landing reward {reward:g}", zorder=3,
         )  # fmt: skip
     speeds = [one.speed for one in policies]
