@@ -99,8 +99,8 @@ def wear_figure(policies: Sequence[Wear]) -> Figure:
         stood = [one for one in policies if one.landing_reward == reward and one.fell_at is None]
         fills = [color if one.weak_fell_at is None else "white" for one in stood]
         axes.scatter(
-            np.array([one.landing for one in stood], float), [one.speed for one in stood], s=36, facecolors=fills, edgecolors=color,
-            linewidths=1.4, label=f"landing reward {reward:g}", zorder=3,
+            np.array([one.landing for one in stood], float), [one.speed for one in stood], s=36, facecolors=fills,
+            edgecolors=color, linewidths=1.4, label=f"landing reward {reward:g}", zorder=3,
         )  # fmt: skip
     speeds = [one.speed for one in policies]
     axes.set(xlim=(0.0, None), ylim=(np.floor(min(speeds)) - 0.5, None))
