@@ -26,7 +26,7 @@ def test_the_commands_are_listed(capsys):
     [
         (["leap"], "no command 'leap'; bp2 trajopt has: solve, verify"),
         (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
-        (["solve", "--speed", "23"], "speed must be at most 22.5 m/s, as hip and knee move a foot, got 23"),
+        (["solve", "--speed", "23"], "speed must be at most 22.5 m/s, as fast as hip and knee move a foot, got 23"),
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "amble"], "amble"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),

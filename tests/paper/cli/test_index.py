@@ -85,7 +85,7 @@ def test_the_page_holds_the_numbers_of_the_files_and_loads_nothing(made):
 
 def test_a_log_names_the_folder_where_its_command_left_its_report(made):
     log = (made / "torque" / "log.txt").read_text()
-    assert f"picture, numbers and curves: {made / 'torque'}\n" in log
+    assert f"pictures and numbers: {made / 'torque'}\n" in log
 
 
 def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
