@@ -19,13 +19,15 @@ if TYPE_CHECKING:  # isort: off
     from bp2_rl.base.errors import RunStopped as RunStopped, UserError as UserError
     from bp2_rl.env.bp2_env import BP2Env as BP2Env, make as make
     from bp2_rl.evaluation.judged_training import resume as resume, train as train
-    from bp2_rl.learning.policy import load_policy as load_policy
+    from bp2_rl.learning.policy import Policy as Policy, load_policy as load_policy
     from bp2_rl.robot.hardware import HardwareSpec as HardwareSpec
     from bp2_rl.settings.env import EnvConfig as EnvConfig
     from bp2_rl.settings.presets import preset as preset
     from bp2_rl.settings.training import TrainConfig as TrainConfig
     from bp2_rl.simulation.rollout import RunRequest as RunRequest, rollout as rollout, simulate as simulate
-    from bp2_rl.simulation.schedule import Course as Course, Ramp as Ramp
+    from bp2_rl.simulation.metrics import RunMetrics as RunMetrics
+    from bp2_rl.simulation.schedule import Course as Course, CourseLeg as CourseLeg, Ramp as Ramp
+    from bp2_rl.simulation.trajectory import Trajectory as Trajectory
     from bp2_rl.simulation.world import Push as Push, World as World
 # isort: on
 
@@ -33,9 +35,11 @@ __version__ = "0.1.0"
 HOMES = {
     name: home
     for home, names in {
-        "learning.policy": "load_policy",
+        "learning.policy": "load_policy Policy",
         "simulation.rollout": "rollout simulate RunRequest",
-        "simulation.schedule": "Ramp Course",
+        "simulation.schedule": "Ramp Course CourseLeg",
+        "simulation.trajectory": "Trajectory",
+        "simulation.metrics": "RunMetrics",
         "simulation.world": "World Push",
         "settings.presets": "preset",
         "settings.training": "TrainConfig",

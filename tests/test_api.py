@@ -13,6 +13,7 @@ import bp2_rl
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import SHIPPED
+from bp2_rl.robot.hardware import IDEAL
 
 
 @pytest.mark.parametrize("name", bp2_rl.HOMES)
@@ -147,3 +148,24 @@ for ask in {[ask for ask, _ in WRONG]}:
 @pytest.mark.parametrize("number", range(len(WRONG)))
 def test_a_wrong_choice_is_answered_with_what_is_right(number, answers):
     assert answers[number].startswith(WRONG[number][1])
+
+
+def test_what_a_reader_prints_is_a_line():
+    policy = bp2_rl.load_policy("gentle")
+    assert repr(policy).startswith("Policy(relaxed, bp2, ")
+    run = bp2_rl.rollout(policy, bp2_rl.Ramp(0.5, hold=0.05), hardware="ideal")
+    assert run.hardware == IDEAL
+    assert repr(run) == f"Trajectory(policy, {run.time[-1]:.2f} s, upright)"
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), bp2_rl.Ramp), "a schedule that lasts"),
+        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), bp2_rl.Ramp(1.0), hardware="go2"), "there is no robot"),
+        (lambda: bp2_rl.make("go1"), 'go1 is a robot: make("bp2"'),
+    ],
+)
+def test_a_name_in_the_wrong_place_is_told_where_it_belongs(call, said):
+    with pytest.raises(UserError, match=re.escape(said)):
+        call()

@@ -38,6 +38,10 @@ class Within:
         below = number < self.most if self.open_above else number <= self.most
         return above and below
 
+    def __repr__(self) -> str:
+        """In words, for signatures."""
+        return f"<{self}>"
+
     def __str__(self) -> str:
         """In words, after "must be"."""
         lower, upper = math.isfinite(self.least), math.isfinite(self.most)

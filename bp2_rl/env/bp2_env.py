@@ -31,6 +31,7 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
+from bp2_rl.robot.named import robot_names
 from bp2_rl.settings.env import EnvConfig, Impl
 
 
@@ -320,6 +321,8 @@ def make(
         >>> make("bp2")  # the built robot, the rewards of preset("imitation", "gpu")
         >>> make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
+    if name in robot_names():
+        raise UserError(f'{name} is a robot: make("bp2", preset("imitation", "cpu", robot="{name}").env)')
     require_one_of("environment", name, CONFIGS)
     require_kind("make", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
     require_kind("rows", rows, (Mapping, NoneType), "the reward's terms by name, as env.rewards.ROWS has them")

@@ -81,6 +81,12 @@ class Policy:
     std: Float[np.ndarray, " observation"]
     layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (weight, bias)
 
+    def __repr__(self) -> str:
+        """What it is: the card says more, and the layers are for programs."""
+        card = self.card
+        robot = card.env.hardware.anatomy.name
+        return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"
+
     def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
         """Return the action of Brax's network of the same parameters, in the array library of `observation`."""
         if observation.shape[-1] != self.card.observation_size:
@@ -140,6 +146,8 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     _check_numbers(policy, f"policy not exported to {directory}")
     try:
         place = Path(directory).resolve()
+        if place.is_file():
+            raise FileExistsError(0, "it is a file, not a folder; choose another folder")
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
             raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
         with new_folder(place) as fresh:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import require_one_of
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
 
 if TYPE_CHECKING:
@@ -42,6 +42,8 @@ def find_robot_file(name: str) -> "RobotFile":
     if name in ROBOTS:
         return RobotFile(ROBOTS[name], None, None, None, None, (), ())
     path = shipped_files().get(name, Path(name))
+    if path.suffix != ".toml" and path.is_file():
+        raise UserError(f"{name} is no robot file: its name must end in .toml")
     if path.suffix != ".toml":
         require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
     return load_robot(path)

@@ -22,6 +22,7 @@ from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.laws import SIZES
@@ -43,6 +44,8 @@ returns whether the run ends, and may change the robot's motors."""
 @dataclasses.dataclass(frozen=True)
 class RunRequest(Bounded):
     """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
+
+    Commands are those of the schedule: unlike `rollout`, nothing eases a ramp, but for `Ramp.under`.
 
     Examples:
         >>> RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
@@ -74,7 +77,7 @@ def rollout(
     schedule: Schedule,
     *,
     config: EnvConfig | None = None,
-    hardware: HardwareSpec | None = None,
+    hardware: HardwareSpec | str | None = None,
     operator: HeadingHold = HEADING_HOLD,
     world: World = LEVEL,
     noise_seed: int | None = None,
@@ -83,20 +86,23 @@ def rollout(
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
     A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
-    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them.
+    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them; `hardware` may
+    be a robot's name, such as `ideal`, or its file.
 
     Raises:
-        UserError: as `simulate` does, and for a schedule that does not last.
+        UserError: as `simulate` does, for a schedule that does not last, and where there is no such robot.
 
     Examples:
         >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
         >>> run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
-    if getattr(schedule, "duration", 0.0) <= 0.0:
+    duration = getattr(schedule, "duration", None)
+    if not isinstance(duration, float | int) or duration <= 0.0:
         raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
-    request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
+    robot = find_robot(hardware) if isinstance(hardware, str) else hardware
+    request = RunRequest(asked, robot, operator, world, noise_seed=noise_seed)
     [run] = simulate(policy, [request], config, backend=backend)
     return run
 
