@@ -86,10 +86,10 @@ def check_bounds(config: Any, path: str = "") -> None:
         annotation = hints[field.name]
         if not _fits(value, annotation):
             raise UserError(f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}")
-        if dataclasses.is_dataclass(value):
-            check_bounds(value, f"{name}.")
-            continue
         entries = value if isinstance(value, tuple) else (value,)
+        for each in entries:
+            if dataclasses.is_dataclass(each):
+                check_bounds(each, f"{name}.")
         numbers: list[Any] = [each for each in entries if not isinstance(each, bool) and isinstance(each, Real)]
         bounds = _bounds(annotation)
         for number in numbers:

@@ -24,16 +24,7 @@ from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
-BenchmarkName = Literal[
-    "topspeed",
-    "sprint",
-    "robustness",
-    "manoeuvres",
-    "convergence",
-    "losses",
-    "sensitivity",
-    "all",
-]
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "losses", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)

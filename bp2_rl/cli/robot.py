@@ -79,12 +79,13 @@ def check(config: CheckConfig) -> None:
     require_name(out)
     if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
         raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
-    from bp2_rl.base.plotting import save_figure
     from bp2_rl.robot.named import find_robot_file
+
+    robot = find_robot_file(config.robot)
+    from bp2_rl.base.plotting import save_figure
     from bp2_rl.robot.portrait import draw_robot
     from bp2_rl.robot.sheet import sheet, stand
 
-    robot = find_robot_file(config.robot)
     print(sheet(robot, stand(robot)))
     save_figure(draw_robot(robot.hardware), out)
     print(f"picture: {out}")

@@ -239,10 +239,8 @@ def use_processors(named: NamedDefaults) -> None:
     if impl is None and named.goes_on is not None:
         with contextlib.suppress(UserError):  # it is told of later
             impl = load_run_config(named.goes_on).impl
-    elif impl is None:
-        impl = presets.preset(
-            named.stage, named.preset or "cpu"
-        ).impl  # processors are only asked without an accelerator
+    elif impl is None:  # processors are only asked without an accelerator
+        impl = presets.preset(named.stage, named.preset or "cpu").impl
     if impl == "kernel":
         use_all_processors()
 

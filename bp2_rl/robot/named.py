@@ -37,13 +37,11 @@ def find_robot_file(name: str) -> "RobotFile":
     Raises:
         UserError: as `find_robot`.
     """
+    path = shipped_files().get(name, Path(name))
+    if path.suffix != ".toml" and name not in ROBOTS:
+        if path.is_file():
+            raise UserError(f"{name} is no robot file: its name must end in .toml")
+        require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
     from bp2_rl.robot.robot_file import RobotFile, load_robot
 
-    if name in ROBOTS:
-        return RobotFile(ROBOTS[name], None, None, None, None, (), ())
-    path = shipped_files().get(name, Path(name))
-    if path.suffix != ".toml" and path.is_file():
-        raise UserError(f"{name} is no robot file: its name must end in .toml")
-    if path.suffix != ".toml":
-        require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
-    return load_robot(path)
+    return RobotFile(ROBOTS[name], None, None, None, None, (), ()) if name in ROBOTS else load_robot(path)

@@ -197,13 +197,14 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
     over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
     sliding = (standing & touching).any()
+    plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
         depth=max(-float(np.min(soles.height)), 0.0),
         slip=float(np.median(speed[standing & touching])) if sliding else None,
         slip_95=float(np.quantile(speed[standing & touching], 0.95)) if sliding else None,
         slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances) if stances else None,
         breaks=lost / stances if stances else None,
-        plate_force=max(float(np.max(window_means(foot, round(PLATE / run.dt)))) for foot in run.foot_force[..., 2].T),
+        plate_force=max(float(np.max(window_means(foot, plate))) for foot in run.foot_force[..., 2].T),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
         top_outs=float(np.sum(onto)) / (len(onto) * run.dt),

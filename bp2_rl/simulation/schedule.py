@@ -51,6 +51,8 @@ class Ramp:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
+        if isinstance(self.to, np.ndarray):
+            object.__setattr__(self, "to", tuple(map(float, self.to)))
         check_bounds(self, "ramp.")
         if isinstance(self.to, Sequence) and len(self.to) != 3:
             raise UserError(f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}")

@@ -58,6 +58,7 @@ def test_settings_within_bounds_pass():
         ({"below": 1.0}, "env.below must be at least 0 and below 1, got 1"),
         ({"several": 3}, "env.several takes a tuple of entries, each an Inner, got 3"),
         ({"several": (3,)}, r"env.several takes a tuple of entries, each an Inner, got \(3,\)"),
+        ({"several": (Inner(), Inner(cap=-7.0))}, "env.several.cap must be "),
         ({"inner": 3}, "env.inner takes an Inner, got 3"),
         ({"count": 1.5}, "env.count takes a whole number, got 1.5"),
         ({"flag": 1}, "env.flag takes True or False, got 1"),

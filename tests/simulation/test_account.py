@@ -136,6 +136,7 @@ def test_a_force_plate_shows_means_of_five_milliseconds():
     force[::5, 2, 2] = 1000.0  # N, for one millisecond in five
     force[0:2, 1, 0] = 5000.0  # which is not vertical
     assert account(dataclasses.replace(run, foot_force=force)).ground.plate_force == pytest.approx(200.0)
+    assert account(run.between(0.0, 0.003)).ground.plate_force < np.max(run.foot_force[..., 2])  # no 5 ms
 
 
 def test_motors_are_beyond_the_no_load_speed_of_the_robot_that_runs():

@@ -38,9 +38,12 @@ class FigureReport:
 def _figure(name: str, arguments: Any) -> None:
     """Draw a figure as the command line says, print its tables, and leave its report."""
     require_name(arguments.out)
+    report = arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure
+    if arguments.out.exists():
+        open_folder(*report)  # before the work
     with spinner(name):
-        drawn = draw(name, arguments.settings)  # what it is told is read first: a mistake leaves no folder
-    open_folder(arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure)
+        drawn = draw(name, arguments.settings)  # a mistake leaves no folder
+    open_folder(*report)
     show(drawn)
     leave(arguments, name, drawn)
     print(f"pictures and numbers: {arguments.out}")

@@ -102,9 +102,7 @@ def wear_figure(policies: Sequence[Wear]) -> Figure:
             np.array([one.landing for one in stood], float), [one.speed for one in stood], s=36, facecolors=fills,
             edgecolors=color, linewidths=1.4, label=f"landing reward {reward:g}", zorder=3,
         )  # fmt: skip
-    speeds = [one.speed for one in policies]
-    axes.set(xlim=(0.0, None), ylim=(np.floor(min(speeds)) - 0.5, None))
-    axes.set(xlabel="Soles land at [m/s], mean", ylabel="Speed held for 5 s [m/s]")
+    axes.set(xlim=(0.0, None), xlabel="Soles land at [m/s], mean", ylabel="Speed held for 5 s [m/s]")
     axes.text(0.98, 0.03, "filled: runs on with brakes as drives", transform=axes.transAxes, ha="right", color=INK)
     axes.legend(loc="upper left")
     return figure
