@@ -75,13 +75,13 @@ def fly(
 
 
 def test_brakes_that_training_draws_weaker_are_those_of_such_motors_in_c_mujoco():
-    """Joints at up to 40 rad/s, beyond the no-load speed of 21.4, are braked by half as good motors or by the whole."""
+    """Joints at up to 21 rad/s, where brakes as drives have hardly any torque left; beyond, the back EMF brakes."""
     qvel = np.zeros(22)
-    qvel[MOTOR_QVEL] = np.linspace(-40.0, 40.0, 12)
-    drawn = fly("kernel", BUILT, qvel, 2, braking=0.5)[:, MOTOR_QVEL]
-    weak = fly("mujoco", dataclasses.replace(BUILT, braking_speed=2.0 * 21.4), qvel, 2)[:, MOTOR_QVEL]
-    strong = fly("mujoco", BUILT, qvel, 2)[:, MOTOR_QVEL]
-    assert np.max(np.abs(drawn - weak)) < 0.1
+    qvel[MOTOR_QVEL] = np.linspace(-21.0, 21.0, 12)
+    drawn = fly("kernel", BUILT, qvel, 1, braking=1.0)[:, MOTOR_QVEL]
+    weak = fly("mujoco", dataclasses.replace(BUILT, braking_speed=21.4), qvel, 1)[:, MOTOR_QVEL]
+    strong = fly("mujoco", BUILT, qvel, 1)[:, MOTOR_QVEL]
+    assert np.max(np.abs(drawn - weak)) < 0.01
     assert np.max(np.abs(strong - weak)) > 1.0
 
 
