@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
@@ -163,7 +164,7 @@ def test_what_a_reader_prints_is_a_line():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), bp2_rl.Ramp), "a schedule that lasts"),
+        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), cast(Any, bp2_rl.Ramp)), "a schedule that lasts"),
         (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), bp2_rl.Ramp(1.0), hardware="go2"), "there is no robot"),
         (lambda: bp2_rl.make("go1"), 'go1 is a robot: make("bp2"'),
     ],
