@@ -33,10 +33,10 @@ class Within:
     def __contains__(self, number: float) -> bool:
         """Whether a number keeps to the bounds; NaN never does."""
         if not _is_finite(number):
-            return self.infinite and number == math.inf
+            return bool(self.infinite and number == math.inf)
         above = number > self.least if self.open_below else number >= self.least
         below = number < self.most if self.open_above else number <= self.most
-        return above and below
+        return bool(above and below)
 
     def __repr__(self) -> str:
         """In words, for signatures."""
