@@ -33,10 +33,10 @@ class Within:
     def __contains__(self, number: float) -> bool:
         """Whether a number keeps to the bounds; NaN never does."""
         if not _is_finite(number):
-            return bool(self.infinite and number == math.inf)
+            return self.infinite and number == math.inf
         above = number > self.least if self.open_below else number >= self.least
         below = number < self.most if self.open_above else number <= self.most
-        return bool(above and below)
+        return above and below
 
     def __repr__(self) -> str:
         """In words, for signatures."""
@@ -90,7 +90,11 @@ def check_bounds(config: Any, path: str = "") -> None:
         for each in entries:
             if dataclasses.is_dataclass(each):
                 check_bounds(each, f"{name}.")
-        numbers: list[Any] = [each for each in entries if not isinstance(each, bool) and isinstance(each, Real)]
+        numbers = [
+            int(each) if isinstance(each, Integral) else float(each)  # NumPy's, too
+            for each in entries
+            if not isinstance(each, bool) and isinstance(each, Real)
+        ]
         bounds = _bounds(annotation)
         for number in numbers:
             if number not in bounds:
