@@ -45,4 +45,4 @@ def find_robot_file(name: str) -> "RobotFile":
         require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
     from bp2_rl.robot.robot_file import RobotFile, load_robot
 
-    return RobotFile(ROBOTS[name], None, None, None, None, (), ()) if name in ROBOTS else load_robot(path)
+    return RobotFile(ROBOTS[name]) if name in ROBOTS else load_robot(path)

@@ -133,15 +133,15 @@ class WrittenRobot:
 
 @dataclasses.dataclass(frozen=True)
 class RobotFile:
-    """A robot that was read from a file."""
+    """A robot, and what its file says besides."""
 
     hardware: HardwareSpec
-    stiffness: ByJoint | None  # Nm/rad, of the position loop; None: the file gives no gains
-    damping: ByJoint | None  # Nm s/rad
-    top_speed: float | None  # m/s, published
-    reading: RobotReading | None  # of its MJCF; None: the file has the numbers
-    sources: tuple[str, ...]
-    assumed: tuple[str, ...]
+    stiffness: ByJoint | None = None  # Nm/rad, of the position loop; None: the file gives no gains
+    damping: ByJoint | None = None  # Nm s/rad
+    top_speed: float | None = None  # m/s, published
+    reading: RobotReading | None = None  # of its MJCF; None: the file has the numbers
+    sources: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
