@@ -20,6 +20,8 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot
+FOLLOWED = 0.7
+"""Share of its fastest command that a robot must run to be told that command at all."""
 CRUISE = 0.6
 """Share of a robot's top speed."""
 
@@ -27,14 +29,15 @@ CRUISE = 0.6
 def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
     """The command (m/s) under which the card's result was measured: a robot may run slower than it is told.
 
-    A card without a result of this benchmark gives the one of its top speed, one without either the fastest command
-    of the training.
+    A card without a result of this benchmark gives the one of its top speed. One without either gives the fastest
+    command of the training, or, where that is far beyond the robot, what the judge of the training measured.
     """
     for result in ("commanded_speed", "best_speed"):
         speed = on_card(policy, benchmark, result)
         if speed is not None:
             return speed
-    return policy.card.env.commands.max_forward
+    fastest, own = policy.card.env.commands.max_forward, top_speed(policy)
+    return fastest if own >= FOLLOWED * fastest else round(own, 2)
 
 
 def top_speed(policy: Policy) -> float:

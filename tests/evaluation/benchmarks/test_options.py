@@ -17,6 +17,9 @@ from bp2_rl.simulation.schedule import Ramp
         ({"sprint": {"commanded_speed": 8.0}}, 7.5),
         ({"topspeed": {"commanded_speed": None, "best_speed": "fast"}}, 7.5),  # the fastest command of the training
         ({}, 7.5),
+        ({"judged": {"speed": 6.0}}, 7.5),
+        ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
+        ({"judged": {"speed": 0.0}}, 7.5),  # all launches fell
     ],
 )
 def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_policy, results, speed):
