@@ -1,6 +1,6 @@
 """The judge: processes beside a training that measure each exported policy in C MuJoCo, from a standing start.
 
-Its processes run on processors that the training leaves idle. `measure_launch` defines a policy's top speed.
+Its processes run on processors that the training leaves idle. `measure_launches` defines a policy's top speed.
 """
 
 import contextlib
@@ -27,6 +27,7 @@ from bp2_rl.simulation.parallel import compute_here
 from bp2_rl.simulation.policy_runner import ActionFunction
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
 
 AT_A_TIME = 2  # most policies that are judged side by side
@@ -76,14 +77,19 @@ class LaunchResult:
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
 
 
-def measure_launch(
-    policy: ActionFunction, env: EnvConfig, launch: JudgedLaunch, kept: Path | None = None, length: float = 0.0
-) -> LaunchResult:
-    """Launch a policy on the robot of its environment; return its top speed and whether it fell.
+def measure_launches(
+    policy: ActionFunction, env: EnvConfig, launches: Sequence[JudgedLaunch], kept: Path | None = None,
+    length: float = 0.0,
+) -> list[LaunchResult]:  # fmt: skip
+    """Launch a policy on robots of its environment, all at once; return each one's top speed and whether it fell.
 
-    Where `kept` names a file, the last `length` seconds of the run are saved there.
+    Where `kept` names a file, the last `length` seconds of the first launch are saved there.
     """
-    [run] = simulate(policy, [RunRequest(launch.ramp(env), launch.robot(env.hardware))], env)
+    runs = simulate(policy, [RunRequest(one.ramp(env), one.robot(env.hardware)) for one in launches], env)
+    return [_result(run, None if i else kept, length) for i, run in enumerate(runs)]
+
+
+def _result(run: Trajectory, kept: Path | None, length: float) -> LaunchResult:
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     if kept is not None:
@@ -111,31 +117,42 @@ def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]
         # The processes end with the thread that submits the first task, so this thread does.
         for _ in range(count):
             pool.submit(_warm_up, env)
-        yield JudgeProcesses(pool, places=max(count // len(JUDGED_LAUNCHES), 1))
+        yield JudgeProcesses(pool, count)
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that runs the launches of a policy in processes."""
+    """A `learning.exports.Judge` that runs the launches of a policy in processes.
 
-    def __init__(self, pool: ProcessPoolExecutor, places: int):
-        self._pool, self.places = pool, places
+    Each launch has a process of its own where there are so many; else one process takes all of them at once, which
+    costs it half of what they cost one by one.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor, count: int):
+        self._pool, self.places = pool, max(count // len(JUDGED_LAUNCHES), 1)
+        self._tasks = [[one] for one in JUDGED_LAUNCHES] if count >= len(JUDGED_LAUNCHES) else [list(JUDGED_LAUNCHES)]
 
     def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
         """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
-        first = self._pool.submit(_launch, policy, JUDGED_LAUNCHES[0], kept, length)
-        return PendingLaunches([first, *(self._pool.submit(_launch, policy, one) for one in JUDGED_LAUNCHES[1:])])
+        first, *others = self._tasks
+        return PendingLaunches(
+            [
+                self._pool.submit(_launch, policy, first, kept, length),
+                *(self._pool.submit(_launch, policy, task) for task in others),
+            ]
+        )
 
 
 class PendingLaunches:
     """A `learning.exports.PendingResult` of launches in other processes."""
 
-    def __init__(self, launches: Sequence[Future[LaunchResult]]):
+    def __init__(self, launches: Sequence[Future[list[LaunchResult]]]):
         self._launches = launches
 
     def speed(self) -> float:
-        """Return the speed of the first launch, m/s, once it has ended; 0 until then."""
+        """Return the speed of the first launch, m/s, once it is known; 0 until then."""
         first = self._launches[0]
-        return first.result().best_speed if first.done() and not first.cancelled() and not first.exception() else 0.0
+        known = first.done() and not first.cancelled() and not first.exception()
+        return first.result()[0].best_speed if known else 0.0
 
     def done(self) -> bool:
         """Return whether all launches have ended."""
@@ -143,7 +160,7 @@ class PendingLaunches:
 
     def result(self) -> JudgeResult:
         """Return the judge's result."""
-        return combine([one.result() for one in self._launches])
+        return combine([launch for one in self._launches for launch in one.result()])
 
 
 # --- In the workers ---------------------------------------------------------------------------------------------
@@ -160,17 +177,19 @@ def _begin(cache: str | None) -> None:
 
 def _warm_up(env: EnvConfig) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
-    for one in JUDGED_LAUNCHES:
-        measure_launch(_keep_still, env, dataclasses.replace(one, hold=conventions.CONTROL_STEP, acceleration=1e3))
+    brief = [dataclasses.replace(one, hold=conventions.CONTROL_STEP, acceleration=1e3) for one in JUDGED_LAUNCHES]
+    measure_launches(_keep_still, env, brief)
 
 
 def _keep_still(observation: np.ndarray) -> np.ndarray:
     return 0.0 * observation[..., : conventions.NUM_MOTORS]
 
 
-def _launch(policy: Path, one: JudgedLaunch, kept: Path | None = None, length: float = 0.0) -> LaunchResult:
+def _launch(
+    policy: Path, launches: Sequence[JudgedLaunch], kept: Path | None = None, length: float = 0.0
+) -> list[LaunchResult]:
     loaded = _load(policy)
-    return measure_launch(loaded, loaded.card.env, one, kept, length)
+    return measure_launches(loaded, loaded.card.env, launches, kept, length)
 
 
 @functools.lru_cache(maxsize=1)

@@ -34,7 +34,7 @@ class Fleet(JudgeProcesses):
     def submit(self, policy, kept=None, length=0.0):
         if kept is not None:
             kept.write_bytes(b"the launch's last seconds")
-        return PendingLaunches([known(self.launched[int(policy.name)])] * 3)
+        return PendingLaunches([known([self.launched[int(policy.name)]])] * 3)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The judge beside a training: its results are the benchmarks', and its processes end with it."""
 
 import dataclasses
+import itertools
 import multiprocessing
 import time
 
@@ -36,7 +37,8 @@ def slower(shipped):
 
 def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     kept = tmp_path / "kept.npz"
-    launched = judging.measure_launch(slower, slower.card.env, JudgedLaunch(acceleration=3.0, hold=0.5), kept, 1.5)
+    launches = [JudgedLaunch(acceleration=3.0, hold=0.5), JUDGED_LAUNCHES[1]]
+    launched, _ = judging.measure_launches(slower, slower.card.env, launches, kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
     assert isinstance(result, RunMetrics)
@@ -47,10 +49,10 @@ def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
 
 
 def test_a_robot_that_falls_has_no_speed(slower):
-    launched = judging.measure_launch(
-        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, JUDGED_LAUNCHES[1]
+    launched = judging.measure_launches(
+        lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, [JUDGED_LAUNCHES[1]]
     )
-    assert launched == LaunchResult(fell=True, best_speed=0.0)
+    assert launched == [LaunchResult(fell=True, best_speed=0.0)]
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
@@ -84,7 +86,10 @@ def wait_for(pending):
         time.sleep(0.02)
 
 
-def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_policy):
+@pytest.mark.parametrize("processes", [2, 4])
+def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_policy, monkeypatch, processes):
+    """One process takes all launches at once, three take one each: the results are the same."""
+    monkeypatch.setattr(judging, "processors", lambda: processes)
     policy, before = load_policy(slow_policy), multiprocessing.active_children()
     with judging.open_judge(policy.card.env, None) as judge:
         pending = judge.submit(slow_policy)
@@ -94,7 +99,7 @@ def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_polic
         wait_for(pending)
         # The same programs on the same processor.
         assert pending.result() == judging.combine(
-            [judging.measure_launch(policy, policy.card.env, one) for one in JUDGED_LAUNCHES]
+            [*itertools.chain(*(judging.measure_launches(policy, policy.card.env, [one]) for one in JUDGED_LAUNCHES))]
         )
         assert pending.speed() == pending.result().speed > 0.0
         judge.submit(slow_policy)  # nobody waits for this one

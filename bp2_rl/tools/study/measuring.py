@@ -8,7 +8,7 @@ import jax
 from bp2_rl.base.folders import folder_names
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.env.observations import layout_of
-from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launch
+from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launches
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.monitor import LOG
 from bp2_rl.learning.policy import Policy, load_policy
@@ -74,7 +74,7 @@ def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
     for share in LADDER:
         if best >= share * env.commands.max_forward:
             break  # a slower command makes no faster run
-        launch = measure_launch(policy, env, dataclasses.replace(JUDGED_LAUNCHES[0], share=share))
+        [launch] = measure_launches(policy, env, [dataclasses.replace(JUDGED_LAUNCHES[0], share=share)])
         falls += launch.fell
         best = max(best, launch.best_speed)
     cruise = _cruise(policy, CRUISE)
