@@ -78,6 +78,7 @@ def stacked(rows: Sequence[RobotNumbers]) -> Float[Array, "P _"]:
         return jax.device_put(np.stack(rows)[filled(len(rows))], jax.devices("cpu")[0])
 
 
+@functools.cache
 def filled(robots: int) -> Int[np.ndarray, " P"]:
     """Return which robot each place of a compiled program computes, where there are so many robots."""
     places = next((size for size in SIZES if robots <= size), robots)
