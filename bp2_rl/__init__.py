@@ -19,6 +19,7 @@ The public names, each with its own help, such as `help(bp2_rl.rollout)`:
 """
 
 import pkgutil
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from bp2_rl.simulation.world import World as World
 
 __version__ = "0.1.0"
+IMPORTED_AT = time.time()
+"""s since 1970: a source written later may not be what this process has imported."""
 HOMES = {
     "load_policy": "learning.policy:load_policy",
     "rollout": "simulation.rollout:rollout",
