@@ -35,7 +35,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let links to files of the root, which work where the repository is browsed, lead to their pages."""
+    """Let links to files of the root, which work where the repository is browsed, lead to their pages.
+
+    A public name is headed as users type it: `bp2.rollout`.
+    """
+    markdown = re.sub(
+        r"^::: bp2_rl(\.\w+)$", r"\g<0>\n    options: {heading: bp2\1, toc_label: bp2\1}", markdown, flags=re.M
+    )
     names = "|".join(map(re.escape, PAGES))
     return re.sub(rf"\]\(\.\./((?:\.\./)*)({names})", lambda found: f"]({found[1]}{PAGES[found[2]]}", markdown)
 

@@ -14,7 +14,7 @@ from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 
 def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scalar:
@@ -25,7 +25,7 @@ def level_trunk(x: RewardInputs, config: RewardConfig, at: SharedTerms) -> Scala
 
 def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
     """The mean of every row over so many control steps of so many robots, with actions of zero."""
-    config = make_config("imitation", "smoke").env
+    config = preset("imitation", "smoke").env
     env = BP2Env(config, impl=impl, num_robots=robots, rows={**ROWS, "level_trunk": level_trunk})
     step = jax.jit(jax.vmap(env.step))
     state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(0), robots))

@@ -11,14 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bp2_rl.base.assets import asset_path
-from bp2_rl.learning.policy import load_policy
+import bp2_rl as bp2
 from bp2_rl.robot.hardware import BUILT
-from bp2_rl.simulation.metrics import measure
-from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.schedule import Ramp
-
-POLICY = asset_path("policies/built")
 
 
 class Tried(NamedTuple):
@@ -30,13 +24,12 @@ class Tried(NamedTuple):
     fell_at: float | None  # s
 
 
-def try_spring(stiffness: float, speed: float, hold: float, policy: Path = POLICY) -> Tried:
+def try_spring(stiffness: float, speed: float, hold: float, policy: Path | str = "built") -> Tried:
     """Launch the policy on the built robot with springs of this stiffness, N/m."""
-    chosen = load_policy(policy)
     robot = dataclasses.replace(BUILT, spring_stiffness=stiffness)
     # `hardware` is the robot that runs; controller and policy still take it for the one that they were trained on.
-    [run] = simulate(chosen, [RunRequest(Ramp((speed, 0.0, 0.0), hold=hold), robot)])
-    metrics = measure(run)
+    run = bp2.rollout(bp2.load_policy(policy), bp2.Ramp((speed, 0.0, 0.0), hold=hold), hardware=robot)
+    metrics = run.metrics
     sag = float(np.mean(run.spring_compression[0]))  # the first sample is the settled stand
     return Tried(sag, metrics.mean_speed, metrics.peak_spring_travel, metrics.fell_at)
 

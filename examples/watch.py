@@ -7,34 +7,28 @@ python examples/watch.py runs/slow_trot      # yours
 import sys
 from pathlib import Path
 
-from bp2_rl.base.assets import asset_path
+import bp2_rl as bp2
 from bp2_rl.base.plotting import save_figure
-from bp2_rl.learning.policy import load_policy
 from bp2_rl.simulation.figures import gait_figure
 from bp2_rl.simulation.film import NoVideo, make_video
-from bp2_rl.simulation.metrics import RunMetrics, measure
-from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.schedule import Ramp
 
 OUT = Path("reports/watch")
 
 
-def watch(policy_or_run: Path, speed: float, hold: float, out: Path) -> RunMetrics:
+def watch(policy_or_run: Path | str, speed: float, hold: float, out: Path) -> bp2.RunMetrics:
     """From a stand to `speed` (m/s), held for `hold` seconds; trajectory and picture in `out`."""
-    policy = load_policy(policy_or_run)
+    policy = bp2.load_policy(policy_or_run)
     # A schedule says the command over time; the policy's card says on which robot it was trained.
-    schedule = Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold)
-    [run] = simulate(policy, [RunRequest(schedule)])
+    run = bp2.rollout(policy, bp2.Ramp((speed, 0.0, 0.0), acceleration=2.4, hold=hold))
     out.mkdir(parents=True, exist_ok=True)
     run.save(out / "trajectory.npz")  # every millisecond: states, torques, targets, forces of the ground
     save_figure(gait_figure(run), out / "gait.png")
-    return measure(run)
+    return run.metrics
 
 
 def main() -> None:
     """Watch the policy that is named, or the one that ships."""
-    policy = Path(sys.argv[1]) if len(sys.argv) > 1 else asset_path("policies/built")
-    metrics = watch(policy, speed=2.0, hold=5.0, out=OUT)
+    metrics = watch(sys.argv[1] if len(sys.argv) > 1 else "built", speed=2.0, hold=5.0, out=OUT)
     fell = "did not fall" if metrics.fell_at is None else f"fell after {metrics.fell_at:.2f} s"
     print(f"{metrics.mean_speed:.2f} m/s where {metrics.commanded_speed:g} m/s were commanded; {fell}")
     print(f"hardest foot {metrics.peak_foot_force:.0f} N, springs up to {1000 * metrics.peak_spring_travel:.0f} mm")

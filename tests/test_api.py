@@ -2,8 +2,11 @@
 
 import importlib
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
@@ -11,19 +14,27 @@ import bp2_rl
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import SHIPPED
+from bp2_rl.robot.hardware import IDEAL
 
 
 @pytest.mark.parametrize("name", bp2_rl.HOMES)
 def test_a_public_name_is_what_its_home_defines(name):
-    module, attribute = bp2_rl.HOMES[name].split(":")
-    home = importlib.import_module(f"bp2_rl.{module}")
-    assert getattr(bp2_rl, name) is getattr(home, attribute)
+    home = importlib.import_module(f"bp2_rl.{bp2_rl.HOMES[name]}")
+    assert getattr(bp2_rl, name) is getattr(home, name)
+    assert getattr(bp2_rl, name).__name__ == name
     assert getattr(bp2_rl, name).__module__ == home.__name__
     assert name in dir(bp2_rl)
 
 
+def test_the_reference_describes_every_public_name():
+    page = (Path(__file__).parents[1] / "docs/reference/python.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^::: bp2_rl\.(\w+)$", page, re.MULTILINE)) == sorted(bp2_rl.HOMES)
+
+
 def test_a_wrong_name_is_answered_with_the_right_ones():
-    with pytest.raises(AttributeError, match=r"bp2_rl has no sprint; its public names are load_policy, rollout"):
+    with pytest.raises(
+        AttributeError, match=r"bp2_rl has no sprint; its public names are load_policy, Policy, rollout"
+    ):
         bp2_rl.sprint  # noqa: B018
 
 
@@ -76,7 +87,7 @@ WRONG = [
     ('make("walker", bp2.EnvConfig())', "there is no environment 'walker': choose one of"),
     ('preset("imitation", "big")', "there is no preset 'big': choose one of smoke, first, cpu, gpu"),
     ('preset("walk", "cpu")', "there is no stage 'walk': choose one of imitation, relaxed"),
-    ('make("bp2", impl="mjx")', "there is no physics 'mjx': choose one of jax, kernel, warp"),
+    ('make("bp2", impl="mjx")', "there is no physics 'mjx': did you mean jax? choose one of jax, kernel"),
     ('make("bp2", "cpu")', 'make takes settings, such as preset("imitation", "cpu").env, got \'cpu\''),
     ("Course().to(5.0, 1.0)", "a course leads to three numbers (forward, left, yaw rate); got 5.0"),
     (
@@ -87,18 +98,30 @@ WRONG = [
     ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), backend="bullet")', "there is no backend 'bullet'"),
     ('train("imitation", "run")', 'train takes settings, such as preset("imitation", "cpu") gives, got \'imit'),
     (
-        'rollout(bp2.load_policy("built"), bp2.Ramp(3.0), hardware="ideal")',
-        "hardware takes a HardwareSpec, as in preset",
+        'rollout(bp2.load_policy("built"), bp2.Ramp(3.0), hardware=3)',
+        "hardware takes a HardwareSpec, got 3",
     ),
     (
         'rollout(bp2.load_policy("built"), bp2.Ramp(3.0), world=0.1)',
-        "world takes a World, such as World(slope=0.05), g",
+        "world takes a World, got 0.1",
     ),
     (
         'simulate(bp2.load_policy("built"), bp2.RunRequest(bp2.Ramp(3.0)))',
         "simulate takes several requests, such as",
     ),
     ('simulate(bp2.load_policy("built"), [bp2.Ramp(3.0)])', "each request takes a RunRequest, such as"),
+    ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), config=3)', "config takes settings, such as preset"),
+    ('rollout(bp2.load_policy("built"), bp2.Ramp(3.0), operator=3)', "operator takes a HeadingHold, got 3"),
+    ("Course(3)", "course.legs takes a tuple of entries, each a CourseLeg, got 3"),
+    ("Course().to((1.0, 2.0, 'x'), 1.0)", "leg.command takes a tuple of entries, each a number, got (1.0, 2.0, 'x')"),
+    ("World(pushes=3)", "world.pushes takes a tuple of entries, each a Push, got 3"),
+    ("World(pushes=(bp2.Push(1.0, 0.0, 1.0), 3))", "world.pushes takes a tuple of entries, each a Push, got (Push("),
+    ('make("bp2", rows=3)', "rows takes the reward's terms by name, as env.rewards.ROWS has them, got 3"),
+    ("resume(None)", "the name of a file or folder takes a text or a Path, such as 'runs/first', got None"),
+    ('train(bp2.preset("imitation", "cpu"), None)', "the name of a file or folder takes a text or a Path, such as"),
+    ("TrainConfig(env=3)", "env takes an EnvConfig, got 3"),
+    ("EnvConfig(hardware=3)", "hardware takes a HardwareSpec, got 3"),
+    ("Ramp(10.0, hold=True)", "ramp.hold takes a number, got True"),
     ('EnvConfig(reference="foo")', "reference takes collocation or kinematic or none, got 'foo'"),
     ('EnvConfig(hardware="built")', "hardware takes a HardwareSpec, got 'built'"),
     ('Ramp(10.0, hold="5")', "ramp.hold takes a number, got '5'"),
@@ -128,3 +151,24 @@ for ask in {[ask for ask, _ in WRONG]}:
 @pytest.mark.parametrize("number", range(len(WRONG)))
 def test_a_wrong_choice_is_answered_with_what_is_right(number, answers):
     assert answers[number].startswith(WRONG[number][1])
+
+
+def test_what_a_reader_prints_is_a_line():
+    policy = bp2_rl.load_policy("gentle")
+    assert repr(policy).startswith("Policy(relaxed, BP2, ")
+    run = bp2_rl.rollout(policy, bp2_rl.Ramp(0.5, hold=0.05), hardware="ideal")
+    assert run.hardware == IDEAL
+    assert repr(run) == f"Trajectory(policy, {run.time[-1]:.2f} s, upright)"
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), cast(Any, bp2_rl.Ramp)), "a schedule that lasts"),
+        (lambda: bp2_rl.rollout(bp2_rl.load_policy("built"), bp2_rl.Ramp(1.0), hardware="go2"), "there is no robot"),
+        (lambda: bp2_rl.make("go1"), 'go1 is a robot: make("bp2"'),
+    ],
+)
+def test_a_name_in_the_wrong_place_is_told_where_it_belongs(call, said):
+    with pytest.raises(UserError, match=re.escape(said)):
+        call()

@@ -1,40 +1,34 @@
-"""Bounds of numbers in settings, declared where the field is and checked in one place.
+"""Types of settings and bounds of their numbers, declared where the field is and checked in one place.
 
     sweep: Positive = 0.7
     friction: Annotated[float, Within(0.01, 10.0)] = 0.9
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)
 
 `check_bounds` goes through a dataclass and the ones in it; a dataclass that is `Bounded` does so when it is made. A
-number must be finite unless its bounds say otherwise, and an integer must fit 64 bits; in a tuple every entry must be
-within, and a `Range` must ascend; None stands for a choice that is left open.
+value must be of the field's type. A number must be finite unless its bounds say otherwise, and an integer must fit 64
+bits; in a tuple every entry must be within, and a `Range` must ascend.
 """
 
 import dataclasses
 import math
 import typing
+from collections.abc import Sequence
+from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, shown
 
 
 @dataclasses.dataclass(frozen=True)
 class Within:
-    """What a number may be: from `least` to `most`.
-
-    Args:
-        least: and below it nothing.
-        most: and above it nothing.
-        open_below: `least` itself is too little.
-        open_above: `most` itself is too much.
-        infinite: plus infinity is allowed, and means that there is no limit.
-    """
+    """What a number may be: from `least` to `most`."""
 
     least: float = -math.inf
     most: float = math.inf
-    open_below: bool = False
-    open_above: bool = False
-    infinite: bool = False
+    open_below: bool = False  # `least` itself is too little
+    open_above: bool = False  # `most` itself is too much
+    infinite: bool = False  # plus infinity is allowed, and means that there is no limit
 
     def __contains__(self, number: float) -> bool:
         """Whether a number keeps to the bounds; NaN never does."""
@@ -43,6 +37,10 @@ class Within:
         above = number > self.least if self.open_below else number >= self.least
         below = number < self.most if self.open_above else number <= self.most
         return above and below
+
+    def __repr__(self) -> str:
+        """In words, for signatures."""
+        return f"<{self}>"
 
     def __str__(self) -> str:
         """In words, after "must be"."""
@@ -64,12 +62,14 @@ POSITIVE = Within(0.0, open_below=True)
 Positive = Annotated[float, POSITIVE]
 Share = Annotated[float, Within(0.0, 1.0)]
 Count = Annotated[int, Within(1)]
+NUMBERS: dict[Any, Any] = {float: Real, int: Integral}
+"""What counts as a number of a type: NumPy's, too."""
 Range = tuple[float, float]
 """(low, high), from which something is drawn or between which it lies."""
 
 
 def check_bounds(config: Any, path: str = "") -> None:
-    """Refuse a dataclass with a number out of bounds; those in it are looked at, too.
+    """Refuse a dataclass with a value of another type or a number out of bounds; those in it are looked at, too.
 
     Args:
         config: an instance.
@@ -77,28 +77,26 @@ def check_bounds(config: Any, path: str = "") -> None:
             does, `--operator.`, they are written as flags.
 
     Raises:
-        UserError: one line that names the first such field, its bounds, and its value.
+        UserError: one line that names the first such field, its type or bounds, and its value.
     """
     hints = typing.get_type_hints(type(config), include_extras=True)
     for field in dataclasses.fields(config):
         value, name = getattr(config, field.name), f"{path}{field.name}"
         name = name.replace("_", "-") if path.startswith("--") else name
-        if dataclasses.is_dataclass(value):
-            check_bounds(value, f"{name}.")
-            continue
         annotation = hints[field.name]
-        if isinstance(value, str):
-            _require_text(name, value, annotation)
-            continue
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
-            continue
+        if not _fits(value, annotation):
+            raise UserError(f"{name} takes {' or '.join(map(_in_words, _kinds(annotation)))}, got {shown(value)}")
+        entries = value if isinstance(value, tuple) else (value,)
+        for each in entries:
+            if dataclasses.is_dataclass(each):
+                check_bounds(each, f"{name}.")
+        numbers: list[Any] = [each for each in entries if not isinstance(each, bool) and isinstance(each, Real)]
         bounds = _bounds(annotation)
         for number in numbers:
             if number not in bounds:
                 endless = not (_is_finite(number) or math.isfinite(bounds.most) or bounds.infinite or bounds == ANY)
                 raise UserError(f"{name} must be {bounds}{' and finite' if endless else ''}, got {_show(number)}")
-        if _kinds(annotation) == [Range] and not value[0] <= value[1]:
+        if numbers and _kinds(annotation) == [Range] and not value[0] <= value[1]:
             raise UserError(f"{name} must be a range (low, high) with low <= high, got {value}")
 
 
@@ -130,14 +128,23 @@ def _bounds(annotation: Any) -> Within:
     return ANY
 
 
-def _require_text(name: str, text: str, annotation: Any) -> None:
-    """Refuse a text where none belongs, or another one than the choices."""
-    kinds = _kinds(annotation)
-    choices = [choice for kind in kinds for choice in get_args(kind) if get_origin(kind) is Literal]
-    if text not in choices and str not in kinds:
-        words = {float: "a number", int: "a whole number"}
-        wanted = choices or [words.get(kind, f"a {kind.__name__}") for kind in kinds if isinstance(kind, type)]
-        raise UserError(f"{name} takes {' or '.join(map(str, wanted))}, got {text!r}")
+def _fits(value: Any, annotation: Any) -> bool:
+    """Whether a value is of a type; of one that cannot be looked into, such as a function's, it always is."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _fits(value, inner[0])
+    if origin in (Union, UnionType):
+        return any(_fits(value, kind) for kind in inner)
+    if origin is Literal:
+        return value in inner
+    if origin in (tuple, Sequence):
+        if not isinstance(value, origin):
+            return False
+        kinds = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+        return len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if annotation in NUMBERS:
+        return isinstance(value, NUMBERS[annotation]) and not isinstance(value, bool)
+    return annotation is Any or not isinstance(annotation, type) or isinstance(value, annotation)
 
 
 def _kinds(annotation: Any) -> list[Any]:
@@ -147,6 +154,17 @@ def _kinds(annotation: Any) -> list[Any]:
     if get_origin(annotation) in (Union, UnionType):
         return [kind for member in get_args(annotation) if member is not NoneType for kind in _kinds(member)]
     return [annotation]
+
+
+def _in_words(kind: Any) -> str:
+    """Say what a value of this kind is, after "takes"."""
+    inner = [each for each in get_args(kind) if each is not ...]
+    if get_origin(kind) is Literal:
+        return " or ".join(map(str, inner))
+    if inner:
+        return f"a {get_origin(kind).__name__.lower()} of entries, each {_in_words(_kinds(inner[0])[0])}"
+    words = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
+    return words.get(kind) or f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
 
 
 def _is_finite(number: float) -> bool:

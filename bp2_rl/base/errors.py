@@ -1,5 +1,6 @@
 """How a command can end but for success and failure: by a user's mistake, or early, with the work kept."""
 
+import difflib
 from collections.abc import Iterable
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -36,12 +37,22 @@ class RunStopped(Exception):
 def require_one_of(what: str, name: object, choices: Iterable[str]) -> None:
     """Raise a `UserError` that lists the choices where `name` is none of them."""
     if name not in (names := tuple(choices)):
-        raise UserError(f"there is no {what} {name!r}: choose one of {', '.join(names)}")
+        near = did_you_mean(str(name), names) or ":"
+        raise UserError(f"there is no {what} {name!r}{near} choose one of {', '.join(names)}")
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the question whether that of the `known` was meant that is spelled most like a word, if one is like it."""
+    return "".join(f": did you mean {near}?" for near in difflib.get_close_matches(word, list(known), 1))
 
 
 def require_kind(what: str, value: object, kinds: type | tuple[type, ...], such_as: str) -> None:
     """Raise a `UserError` with an example where a value is of none of these kinds."""
     if not isinstance(value, kinds):
-        shown = one_line(repr(value))
-        shown = shown if len(shown) < 80 else f"a {type(value).__name__}"
-        raise UserError(f"{what} takes {such_as}, got {shown}")
+        raise UserError(f"{what} takes {such_as}, got {shown(value)}")
+
+
+def shown(value: object) -> str:
+    """Return a value for a message: as it is written, or only its type where that is long."""
+    text = one_line(repr(value))
+    return text if len(text) < 80 else f"a {type(value).__name__}"

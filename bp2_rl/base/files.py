@@ -21,7 +21,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_kind
 
 LARGEST_FILE = 4 << 30
 LARGEST_TEXT = 64 << 20
@@ -98,8 +98,9 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def require_name(path: Path) -> None:
+def require_name(path: Path | str) -> None:
     """Raise `UserError` unless a file or a folder can be written under this name, whether there is one or not."""
+    require_kind("the name of a file or folder", path, (str, os.PathLike), "a text or a Path, such as 'runs/first'")
     try:
         str(path).encode()
         for name in (Path(path), _temporary(Path(path), 10**7)) if Path(path).name else (path,):

@@ -149,10 +149,11 @@ def make_folder(folder: Path) -> None:
     require_name(folder)
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
+        if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
             raise UserError(f"cannot write to {folder}: choose another folder")
     except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror or error}; choose another folder") from error
+        reason = "it is a file, not a folder" if isinstance(error, FileExistsError) else error.strerror or error
+        raise UserError(f"cannot write to {folder}: {reason}; choose another folder") from error
 
 
 def open_report(folder: Path, mark: str, what: str) -> None:
@@ -166,13 +167,6 @@ def open_report(folder: Path, mark: str, what: str) -> None:
     Raises:
         UserError: it cannot be made or written, or holds anything but such a report.
     """
-    require_name(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()) and not (folder / mark).is_file():
-            raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}")
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(f"--out {folder} cannot be written: {error.strerror}") from error
+    make_folder(folder)
+    if any(folder.iterdir()) and not (folder / mark).is_file():
+        raise UserError(f"--out {folder} holds other files: name a new or empty folder, or that of an old {what}")

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import tyro
 
-from bp2_rl.base.errors import FAILED, INTERRUPTED, OK, WRONG_INPUT, RunStopped, UserError, one_line
+from bp2_rl.base.errors import FAILED, INTERRUPTED, OK, WRONG_INPUT, RunStopped, UserError, did_you_mean, one_line
 from bp2_rl.base.listening import listening
 from bp2_rl.cli import usage
 
@@ -62,9 +62,10 @@ def _terminable(patient: bool) -> Generator[None]:
     if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
-    answered = threading.Event()
+    answered, heard = threading.Event(), set[int]()
 
     def stop(number: int, _: object) -> None:
+        heard.add(number)
         if patient:
             answered.set()
         raise KeyboardInterrupt if number == signal.SIGINT else RunStopped(STOPPED, 128 + number)
@@ -83,6 +84,10 @@ def _terminable(patient: bool) -> Generator[None]:
                 signal.signal(number, stop)
         try:
             yield
+        except KeyboardInterrupt:
+            if signal.SIGTERM not in heard:
+                raise
+            raise RunStopped(STOPPED, 128 + signal.SIGTERM) from None  # CasADi turns each signal into this exception
         finally:
             answered.set()
             for number, handler in before.items():
@@ -219,8 +224,11 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
      lambda found: f"{found[1]} takes a number, got {found[2]}"),
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
+    (r"Error parsing (\S+): Could not find valid parse for arguments: \['(.*)'\]",
+     lambda found: f"{found[1]} takes whole numbers, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
-     lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}"),
+     lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}"
+     + did_you_mean(found[1], re.findall(r"'([^']+)'", found[3]))),
     (r"Error parsing (?!--)\S+: (.*)", lambda found: found[1]),
     (r"Missing value for argument '(\S+)'", lambda found: f"{found[1]} needs a value"),
     (r"Unrecognized options: (-[^,]+)", lambda found: f"unknown option {found[1]}"),

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bp2_rl.base.errors import OK, WRONG_INPUT, UserError
+from bp2_rl.base.errors import OK, WRONG_INPUT, UserError, did_you_mean
 from bp2_rl.cli import usage
 
 Main = Callable[[Sequence[str] | None], int]
@@ -83,7 +83,7 @@ def choose(prog: str, commands: Mapping[str, Entry], argv: Sequence[str] | None)
         print(f"{text}\n\n`{prog} COMMAND --help` lists a command's flags.")
         return OK
     if name not in commands:
-        near = usage.did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
+        near = did_you_mean(name, commands) or f"; {prog} has: {', '.join(commands)}"
         print(f"error: no command {name!a}{near}", file=sys.stderr)
         return WRONG_INPUT
     return commands[name][1](rest)

@@ -24,23 +24,14 @@ from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
-BenchmarkName = Literal[
-    "topspeed",
-    "sprint",
-    "robustness",
-    "manoeuvres",
-    "convergence",
-    "losses",
-    "sensitivity",
-    "all",
-]
+BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "losses", "sensitivity", "all"]
 
 
 @dataclasses.dataclass(frozen=True)
 class EvalConfig:
     """Run a policy from a standing start, measure it, and leave a report with table, plots and film.
 
-    Without a policy: the one that ships with bp2_rl.
+    Without a policy: built, which ships with bp2_rl, as gentle, fastest and ideal do.
 
     Examples:
         python eval.py --no-video                 # the policy that ships
@@ -48,7 +39,7 @@ class EvalConfig:
     """
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
-    """A policy folder or a training run's folder."""
+    """A policy that ships, by its name, or the folder of a policy or of a run."""
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:

@@ -8,12 +8,13 @@ from typing import Annotated
 
 import tyro
 
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.dispatch import Command, choose, entries
 
 
 @dataclasses.dataclass(frozen=True)
-class NewConfig:
+class NewConfig(Bounded, path="--"):
     """Write a robot file, filled in from an MJCF, with CONFIRM beside each number that you must confirm.
 
     Structure tells which joint is which: a free trunk with four legs of abduction, hip and knee. Meshes may be missing.
@@ -32,7 +33,7 @@ class NewConfig:
     """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell; all others are welded."""
     feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GEOM ...")] = ()
     """A geom or a site in each foot, FR FL RR RL; by default the farthest sphere of each leg."""
-    foot_radius: float | None = None
+    foot_radius: Annotated[float | None, Within(0.0, 1.0, open_below=True)] = None
     """m, of the feet, where they are no spheres."""
 
 
@@ -46,7 +47,7 @@ class CheckConfig:
     """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
-    """A robot that ships as a file, by its name, or a robot file."""
+    """A robot that ships, by its name, or a robot file."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="PICTURE.png")] = None
     """The picture; by default the robot's name in this folder."""
 
@@ -61,37 +62,30 @@ def new(config: NewConfig) -> None:
         raise UserError(f"{out} is there already: remove it, or choose another name with --out")
     if out.suffix != ".toml" or not out.parent.is_dir():
         raise UserError(f"--out {out} must be a name that ends in .toml, in a folder that is there")
-    radius = config.foot_radius
-    if radius is not None and not 0.0 < radius <= 1.0:
-        raise UserError(f"--foot-radius must be positive and at most 1, got {radius:g}")
     from bp2_rl.robot.reading import read_mjcf
     from bp2_rl.robot.robot_file import robot_text
 
-    reading = read_mjcf(config.model, joints=config.joints, feet=config.feet, foot_radius=radius)
+    reading = read_mjcf(config.model, joints=config.joints, feet=config.feet, foot_radius=config.foot_radius)
     mjcf = None if config.numbers else os.path.relpath(config.model, out.parent)
-    write_text(out, robot_text(reading, mjcf, joints=config.joints, feet=config.feet, foot_radius=radius))
+    write_text(out, robot_text(reading, mjcf, joints=config.joints, feet=config.feet, foot_radius=config.foot_radius))
     print(f"{out}: confirm the numbers marked CONFIRM, then: bp2 robot check {out}")
 
 
 def check(config: CheckConfig) -> None:
     """Print and draw a robot."""
     from bp2_rl.base.files import require_name
-    from bp2_rl.robot.named import shipped_files
 
-    shipped = shipped_files()
-    path = shipped.get(config.robot, Path(config.robot))
-    if path.suffix != ".toml":
-        raise UserError(f"no robot file {config.robot!r}: name ROBOT.toml, or one of {', '.join(shipped)}")
-    out = Path(f"{path.stem}.png") if config.out is None else config.out
+    out = Path(f"{Path(config.robot).stem}.png") if config.out is None else config.out
     require_name(out)
     if out.suffix not in (".png", ".pdf", ".svg") or not out.parent.is_dir() or out.is_dir():
         raise UserError(f"--out {out} must be a name that ends in .png, .pdf or .svg, in a folder that is there")
+    from bp2_rl.robot.named import find_robot_file
+
+    robot = find_robot_file(config.robot)
     from bp2_rl.base.plotting import save_figure
     from bp2_rl.robot.portrait import draw_robot
-    from bp2_rl.robot.robot_file import load_robot
     from bp2_rl.robot.sheet import sheet, stand
 
-    robot = load_robot(path)
     print(sheet(robot, stand(robot)))
     save_figure(draw_robot(robot.hardware), out)
     print(f"picture: {out}")

@@ -18,10 +18,10 @@ from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
 from bp2_rl.robot.hardware import robot_name
 from bp2_rl.robot.named import find_robot
+from bp2_rl.settings import presets
 from bp2_rl.settings.cluster import ClusterConfig
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
-from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.settings.tracking import Tracker, choose_tracker
 from bp2_rl.settings.training import Preset, RobotWish, RunConfig, Stage, TrainConfig, Weights, load_run_config
@@ -127,7 +127,7 @@ def answer_early(
     named, mistakes = read_named(argv), []
 
     def defaults(preset: Preset) -> Config:
-        return with_defaults(make_config(named.stage, preset, named.weights, named.robot or "built"))
+        return with_defaults(presets.preset(named.stage, preset, named.weights, named.robot or "built"))
 
     if usage.is_asked(argv):
         preset = named.preset or "cpu"
@@ -260,7 +260,7 @@ def _physics(named: NamedDefaults) -> str | None:
     if named.impl is not None:
         return named.impl
     if named.goes_on is None:
-        return make_config(named.stage, named.preset or "cpu").impl
+        return presets.preset(named.stage, named.preset or "cpu").impl
     with contextlib.suppress(UserError):  # it is told of later
         return load_run_config(named.goes_on).impl
     return None
@@ -292,7 +292,7 @@ def _continue(stage: Stage, preset: Preset, parent: Path, named: NamedDefaults) 
 
     old = load_run_config(parent)
     theirs = (robot_name(old.env.hardware) or "built") if old.env.hardware.is_bp2 else old.env.hardware
-    before, now = (make_config(each, preset, named.weights, theirs) for each in (old.stage, stage))
+    before, now = (presets.preset(each, preset, named.weights, theirs) for each in (old.stage, stage))
     env = merge(before.env, old.env, now.env)
     if named.robot and env.hardware != (other := find_robot(named.robot)):
         if other.anatomy.name != env.hardware.anatomy.name:
@@ -315,7 +315,7 @@ def defaults_here(
 
     on_cpu = find_backend() == "cpu"
     preset = cast(Preset, named if named in get_args(Preset) else "cpu" if on_cpu else "gpu")
-    return preset, make_config(stage, preset, weights, robot or "built")
+    return preset, presets.preset(stage, preset, weights, robot or "built")
 
 
 def _newest_imitation_run() -> Path:

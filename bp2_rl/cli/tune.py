@@ -13,8 +13,8 @@ from bp2_rl.base.errors import RunStopped, UserError, not_installed
 from bp2_rl.base.files import require_name, write_text
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.train import answer_early, train_arguments
+from bp2_rl.settings import presets
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.presets import make_config
 from bp2_rl.settings.training import LARGEST_SEED, Preset, RobotChoice, Steps
 from bp2_rl.tools.tuning.space import parse_dimension
 
@@ -68,7 +68,7 @@ def _tune(arguments: TuneArguments) -> None:
     from bp2_rl.tools.study.places import Resources, visible_gpus
     from bp2_rl.tools.tuning.search import Search, run
 
-    steps = arguments.steps or make_config("imitation", arguments.preset).run.steps
+    steps = arguments.steps or presets.preset("imitation", arguments.preset).run.steps
     search = Search(space, arguments.preset, arguments.robot, steps, arguments.seed)
     resources = Resources(visible_gpus(), arguments.judges, print, arguments.jobs)
     if arguments.jobs.executor == "here" and not resources.gpus:

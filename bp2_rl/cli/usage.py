@@ -1,6 +1,5 @@
 """What `--help` prints: aligned columns on one screen; `--help-all` prints every setting, in sections."""
 
-import difflib
 import inspect
 import pkgutil
 import re
@@ -9,6 +8,8 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
+
+from bp2_rl.base.errors import did_you_mean
 
 HELP_ALL = "--help-all"
 HELP = ("-h", "--help", HELP_ALL)
@@ -95,11 +96,6 @@ def one_of_several() -> tuple[Any, ...]:
 def nearest_flag(word: str, config: type[Any], prog: str, default: Any) -> str:
     """Return the question whether a command's flag was meant that is spelled somewhat like a word."""
     return did_you_mean(word, _parser(config, prog, default)._option_string_actions)
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the question whether that of the `known` was meant that is spelled most like a word, if one is like it."""
-    return "".join(f": did you mean {near}?" for near in difflib.get_close_matches(word, list(known), 1))
 
 
 def _parser(config: type[Any], prog: str, default: Any) -> Any:

@@ -26,7 +26,7 @@ from bp2_rl.env.controller import Controller, Targets, motors_of
 from bp2_rl.env.episode import NUM_KEYS, EpisodeStarts, PipelineState
 from bp2_rl.env.metrics import StepOutcome, metrics
 from bp2_rl.env.mirror import ACTION, Mirror, mirror_of
-from bp2_rl.env.named import CONFIGS, DEFAULT
+from bp2_rl.env.named import CONFIGS
 from bp2_rl.env.physics.interface import LONGEST_LATENCY, Effort, Physics, PhysicsEngine
 from bp2_rl.env.physics.kernel import KernelPhysics
 from bp2_rl.env.physics.mjx import MjxPhysics
@@ -35,6 +35,7 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.coordinates import compression_rates, compressions, joint_positions, joint_velocities
 from bp2_rl.robot.losses import Resistance
 from bp2_rl.robot.model import load_model
+from bp2_rl.robot.named import robot_names
 from bp2_rl.settings.env import EnvConfig, Impl
 
 
@@ -46,7 +47,6 @@ class BP2Env(envs.Env):
     (`observations.layout_of`, noisy), and `privileged_state` for the critic. The reward is Table S4. An episode ends
     when the robot falls or its physics stops being finite; time limits are the wrapper's.
 
-    `config` is by default that of the environment `bp2` (`env.named`): the built robot, our rewards.
     `impl` chooses the physics engine (`env.physics.interface`). `num_robots` is the largest batch that `warp` steps at
     once; the other engines ignore it. `rows` are the reward's terms by name: Table S4's, or these and your own.
 
@@ -55,13 +55,13 @@ class BP2Env(envs.Env):
 
     def __init__(
         self,
-        config: EnvConfig | None = None,
+        config: EnvConfig,
         *,
         impl: Impl = "jax",
         num_robots: int = 1,
         rows: Mapping[str, rewards.RewardRow] | None = None,
     ):
-        self.config = config = config or CONFIGS[DEFAULT]()
+        self.config = config
         self.rows = rewards.ROWS if rows is None else rows
         if (latency := config.hardware.losses.latency) > LONGEST_LATENCY:
             raise UserError(
@@ -242,6 +242,7 @@ class BP2Env(envs.Env):
             terminal=outcome.fall.happened.astype(jnp.float32),
             sole_height=soles.height / size.length,
             sole_rate=soles.rate / size.speed,
+            qd_n=joint_velocities(physics.qvel) / config.hardware.joint_no_load_speed,
         )
 
     def _next_command(
@@ -304,7 +305,7 @@ def _make_engine(impl: Impl, model: mujoco.MjModel, config: EnvConfig, num_robot
     return MjxPhysics(model, motors, resistance, impl, num_robots)
 
 
-def make_env(
+def make(
     name: str,
     config: EnvConfig | None = None,
     *,
@@ -312,7 +313,7 @@ def make_env(
     num_robots: int = 1,
     rows: Mapping[str, rewards.RewardRow] | None = None,
 ) -> BP2Env:
-    """Return the environment of this name; `config` replaces that environment's settings. See `BP2Env` for the rest.
+    """Return the environment of this name, or with `config` in place of its settings; see `BP2Env` for the rest.
 
     Args:
         name: `bp2`; `bp2_ideal`, without losses; or `bp2_kinematic`, on the kinematic gait, at 3 m/s.
@@ -321,15 +322,19 @@ def make_env(
         UserError: there is no such environment, or it cannot be.
 
     Examples:
-        make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
+        >>> make("bp2")  # the built robot, the rewards of preset("imitation", "gpu")
+        >>> make("bp2", preset("imitation", "cpu", robot="go1").env)  # another robot
     """
+    if name in robot_names():
+        raise UserError(f'{name} is a robot: make("bp2", preset("imitation", "cpu", robot="{name}").env)')
     require_one_of("environment", name, CONFIGS)
     require_kind("make", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
+    require_kind("rows", rows, (Mapping, NoneType), "the reward's terms by name, as env.rewards.ROWS has them")
     if num_robots < 1:
         raise UserError(f"num_robots must be at least 1, got {num_robots}")
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)
 
 
 for each in CONFIGS:
-    maker = functools.partial(make_env, each)
+    maker = functools.partial(make, each)
     envs.register_environment(each, maker)  # pyright: ignore[reportArgumentType]  # it is only called

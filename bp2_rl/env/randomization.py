@@ -24,6 +24,7 @@ class Randomization(struct.PyTreeNode):
     mass: Float[Array, "... nbody"]  # factor
     com_offset: Float[Array, "... 3"]  # m, trunk
     strength: Float[Array, "... 12"]  # factor
+    braking: Float[Array, "..."] | None  # no-load speed over the speed at which motors brake no more; None: hardware's
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
@@ -38,6 +39,7 @@ def nominal(num_bodies: int, hardware: HardwareSpec) -> Randomization:
         mass=jnp.ones(num_bodies),
         com_offset=jnp.zeros(3),
         strength=ones,
+        braking=None,
         stiffness=ones,
         damping=ones,
         latency=jnp.asarray(hardware.losses.latency, jnp.float32),
@@ -59,6 +61,7 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
         strength=uniform(keys[3], (12,), config.strength),
+        braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking) if config.weak_braking[1] else None,
         stiffness=uniform(keys[4], (12,), config.gains),
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
@@ -78,13 +81,17 @@ def push(qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array) -> 
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:
-    """Return the motors with this robot's strength, gains, lag and bus."""
+    """Return the motors with this robot's strength, brakes, gains, lag and bus."""
     changed = dataclasses.replace(
         actuator,
         strength=actuator.strength * randomization.strength,
         stiffness=actuator.stiffness * randomization.stiffness,
         damping=actuator.damping * randomization.damping,
     )
+    if randomization.braking is not None:
+        weakest = jnp.maximum(actuator.no_load_speed / actuator.braking_speed, randomization.braking[..., None])
+        speed = actuator.no_load_speed / jnp.maximum(weakest, 1e-6)
+        changed = dataclasses.replace(changed, braking_speed=speed)
     lag, power, sag = (randomization.losses[..., LOSSES.index(name)] for name in ("lag", "bus", "sag"))
     if actuator.current_lag != 0.0:
         changed = dataclasses.replace(changed, current_lag=actuator.current_lag * lag[..., None])

@@ -110,6 +110,11 @@ def hard_landing(height: Float[Array, "4"], rate: Float[Array, "4"]) -> Scalar:
     return jnp.sum(near * jnp.square(jnp.minimum(rate, 0.0) / 5.0))
 
 
+def overspeed(qd_n: Float[Array, "12"]) -> Scalar:
+    """Beyond Table S4: the sum of how far motors are beyond their no-load speed; speeds over that speed."""
+    return jnp.sum(jnp.maximum(jnp.abs(qd_n) - 1.0, 0.0))
+
+
 def standing_still_penalty(mean_action: Float[Array, "12"], command: Float[Array, "3"]) -> Scalar:
     """Beyond Table S4: the sum of |mean action| where the command is to stand, else 0.
 
@@ -174,6 +179,7 @@ class RewardInputs(struct.PyTreeNode):
     terminal: Float[Array, "..."]  # 1 if the robot has fallen
     sole_height: Float[Array, "... 4"]  # m
     sole_rate: Float[Array, "... 4"]  # m/s, upwards
+    qd_n: Float[Array, "... 12"]  # joint speed over the motor's no-load speed
 
 
 class SharedTerms(NamedTuple):
@@ -202,9 +208,10 @@ ROWS: Mapping[str, RewardRow] = {
     "symmetry": lambda x, c, at: c.symmetry * straight_symmetry(x.q[0::3], at.eta),
     "terminal": lambda x, c, _: -c.terminal * x.terminal,
     "landing": lambda x, c, _: -c.landing * hard_landing(x.sole_height, x.sole_rate) if c.landing else jnp.zeros(()),
+    "overspeed": lambda x, c, _: -c.overspeed * overspeed(x.qd_n) if c.overspeed else jnp.zeros(()),
     "stand": lambda x, c, _: -c.stand * standing_still_penalty(x.mean_action, x.command) if c.stand else jnp.zeros(()),
 }
-"""Table S4 and two rows more, by their names, as in the metrics `reward/NAME`."""
+"""Table S4 and three rows more, by their names, as in the metrics `reward/NAME`."""
 
 
 def reward_terms(x: RewardInputs, config: EnvConfig, rows: Mapping[str, RewardRow] = ROWS) -> dict[str, Scalar]:

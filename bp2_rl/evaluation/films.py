@@ -5,7 +5,6 @@ other, with the time that everybody else leaves: results never wait for films, a
 """
 
 import contextlib
-import html
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
@@ -13,8 +12,8 @@ from pathlib import Path
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
+from bp2_rl.base.templates import render
 from bp2_rl.evaluation.judge import JudgeProcesses, PendingLaunches
-from bp2_rl.evaluation.report.page import document
 from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
@@ -120,9 +119,6 @@ class Filming:
         return result
 
 
-# --- The page ------------------------------------------------------------------------------------------------
-
-
 def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goes_on: bool) -> str:
     """The page of a run, with the films that are there.
 
@@ -133,73 +129,18 @@ def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goe
         goes_on: whether to look for more.
     """
     shown = dict(sorted(results.items()))
-    best = max(shown, key=lambda steps: (shown[steps].mean, steps))
-    words = f"{len(shown)} policies judged; the best so far at {count(best)} control steps: {shown[best]}."
-    if not goes_on:
-        words = words.replace(" so far", "")
-    why = f"<p class=quiet>{html.escape(no_film)}</p>" if no_film else ""
-    cards = "".join(_card(run_dir, steps, result) for steps, result in shown.items())
-    return document(
-        f"How {run_dir.resolve().name} learns",
-        f"<p class=quiet>{html.escape(words)} Each film shows the last {SHOT.length:g} s of a launch from a stand in C "
-        f"MuJoCo; one that ends in a fall ends with it.</p>{why}",
-        f"{_curve(shown)}<section class=films>{cards}</section>{_LIVE if goes_on else ''}",
-        _STYLE,
+    return render(
+        "evaluation/films.html",
+        name=run_dir.resolve().name,
+        results=shown,
+        best=max(shown, key=lambda steps: (shown[steps].mean, steps)),
+        last=max(shown),
+        most=max(1.0, *(result.speed for result in shown.values())),
+        films={steps: f"{FILMS}/{steps}" for steps in shown if (run_dir / FILMS / f"{steps}.mp4").is_file()},
+        no_film=no_film,
+        goes_on=goes_on,
+        count=count,
+        seconds=SHOT.length,
+        reload=RELOAD,
+        POSTER=POSTER,
     )
-
-
-def _card(run_dir: Path, steps: int, result: JudgeResult) -> str:
-    film = Path(FILMS) / f"{steps}.mp4"
-    seen = (
-        f'<video src="{film.as_posix()}" poster="{film.with_suffix(POSTER).as_posix()}" preload="none" controls loop '
-        "muted playsinline></video>"
-        if (run_dir / film).is_file()
-        else "<div class=none>no film</div>"
-    )
-    fell = result.falls > 0
-    falls = f"{result.falls} of {result.launches} launches fell" if fell else "no fall"
-    speed = f"{result.speed:.1f} m/s" if result.speed or not fell else "fell"
-    return (
-        f"<figure>{seen}<figcaption><b>{speed}</b> at {count(steps)}"
-        f'<span class="{"bad" if fell else "good"}">{falls}</span></figcaption></figure>'
-    )
-
-
-def _curve(results: dict[int, JudgeResult]) -> str:
-    """Speed over control steps, a dot a policy, red where any of its launches fell."""
-    last, most = max(results), max(1.0, *(result.speed for result in results.values()))
-    top = most * 1.1
-    places = [(40 + 940 * k / last, 150 - 140 * v.speed / top, v.falls > 0) for k, v in results.items()]
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y, _ in places)
-    dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" class="{"f" if f else "s"}"/>' for x, y, f in places)
-    level = 150 - 140 * most / top
-    words = (
-        f'<text x="34" y="{level + 5:.1f}" class=left>{most:.1f}</text><text x="34" y="155" class=left>0</text>'
-        f'<text x="46" y="14">m/s</text><text x="985" y="170" class=left>{count(last)} control steps</text>'
-    )
-    return (
-        '<div class=wide><svg class=curve viewBox="0 0 1000 175" role="img" aria-label="Speed over control steps">'
-        f'<path d="M40 5V150H990M40 {level:.1f}H990"/><polyline points="{line}"/>{dots}{words}</svg></div>'
-    )
-
-
-_LIVE = f"""<script>
-setInterval(() => {{
-  if ([...document.querySelectorAll("video")].every((film) => film.paused)) location.reload();
-}}, {1000 * RELOAD});
-</script>"""
-_STYLE = """
-.films { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: 1.5rem 1.2rem; }
-.films figure { margin: 0; }
-.films video, .films .none { aspect-ratio: 9 / 5; width: 100%; border-radius: 8px;
-  background: #f3f5f7; }
-.films .none { display: grid; place-items: center; color: var(--quiet); font-size: .9rem; }
-.films figcaption { display: flex; gap: .4rem; align-items: baseline; }
-.films b { color: var(--ink); font-size: 1.05rem; }
-.films span { margin-left: auto; }
-.curve { width: 100%; min-width: 34rem; margin: 1.5rem 0; font-size: 13px; }
-.curve path, .curve polyline { fill: none; stroke: var(--line); }
-.curve polyline { stroke: #0072b2; stroke-width: 2; vector-effect: non-scaling-stroke; }
-.curve text { fill: var(--quiet); } .curve .left { text-anchor: end; }
-.curve .s { fill: #0072b2; } .curve .f { fill: #d55e00; }
-"""

@@ -9,6 +9,7 @@ from typing import get_args
 import jax
 
 from bp2_rl.base.errors import require_kind, require_one_of
+from bp2_rl.base.files import require_name
 from bp2_rl.base.workers import use_all_processors
 from bp2_rl.evaluation.judge import open_judge
 from bp2_rl.learning import cluster, run
@@ -41,10 +42,11 @@ def train(
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
 
     Examples:
-        first = train(preset("imitation", "cpu"), "runs/first")
-        train(preset("relaxed", "cpu"), "runs/second", parent=first)
+        >>> first = train(preset("imitation", "cpu"), "runs/first")
+        >>> train(preset("relaxed", "cpu"), "runs/second", parent=first)
     """
     require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
+    require_name(run_dir)
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
@@ -61,7 +63,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Pat
         RunStopped: as `train` does.
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
-    with _judge(load_run_config(Path(run_dir))) as judge:
+    with _judge(load_run_config(run_dir)) as judge:
         return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=programs)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError, require_kind
+from bp2_rl.base.errors import UserError, did_you_mean, require_kind
 from bp2_rl.base.files import ArraySpec, BadFileError, read_bytes, read_npz, require_name, write_npz
 from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
@@ -27,7 +27,7 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
 
 FORMAT_VERSION = 1
-SHIPPED = ("built", "fastest", "ideal")
+SHIPPED = ("built", "gentle", "fastest", "ideal")
 """Names of the policies that ship."""
 WEIGHTS = "weights.npz"
 CARD = "card.json"
@@ -80,6 +80,12 @@ class Policy:
     mean: Float[np.ndarray, " observation"]
     std: Float[np.ndarray, " observation"]
     layers: tuple[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]], ...]  # (weight, bias)
+
+    def __repr__(self) -> str:
+        """What it is: the card says more, and the layers are for programs."""
+        card = self.card
+        robot = card.env.hardware.anatomy.name
+        return f"Policy({card.stage}, {robot}, {card.physics_steps / 1e6:.3g} M physics steps, seed {card.seed})"
 
     def __call__(self, observation: Float[Any, "*batch observation"]) -> Float[Any, "*batch action"]:
         """Return the action of Brax's network of the same parameters, in the array library of `observation`."""
@@ -140,6 +146,8 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     _check_numbers(policy, f"policy not exported to {directory}")
     try:
         place = Path(directory).resolve()
+        if place.is_file():
+            raise FileExistsError(0, "it is a file, not a folder; choose another folder")
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
             raise FileExistsError(0, "the folder holds files that are no policy's; choose another")
         with new_folder(place) as fresh:
@@ -196,7 +204,8 @@ def find_policy(path: Path | str) -> Path:
         if (directory / CARD).is_file():
             return directory
     if not path.exists():
-        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship")
+        near = did_you_mean(str(path), SHIPPED)
+        raise PolicyError(f"no policy at {path}: there is no such file or folder; {', '.join(SHIPPED)} ship{near}")
     if path.is_file():
         raise PolicyError(f"{path} is a file; name the policy's folder, which holds {CARD} and {WEIGHTS}")
     if (path / "checkpoints").is_dir():

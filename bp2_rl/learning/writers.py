@@ -27,11 +27,9 @@ class LogWriter(Protocol):
             OSError: the disk is full or gone: the run stops.
             TrackerError: the run goes on without this writer.
         """
-        ...
 
     def close(self) -> None:
         """Close the writer: the run has ended, or has been stopped."""
-        ...
 
 
 class MetricsFile:

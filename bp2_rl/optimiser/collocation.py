@@ -1,5 +1,8 @@
 """Solve trajectory problems: a problem is transcribed by direct collocation, and IPOPT solves the nonlinear program."""
 
+import contextlib
+import io
+import sys
 import time
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -47,10 +50,12 @@ def optimise(problem: Problem, start: Motion | None = None, options: SolveOption
         raise UserError("this build of CasADi has no IPOPT: pip install --force-reinstall casadi")
     began = time.perf_counter()
     transcription = transcribe(problem, cold_guess(problem) if start is None else start, options)
-    optimum = transcription.program.solve(options.time_limit)
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        optimum = transcription.program.solve(options.time_limit, options.perhaps_infeasible)
     stats = optimum.statistics
-    if stats["return_status"] in INTERRUPTED:
+    if stats["return_status"] in INTERRUPTED:  # of which CasADi warns
         raise KeyboardInterrupt
+    sys.stderr.write(said.getvalue())
     if not stats["success"]:
         how = stats["return_status"].replace("_", " ").lower()
         raise NotSolved(

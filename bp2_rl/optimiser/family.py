@@ -94,6 +94,7 @@ class Limits(Form):
             "highest_step": length * form["highest_step"],
             "longest_period": size.time * form["longest_period"],
             "hardest_landing": size.speed * form["hardest_landing"],
+            "fastest_release": size.speed * form["fastest_release"],
             "greatest_share": min(form["greatest_share"] + _uneven(hardware), 1.0),
             "greatest_impact": min(form["greatest_impact"], problem.form.greatest_impact),
         }
@@ -337,7 +338,8 @@ def _solve_from(settings: FamilyConfig, here: Solution, speed: float) -> Solutio
 
     problem = settings.at(speed)
     proximity = settings.slow.proximity if settings.slow.holds(problem) else settings.proximity
-    return solve(problem, here.motion, SolveOptions(proximity=proximity, time_limit=settings.time_limit))
+    options = SolveOptions(proximity=proximity, time_limit=settings.time_limit, perhaps_infeasible=not settings.fastest)
+    return solve(problem, here.motion, options)
 
 
 def _keep(folder: Path, solution: Solution) -> None:

@@ -143,6 +143,8 @@ class Form(Bounded, path="form."):
     highest_step: Annotated[float, Within(0.001, 2.0, infinite=True)] = math.inf  # m, of a swinging sole
     hardest_landing: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
     """m/s, of a sole before touchdown, downwards as well as along"""
+    fastest_release: Annotated[float, Within(0.01, 100.0, infinite=True)] = math.inf
+    """m/s, of a spring's extension as its foot lifts off: what then meets the rebound stop"""
     greatest_share: Annotated[float, Within(0.5, 1.0)] = 1.0
     """of the mean vertical force of a stance, that one of its feet bears"""
     greatest_impact: Annotated[float, Within(0.0, 1.0)] = 1.0

@@ -117,7 +117,7 @@ class Program:
         function = ca.Function("values", [ca.vertcat(*self._unknowns)], list(expressions))
         return [np.array(value).T for value in function.call([point])]
 
-    def solve(self, time_limit: float) -> Optimum:
+    def solve(self, time_limit: float, perhaps_infeasible: bool) -> Optimum:
         """Where IPOPT ends from the guess."""
         x, g = ca.vertcat(*self._unknowns), ca.vertcat(*self._constraints)
         options = {
@@ -132,6 +132,7 @@ class Program:
                 "constr_viol_tol": 1e-9,
                 "max_iter": 2000,
                 "max_cpu_time": time_limit,
+                "expect_infeasible_problem": "yes" if perhaps_infeasible else "no",
             },
         }
         solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": self.objective, "g": g}, options)

@@ -27,7 +27,7 @@ from jaxtyping import Float
 from bp2_rl.base.polynomials import hermite_and_rate, parabola
 from bp2_rl.optimiser import sagittal
 from bp2_rl.optimiser.links import leg_of
-from bp2_rl.optimiser.problem import SOLVE_TIME, Problem, Stride, contact_rows
+from bp2_rl.optimiser.problem import SOLVE_TIME, TRUNK, Problem, Stride, contact_rows
 from bp2_rl.optimiser.program import Program
 from bp2_rl.optimiser.sagittal import DESIGN, SagittalModel, ca
 from bp2_rl.optimiser.solution import Motion
@@ -65,6 +65,8 @@ class SolveOptions:
     """what a metre per second is worth, in units of the cost"""
     time_limit: float = SOLVE_TIME
     """s, of a processor's time"""
+    perhaps_infeasible: bool = False
+    """look for a point of local infeasibility as soon as multipliers diverge, instead of factorising ever longer"""
 
 
 class Unknowns(NamedTuple):
@@ -143,6 +145,7 @@ def transcribe(problem: Problem, guess: Motion, options: SolveOptions) -> Transc
         _join_to_segment_before(nlp, i)
     _limit_form(nlp)
     for i in range(len(nlp.segments)):
+        _limit_release(nlp, i)
         _limit_friction(nlp, i)
         _limit_swing(nlp, i)
         _limit_motors(nlp, i)
@@ -309,6 +312,15 @@ def _limit_form(nlp: Transcription) -> None:
         if feet and form.greatest_share < 1.0:
             loads = segment.force[contact_rows(stride.legs, feet)[1::2], :] @ nlp.problem.quadrature
             program.at_least_zero(form.greatest_share * ca.sum1(loads) - loads, FORCE_SCALE, "shares of the load")
+
+
+def _limit_release(nlp: Transcription, i: int) -> None:
+    """Springs extend no faster than the form allows as their feet lift off."""
+    stride, fastest, v = nlp.problem.stride, nlp.problem.form.fastest_release, nlp.segments[i].v[:, -1]
+    if math.isfinite(fastest) and stride.per_leg == 3:
+        for leg in stride.liftoffs(i):
+            rate = v[TRUNK + stride.per_leg * stride.legs.index(leg) + 2]
+            nlp.program.at_least_zero(rate + fastest, VELOCITY_SCALE, "release")
 
 
 def _limit_friction(nlp: Transcription, i: int) -> None:

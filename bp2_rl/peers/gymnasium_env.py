@@ -15,7 +15,7 @@ from gymnasium import Env, spaces
 from jaxtyping import Float, UInt8
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.bp2_env import BP2Env, make_env
+from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.model import load_model
@@ -96,7 +96,7 @@ class BP2GymEnv(Env[np.ndarray, np.ndarray]):
         impl: Impl = "kernel",
         render_mode: RenderMode | None = None,
     ):
-        self.env = make_env(name, config, impl=impl)
+        self.env = make(name, config, impl=impl)
         self.observation_space, self.action_space = spaces_of(self.env)
         self.render_mode = render_mode
         self._photographer = render_mode and Photographer(self.env.config.hardware, render_mode)

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.bp2_env import make_env
+from bp2_rl.env.bp2_env import make
 from bp2_rl.peers import EPISODE
 from bp2_rl.peers.gymnasium_env import (
     CRITIC,
@@ -65,7 +65,7 @@ class BP2VectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ):
         if num_envs < 1:
             raise UserError(f"num_envs must be at least 1, got {num_envs}")
-        self.env = make_env(name, config, impl=impl, num_robots=num_envs)
+        self.env = make(name, config, impl=impl, num_robots=num_envs)
         self.render_mode = render_mode
         self._photographer = render_mode and Photographer(self.env.config.hardware, render_mode)
         self.num_envs, self._limit = num_envs, max_episode_steps

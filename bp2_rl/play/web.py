@@ -202,7 +202,7 @@ class _Scene:
             scene.add_label(f"/{name}/label", name, position=(0.0, 2.0, 0.6))
         self._robot, self._ghost = _Figure(scene, "/robot", self._looks), _Figure(scene, "/ghost", self._looks)
         for i, part in enumerate(self._looks.parts()):
-            name, shape = self._looks.bodies[part.body - 1], (part.vertices, part.faces)
+            name, shape = self._looks.bodies[part.body - 1], (part.mesh.vertices, part.mesh.faces)
             scene.add_mesh_simple(f"/robot/{name}/{i}", *shape, color=part.color, side="double")
             scene.add_mesh_simple(
                 f"/ghost/{name}/{i}", *shape, color=GHOST_COLOR, opacity=GHOST_OPACITY, cast_shadow=False
@@ -242,7 +242,7 @@ class _Scene:
 
 
 class _Figure:
-    """A robot on the page: frames that hang on each other as its bodies do."""
+    """A robot on the page: a frame for each body."""
 
     def __init__(self, scene: Any, root: str, looks: Looks):
         self.root = scene.add_frame(root, show_axes=False)

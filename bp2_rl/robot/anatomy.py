@@ -8,11 +8,11 @@ Legs are in the order of `LEGS`; SI units.
 import dataclasses
 import functools
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
-from bp2_rl.base.bounds import Range
+from bp2_rl.base.bounds import Range, Within
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
@@ -28,9 +28,9 @@ Inertia = tuple[float, float, float, float, float, float]
 class Link:
     """A rigid part in a frame of its own."""
 
-    mass: float  # kg
-    com: Vector  # m, its centre of mass
-    inertia: Inertia
+    mass: Annotated[float, Within(0.0, 1e4, open_below=True)]  # kg
+    com: Annotated[Vector, Within(-10.0, 10.0)]  # m, its centre of mass
+    inertia: Annotated[Inertia, Within(-1e4, 1e4)]
 
     @property
     def inertia_matrix(self) -> np.ndarray:

@@ -1,10 +1,14 @@
 """Robots by name: BP2's two, those that ship as robot files, and any other robot by the path of its file."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, require_one_of
 from bp2_rl.robot.hardware import ROBOTS, HardwareSpec
+
+if TYPE_CHECKING:
+    from bp2_rl.robot.robot_file import RobotFile
 
 
 def shipped_files() -> dict[str, Path]:
@@ -24,12 +28,20 @@ def find_robot(name: str) -> HardwareSpec:
         UserError: there is no such robot, or its file is broken.
     """
     found = next((hardware for known, hardware in ROBOTS.items() if known == name), None)
-    if found is not None:
-        return found
-    path = shipped_files().get(name, Path(name))
-    if path.suffix != ".toml":
-        known = ", ".join(robot_names())
-        raise UserError(f"there is no robot '{name}': choose one of {known}, or name a robot file, ROBOT.toml")
-    from bp2_rl.robot.robot_file import load_robot
+    return found or find_robot_file(name).hardware
 
-    return load_robot(path).hardware
+
+def find_robot_file(name: str) -> "RobotFile":
+    """Return what stands in the robot file of this name, or at this path; of BP2's two robots, their hardware.
+
+    Raises:
+        UserError: as `find_robot`.
+    """
+    path = shipped_files().get(name, Path(name))
+    if path.suffix != ".toml" and name not in ROBOTS:
+        if path.is_file():
+            raise UserError(f"{name} is no robot file: its name must end in .toml")
+        require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
+    from bp2_rl.robot.robot_file import RobotFile, load_robot
+
+    return RobotFile(ROBOTS[name], None, None, None, None, (), ()) if name in ROBOTS else load_robot(path)

@@ -8,9 +8,9 @@ import dataclasses
 import json
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from bp2_rl.base.bounds import Positive, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import read_bytes
 from bp2_rl.base.serialization import from_json
-from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.base.templates import render
+from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
 from bp2_rl.robot.reading import SLENDER, RobotReading, read_mjcf
@@ -35,16 +36,7 @@ class RobotFileError(UserError):
 
 
 @dataclasses.dataclass(frozen=True)
-class LinkNumbers:
-    """A rigid part: its mass, kg, its centre, m, and its inertia about that, kg m2: xx, yy, zz, xy, xz, yz."""
-
-    mass: Annotated[float, Within(0.0, 1e4, open_below=True)]
-    com: Lengths
-    inertia: Annotated[Inertia, Within(-1e4, 1e4)]
-
-
-@dataclasses.dataclass(frozen=True)
-class TrunkNumbers(LinkNumbers):
+class TrunkNumbers(Link):
     """The trunk, with the half extents, m, of the box that it fills."""
 
     size: Annotated[Vector, Within(0.0, 10.0, open_below=True)]
@@ -59,13 +51,13 @@ class LegNumbers:
     knee: Lengths
     foot: Lengths
     foot_radius: Radius
-    abad: LinkNumbers
-    thigh: LinkNumbers
-    shank: LinkNumbers
+    abad: Link
+    thigh: Link
+    shank: Link
     abad_range: Annotated[Range, Within(-10.0, 10.0)]
     hip_range: Annotated[Range, Within(-10.0, 10.0)]
     knee_range: Annotated[Range, Within(-10.0, 10.0)]
-    toe: LinkNumbers | None = None
+    toe: Link | None = None
     seat: Lengths = (0.0, 0.0, 0.0)
     bend: Literal[-1, 1] = -1
 
@@ -170,17 +162,30 @@ def load_robot(path: Path) -> RobotFile:
     """
     content = read_bytes(path, LARGEST)
     try:
-        written = from_json(WrittenRobot, tomllib.loads(content.decode()))
+        given = tomllib.loads(content.decode())
+        _require_tables(given)
+        written = from_json(WrittenRobot, given)
         check_bounds(written)
         return _robot(written, path)
     except RecursionError as error:
         raise RobotFileError(f"{path} is no robot file: it is nested too deeply") from error
-    except ValueError as error:  # UTF-8's, TOML's, and every UserError
+    except UserError as error:
         raise RobotFileError(f"{path}: {one_line(str(error))}") from error
+    except ValueError as error:  # UTF-8's and TOML's
+        raise RobotFileError(f"{path} is damaged or not TOML: {one_line(str(error))}") from error
+
+
+def _require_tables(given: dict[str, Any]) -> None:
+    """Refuse a file that lacks what every robot needs, all of it named at once; a slip of the pen is told first."""
+    body = () if "mjcf" in given else ("trunk", "fore", "hind", "stand")
+    lacking = [name for name in ("motors", *body) if name not in given]
+    if lacking and given.keys() <= {field.name for field in dataclasses.fields(WrittenRobot)}:
+        tables = ", ".join(["name"] * ("name" not in given) + [f"[{name}]" for name in lacking])
+        raise UserError(f"it has no {tables}: `bp2 robot new MODEL.xml --numbers` writes all of them")
 
 
 def _robot(written: WrittenRobot, path: Path) -> RobotFile:
-    if (written.mjcf is None) == (written.trunk is None and written.fore is None and written.hind is None):
+    if written.mjcf is not None and (written.trunk or written.fore or written.hind):
         raise UserError("give either `mjcf`, the path of a model, or the numbers in [trunk], [fore] and [hind]")
     reading = None
     if written.mjcf is not None:
@@ -250,20 +255,21 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
     if reading is not None:
         anatomy = reading.anatomy
     else:
-        trunk, fore, hind = written.trunk, written.fore, written.hind
-        if trunk is None or fore is None or hind is None:
-            raise UserError("trunk, fore, hind: a robot in numbers needs all three")
-        if written.stand is None:
-            raise UserError("stand: missing; give hip and knee, the angles of the standing pose, rad")
-        left = [_leg(numbers) for numbers in (fore, hind)]
+        trunk = cast(TrunkNumbers, written.trunk)  # `_require_tables` has seen all three
+        left = [_leg(cast(LegNumbers, numbers)) for numbers in (written.fore, written.hind)]
         if (left[0].toe is None) != (left[1].toe is None):
             raise UserError("fore.toe, hind.toe: give both, or neither")
         legs = (mirrored(left[0]), left[0], mirrored(left[1]), left[1])
         thick = SLENDER * left[0].thigh_length
         anatomy = Anatomy.of_parts(
-            _link(trunk), legs, trunk.size, name=written.name, stand=(0.0,) * len(MOTOR_NAMES), thigh_radius=thick,
+            Link(trunk.mass, trunk.com, trunk.inertia),
+            legs,
+            trunk.size,
+            name=written.name,
+            stand=(0.0,) * len(MOTOR_NAMES),
+            thigh_radius=thick,
             lower_radius=thick,
-        )  # fmt: skip
+        )
     changes: dict[str, Any] = {"name": written.name}
     if written.stand is not None:
         hip, knee = (x if isinstance(x, tuple) else (x, x) for x in (written.stand.hip, written.stand.knee))
@@ -274,16 +280,9 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
     return dataclasses.replace(anatomy, **changes)
 
 
-def _link(numbers: LinkNumbers) -> Link:
-    return Link(numbers.mass, numbers.com, numbers.inertia)
-
-
-def _leg(n: LegNumbers) -> Leg:
-    return Leg(
-        anchor=n.anchor, hip=n.hip, knee=n.knee, foot=n.foot, foot_radius=n.foot_radius, abad=_link(n.abad),
-        thigh=_link(n.thigh), shank=_link(n.shank), toe=None if n.toe is None else _link(n.toe), seat=n.seat,
-        ranges=(n.abad_range, n.hip_range, n.knee_range), bend=n.bend,
-    )  # fmt: skip
+def _leg(numbers: LegNumbers) -> Leg:
+    own = {field.name: getattr(numbers, field.name) for field in dataclasses.fields(Leg) if field.name != "ranges"}
+    return Leg(**own, ranges=(numbers.abad_range, numbers.hip_range, numbers.knee_range))
 
 
 def mirrored(leg: Leg) -> Leg:
@@ -363,74 +362,26 @@ def robot_text(
         feet: as `read_mjcf` was told.
         foot_radius: as `read_mjcf` was told.
     """
-    anatomy = reading.anatomy
 
-    def by_joint(values: Sequence[float], otherwise: float) -> str:
+    def by_joint(name: str, otherwise: float) -> str:
+        values = [getattr(joint, name) for joint in reading.joints]
         known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
-        return _list(sum(known[i::3]) / len(LEGS) for i in range(3))
+        return _row(sum(known[i::3]) / len(LEGS) for i in range(3))
 
-    angles = np.reshape(anatomy.stand, (4, 3))
-    gains = [joint.stiffness for joint in reading.joints], [joint.actuator_damping for joint in reading.joints]
-    lines = [
-        "# A robot of bp2_rl, filled in from its model: confirm what is marked CONFIRM. `bp2 robot check` draws it.",
-        f"name = {json.dumps(anatomy.name)}  # CONFIRM",
-        *([] if mjcf is None else _model_lines(mjcf, joints, feet, foot_radius)),
-        f"weighed_mass = {anatomy.mass:.6g}  # kg, CONFIRM: with battery, as published",
-        f"thigh_radius = {anatomy.thigh_radius:.4g}  # m, CONFIRM: of a capsule around the thigh",
-        f"lower_radius = {anatomy.lower_radius:.4g}  # m, CONFIRM: of a capsule around the lower leg",
-        "# top_speed = 3.0  # m/s, as published",
-        "sources = []  # where the numbers are from",
-        'assumed = ["motors.corner_speed", "motors.no_load_speed"]  # what is nowhere published',
-        "",
-        "[stand]  # rad, of fore and hind legs, CONFIRM: zero hangs straight down, a positive hip swings the foot back",
-        *(f"{name} = {_list(float(angles[leg, i]) for leg in (1, 3))}" for i, name in ((1, "hip"), (2, "knee"))),
-        "",
-        "[motors]  # of abad, hip and knee, at the joint",
-        f"peak_torque = {by_joint([j.peak_torque for j in reading.joints], 20.0)}  # Nm, CONFIRM; 20: not said",
-        "corner_speed = 15.0  # rad/s, CONFIRM: up to which the peak torque is there; no MJCF says it",
-        "no_load_speed = 25.0  # rad/s, CONFIRM: at which no torque is left; no MJCF says it",
-        f"armature = {by_joint([j.armature for j in reading.joints], 0.0)}  # kg m2, CONFIRM: rotor x gear ratio^2",
-        "",
-        "[contact]",
-        f"friction = {reading.friction:.4g}  # CONFIRM: of a foot on dry ground",
-        "",
-        "[losses]",
-        f"joint_friction = {_mean(joint.friction for joint in reading.joints)}  # Nm, CONFIRM: gear included",
-        f"joint_viscosity = {_mean(joint.damping for joint in reading.joints)}  # Nm s/rad, CONFIRM",
-        "",
-        "[gains]  # of the position loop, in which `bp2 robot check` lets it stand; leave out what nobody gives",
-        f"stiffness = {by_joint(gains[0], 2.0 * anatomy.mass)}  # Nm/rad, CONFIRM",
-        f"damping = {by_joint(gains[1], 0.04 * anatomy.mass)}  # Nm s/rad, CONFIRM",
-    ]
-    if reading.spring is not None:
-        lines += ["", "[spring]", *(f"{k} = {v:.6g}  # CONFIRM" for k, v in dataclasses.asdict(reading.spring).items())]
-    if mjcf is None:
-        lines += ["", "[trunk]", *_link_lines(anatomy.trunk), f"size = {_list(anatomy.trunk_size)}"]
-        for name, leg in (("fore", anatomy.legs[1]), ("hind", anatomy.legs[3])):
-            lines += ["", f"[{name}]", f"bend = {leg.bend}", f"foot_radius = {leg.foot_radius:.7g}"]
-            vectors = ["anchor", "hip", "knee", "foot", *([] if leg.toe is None else ["seat"])]
-            lines += [f"{key} = {_list(getattr(leg, key))}" for key in vectors]
-            lines += [f"{j}_range = {_list(ends)}" for j, ends in zip(("abad", "hip", "knee"), leg.ranges, strict=True)]
-            for part in ("abad", "thigh", "shank", "toe"):
-                if (link := getattr(leg, part)) is not None:
-                    lines += [f"[{name}.{part}]", *_link_lines(link)]
-    return "\n".join([*lines, *(f"# note: {note}" for note in reading.notes)]) + "\n"
+    return render(
+        "robot/robot_file.toml",
+        reading=reading,
+        body=reading.anatomy,
+        mjcf=mjcf,
+        joints=list(joints),
+        feet=list(feet),
+        foot_radius=foot_radius,
+        text=json.dumps,
+        row=_row,
+        by_joint=by_joint,
+        mean=lambda name: float(np.mean([getattr(joint, name) for joint in reading.joints])),
+    )
 
 
-def _model_lines(mjcf: str, joints: Sequence[str], feet: Sequence[str], foot_radius: float | None) -> list[str]:
-    names = {"joints": list(joints), "feet": list(feet)}
-    lines = [f"mjcf = {json.dumps(mjcf)}  # path from this file's folder"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in names.items() if value]
-    return lines if foot_radius is None else [*lines, f"foot_radius = {foot_radius:.7g}"]
-
-
-def _link_lines(link: Link) -> list[str]:
-    return [f"mass = {link.mass:.7g}", f"com = {_list(link.com)}", f"inertia = {_list(link.inertia)}"]
-
-
-def _list(values: Any) -> str:
+def _row(values: Iterable[float]) -> str:
     return f"[{', '.join(f'{0.0 if abs(value) < 1e-12 else value:.7g}' for value in values)}]"
-
-
-def _mean(values: Any) -> str:
-    return f"{float(np.mean(list(values))):.4g}"

@@ -109,6 +109,8 @@ class RandomizationConfig:
     mass: Annotated[Range, Within(0.01, 100.0)] = (0.9, 1.1)  # factor, every body by itself
     com_offset: Amount = 0.02  # m, of the trunk, +- on each axis
     strength: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.0)  # factor on the peak torque
+    weak_braking: Annotated[Range, Within(0.0, 1.0)] = (0.0, 0.0)
+    """how weakly motors brake at speed: 0 as the hardware's, 1 no better than they drive"""
     gains: Annotated[Range, Within(0.0, 100.0)] = (0.9, 1.1)  # factor on PD stiffness and damping
     latency: Annotated[Range, Within(0.0, 0.010)] = (0.0, 0.010)  # s, from observation to new joint target
     losses: Annotated[Range, Within(0.0, 100.0)] = (1.0, 1.0)
@@ -155,7 +157,7 @@ class TrackingShape:
 
 @dataclasses.dataclass(frozen=True)
 class RewardConfig:
-    """Coefficients of Table S4's rows, and of two rows more; `env.rewards` has the terms.
+    """Coefficients of Table S4's rows, and of three rows more; `env.rewards` has the terms.
 
     `RewardConfig()` is the table's imitation column; presets set others (`settings.presets`).
     """
@@ -171,6 +173,7 @@ class RewardConfig:
     symmetry: Coefficient = 0.0  # of r_str
     terminal: Coefficient = 1.0
     landing: Coefficient = 0.0  # of soles that come down fast, which Table S4 has no row for
+    overspeed: Coefficient = 0.0  # of motors beyond their no-load speed; no row of Table S4
     stand: Coefficient = 0.0  # of an action of 1 while the command is to stand, averaged over 0.2 s; no row of Table S4
     schedule: Schedule = "text"  # see rewards.speed_schedule
     tracking_shape: TrackingShape = TrackingShape()
@@ -178,7 +181,7 @@ class RewardConfig:
 
 @dataclasses.dataclass(frozen=True)
 class EnvConfig:
-    """All settings of BP2Env. `EnvConfig()` is the ideal robot with the rewards of Table S4; a preset has its own."""
+    """All settings of BP2Env: by default the ideal robot, with Table S4's rewards; `make("bp2")` has others."""
 
     reference: Annotated[ReferenceName, tyro.conf.arg(prefix_name=False)] = "collocation"
     """the motion that actions, rewards and starts are about; none: standing"""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bp2_rl.base.bounds import Within, check_bounds
+from bp2_rl.base.bounds import Bounded, Within, check_bounds
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name
 from bp2_rl.base.serialization import load_config
@@ -63,7 +63,7 @@ class Parent:
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Bounded):
     """All settings of a training run, as the run's config.json holds them."""
 
     stage: Stage = "imitation"
@@ -74,7 +74,7 @@ class TrainConfig:
     parent: Parent | None = None
 
 
-def load_run_config(run_dir: Path) -> TrainConfig:
+def load_run_config(run_dir: Path | str) -> TrainConfig:
     """Return the config of a run; raises `UserError` where there is none."""
     require_name(run_dir)
     if not Path(run_dir).exists():

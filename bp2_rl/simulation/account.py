@@ -28,6 +28,7 @@ from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import window_means
 
 CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
+PLATE = 0.005  # s, over which a force plate averages: it follows some 100 Hz
 BURST = 0.05  # s, over which a battery's burst is averaged
 
 
@@ -158,6 +159,7 @@ def _power(run: Trajectory, ledger: Ledger) -> PowerMetrics:
         motor_peak=float(np.max(run.torque[:-1] * 0.5 * (run.joint_velocity[:-1] + run.joint_velocity[1:]))),
         beyond=float(np.max(beyond)),
         beyond_share=float(np.mean(beyond > 1.0)),
+        overspeed_share=float(np.mean(np.abs(run.joint_velocity) > run.hardware.joint_no_load_speed)),
         lost={cause: float(np.mean(power)) for cause, power in ledger.lost.items()},
         stored=float(ledger.energy[-1] - ledger.energy[0]) / seconds,
         integration=float(np.mean(ledger.stored[:-1])) - float(ledger.energy[-1] - ledger.energy[0]) / seconds,
@@ -195,12 +197,14 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
     over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
     sliding = (standing & touching).any()
+    plate = min(round(PLATE / run.dt), len(run))
     return GroundMetrics(
         depth=max(-float(np.min(soles.height)), 0.0),
         slip=float(np.median(speed[standing & touching])) if sliding else None,
         slip_95=float(np.quantile(speed[standing & touching], 0.95)) if sliding else None,
         slip_distance=float(np.sum(speed[standing & touching]) * run.dt / stances) if stances else None,
         breaks=lost / stances if stances else None,
+        plate_force=max(float(np.max(window_means(foot, plate))) for foot in run.foot_force[..., 2].T),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
         top_outs=float(np.sum(onto)) / (len(onto) * run.dt),

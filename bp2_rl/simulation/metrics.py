@@ -45,6 +45,7 @@ class PowerMetrics:
     motor_peak: float  # of one motor, mechanical, mean of a millisecond
     beyond: float  # Nm, furthest that any torque was outside the envelope at either end of a millisecond; 0: never
     beyond_share: float  # of motor samples, by more than 1 Nm
+    overspeed_share: float  # of motor samples beyond the no-load speed, where a drive can only brake
     lost: dict[str, float]  # mean, by cause: see `account.CAUSES`
     stored: float  # mean, in motion, height and springs
     integration: float  # mean, what steps of a millisecond lose or gain by themselves
@@ -60,6 +61,7 @@ class GroundMetrics:
     slip_95: float | None  # m/s, which 95 % of the time is not exceeded
     slip_distance: float | None  # m a stance, mean
     breaks: float | None  # losses of contact within a stance, mean
+    plate_force: float  # N, greatest vertical mean of a foot over `account.PLATE`: what a force plate shows
     landing_down: float | None  # m/s, mean of soles just before they touch
     landing_forward: float | None  # m/s, of soles that land, mean
     top_outs: float  # times a second that a spring, all together, comes onto its rebound stop

@@ -9,17 +9,20 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from types import NoneType
+from typing import Annotated
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
+from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
 from bp2_rl.simulation.laws import SIZES
@@ -39,11 +42,13 @@ returns whether the run ends, and may change the robot's motors."""
 
 
 @dataclasses.dataclass(frozen=True)
-class RunRequest:
+class RunRequest(Bounded):
     """A run to simulate: it ends with its schedule, at a fall, or where `finish` or `watch` say so.
 
+    Commands are those of the schedule: unlike `rollout`, nothing eases a ramp, but for `Ramp.under`.
+
     Examples:
-        RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
+        >>> RunRequest(Ramp(10.0), world=World(pushes=(Push(6.0, 0.0, 1.0),)), noise_seed=0)
     """
 
     schedule: Schedule
@@ -55,19 +60,12 @@ class RunRequest:
     """rad/s, of the gyro from which the operator has the heading"""
     noise_seed: int | None = None
     """of the sensors' noise, whose deviations are those of the policy's training; None: sensors without noise"""
-    finish: float = math.inf
+    finish: Annotated[float, Within(0.0, infinite=True)] = math.inf
     """m, at which distance ahead the run ends"""
     numerics: Numerics = CONVERGED
     """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
     watch: Watch | None = None
     name: str = "policy"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no run, with an example of what is."""
-        kinds = HardwareSpec, NoneType
-        require_kind("hardware", self.hardware, kinds, 'a HardwareSpec, as in preset("imitation", "cpu").env')
-        require_kind("world", self.world, World, "a World, such as World(slope=0.05)")
-        require_kind("noise_seed", self.noise_seed, (int, np.integer, NoneType), "a whole number or None")
 
     def robot(self, config: EnvConfig) -> RobotSetup:
         """Return the robot of this run, under a policy that was trained in an environment."""
@@ -79,7 +77,7 @@ def rollout(
     schedule: Schedule,
     *,
     config: EnvConfig | None = None,
-    hardware: HardwareSpec | None = None,
+    hardware: HardwareSpec | str | None = None,
     operator: HeadingHold = HEADING_HOLD,
     world: World = LEVEL,
     noise_seed: int | None = None,
@@ -88,20 +86,23 @@ def rollout(
     """Run a policy once from a settled stand and return the trajectory, whose `metrics` are its numbers.
 
     A ramp rises no faster than the policy's controller lets it, so that its hold begins at the full speed.
-    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them.
+    `policy`, `config` and `backend` are as `simulate` takes them, the others as `RunRequest` has them; `hardware` may
+    be a robot's name, such as `ideal`, or its file.
 
     Raises:
-        UserError: as `simulate` does, and for a schedule that does not last.
+        UserError: as `simulate` does, for a schedule that does not last, and where there is no such robot.
 
     Examples:
-        run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
-        run.metrics.best_speed  # m/s
+        >>> run = rollout(load_policy("built"), Ramp(10.0, hold=5.0), world=World(slope=0.05))
+        >>> run.metrics.best_speed  # m/s
     """
     config = _config_of(policy, config)
-    if getattr(schedule, "duration", 0.0) <= 0.0:
+    duration = getattr(schedule, "duration", None)
+    if not isinstance(duration, float | int) or duration <= 0.0:
         raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
-    request = RunRequest(asked, hardware, operator, world, noise_seed=noise_seed)
+    robot = find_robot(hardware) if isinstance(hardware, str) else hardware
+    request = RunRequest(asked, robot, operator, world, noise_seed=noise_seed)
     [run] = simulate(policy, [request], config, backend=backend)
     return run
 
@@ -113,7 +114,7 @@ def simulate(
     *,
     backend: Backend = "mujoco",
 ) -> Iterator[Trajectory]:
-    """Run a policy from a settled stand, but in MJX many runs side by side; return the trajectories in order.
+    """Run a policy from a settled stand, many runs side by side; return the trajectories in order.
 
     Physics at 1 kHz in float64 with the motors' envelope applied at every step; the policy at 200 Hz in float32 on the
     CPU, as on the robot. In MJX, the reference engine of training, the physics is in float32. Drake is a second
@@ -134,15 +135,12 @@ def simulate(
     require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")
     for each in requests:
         require_kind("each request", each, RunRequest, "a RunRequest, such as RunRequest(Ramp(10.0))")
-    if backend == "mjx":
-        from bp2_rl.simulation.mjx import simulate_in_mjx  # loads JAX's MuJoCo, which takes seconds
-
-        return (simulate_in_mjx(policy, config, request) for request in requests)
     return _in_parts(policy, requests, config, _engine(backend))
 
 
 def _config_of(policy: Policy | ActionFunction, config: EnvConfig | None) -> EnvConfig:
     """Return the environment in which a policy runs, once it is clear that the policy reads its observations."""
+    require_kind("config", config, (EnvConfig, NoneType), 'settings, such as preset("imitation", "cpu").env')
     if not callable(policy):
         raise UserError(f"a policy is run, and {policy!r} is none: pass load_policy({policy!r})")
     if not isinstance(policy, Policy):
@@ -170,11 +168,15 @@ def _in_parts(
 
 
 def _engine(backend: Backend) -> type[Simulator]:
-    if backend == "mujoco":
-        return Simulator
-    from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
+    if backend == "mjx":
+        from bp2_rl.simulation.mjx import MjxSimulator  # loads JAX's MuJoCo, which takes seconds
 
-    return DrakeSimulator
+        return MjxSimulator
+    if backend == "drake":
+        from bp2_rl.simulation.drake import DrakeSimulator  # Drake is an extra
+
+        return DrakeSimulator
+    return Simulator
 
 
 def _simulate(

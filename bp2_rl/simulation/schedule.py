@@ -37,16 +37,10 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Ramp:
-    """From rest to a target at constant acceleration, or as slowly as a controller tells its policy, then hold.
+    """From rest `to` a speed (m/s), or to m/s ahead, m/s to the left and rad/s, at `acceleration` (m/s2); `hold` (s).
 
-    Where that limit is the lower one the speed v rises as dv/dt = launching (1 - v / launching_speed), an exponential.
-
-    Args:
-        to: the speed ahead, m/s, or m/s ahead, m/s to the left and rad/s.
-        acceleration: m/s2, along the target's direction.
-        hold: s.
-        launching: m/s2, as `ControlConfig` has it.
-        launching_speed: m/s, as `ControlConfig` has it.
+    Where a controller tells its policy less, `launching` and `launching_speed` as in `ControlConfig`, the speed v rises
+    as dv/dt = launching (1 - v / launching_speed), an exponential.
     """
 
     to: float | Sequence[float]  # m/s forward, or a whole command
@@ -57,8 +51,10 @@ class Ramp:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
+        if isinstance(self.to, np.ndarray):
+            object.__setattr__(self, "to", tuple(map(float, self.to)))
         check_bounds(self, "ramp.")
-        if not isinstance(self.to, float | int) and len(self.to) != 3:
+        if isinstance(self.to, Sequence) and len(self.to) != 3:
             raise UserError(f"ramp.to takes a speed, or three numbers (forward, left, yaw rate); got {self.to}")
         if self._speed >= self.launching_speed:
             raise UserError(
@@ -73,7 +69,7 @@ class Ramp:
     @property
     def target(self) -> Command:
         """The command that is held at last."""
-        forward, left, turn = (self.to, 0.0, 0.0) if isinstance(self.to, float | int) else self.to
+        forward, left, turn = self.to if isinstance(self.to, Sequence) else (self.to, 0.0, 0.0)
         return forward, left, turn
 
     @property
@@ -131,11 +127,11 @@ class CourseLeg(Bounded, path="leg."):
 
 
 @dataclasses.dataclass(frozen=True)
-class Course:
+class Course(Bounded, path="course."):
     """From rest through one command after the other: launch, hold, brake, turn.
 
     Examples:
-        Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch in 3 s, run for 4 s, stop in 2 s
+        >>> Course().to((5.0, 0.0, 0.0), 3.0).hold(4.0).to((0.0, 0.0, 0.0), 2.0)  # launch, run, stop: in 3 s, 4 s, 2 s
     """
 
     legs: tuple[CourseLeg, ...] = ()
@@ -144,7 +140,8 @@ class Course:
         """Return this course with one more leg: to a command in so many seconds."""
         if np.shape(command) != (3,):
             raise UserError(f"a course leads to three numbers (forward, left, yaw rate); got {command}")
-        return Course((*self.legs, CourseLeg(command, seconds)))
+        forward, left, turn = command
+        return Course((*self.legs, CourseLeg((forward, left, turn), seconds)))
 
     def hold(self, seconds: float) -> "Course":
         """Return this course with its last command held for so many seconds more."""

@@ -68,6 +68,11 @@ class Trajectory:
         if len(self.time) < 2:
             raise ValueError("a trajectory needs at least two samples")
 
+    def __repr__(self) -> str:
+        """What ran, for how long, and to which end: the arrays are for programs."""
+        end = "upright" if self.fell_at is None else f"fell at {self.fell_at:.2f} s"
+        return f"Trajectory({self.name}, {self.time[-1]:.2f} s, {end})"
+
     def __len__(self) -> int:
         """Number of samples."""
         return len(self.time)

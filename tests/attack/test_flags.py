@@ -56,15 +56,14 @@ COMMANDS = {
     },
     **{
         f"figures {figure}": ("bp2_rl.paper.cli.figures", [figure])
-        for figure in ("scaling", "race", "robot", "rewards")
+        for figure in (
+            *("scaling", "race", "robot", "rewards"),
+            *("exchange", "sections", "torque", "map", "trapping", "gaits"),
+        )
     },
     "scaling": ("bp2_rl.paper.cli.scaling", []),
     "figures --all": ("bp2_rl.paper.cli.figures", ["--all"]),
     "trajopt library": ("bp2_rl.cli.trajopt", ["library", "build"]),
-    **{
-        f"pendulum {what}": ("bp2_rl.paper.cli.pendulum", [what])
-        for what in ("simulate", "sections", "torque", "map", "trapping", "gaits")
-    },
 }
 """Each command's module, and the words that come before its flags."""
 
@@ -89,7 +88,12 @@ WORK = (
     "bp2_rl.paper.trajectories.codesign.study.study_codesign",
     "bp2_rl.paper.trajectories.objective.compare_objectives",
     "bp2_rl.paper.trajectories.decomposition.decompose",
-    "bp2_rl.paper.cli.pendulum.open_folder",
+    "bp2_rl.paper.pendulum.exchange.study_exchange",
+    "bp2_rl.paper.pendulum.sections.cut_sections",
+    "bp2_rl.paper.pendulum.prescribed.compare_torques",
+    "bp2_rl.paper.pendulum.reduction.map_reduction",
+    "bp2_rl.paper.pendulum.trapping.find_trapping",
+    "bp2_rl.paper.pendulum.gaits.gain_by_gait",
     "bp2_rl.paper.cli.scaling.open_folder",
     "bp2_rl.paper.figures.scaling.scaling_figure",
     "bp2_rl.paper.figures.race.race_figure",

@@ -29,6 +29,8 @@ class Settings:
     size: Annotated[float, Within(0.0)] = 0.0
     below: Annotated[float, Within(0.0, 1.0, open_above=True)] = 0.0
     anything: float = -3.0
+    pair: float | tuple[float, float] = (2.0, 1.0)  # no range: it need not ascend
+    several: tuple[Inner, ...] = ()
     flag: bool = False
     name: str = ""
 
@@ -54,6 +56,13 @@ def test_settings_within_bounds_pass():
         ({"layers": (4, 0)}, "env.layers must be at least 1, got 0"),
         ({"size": -1.0}, "env.size must be at least 0, got -1"),
         ({"below": 1.0}, "env.below must be at least 0 and below 1, got 1"),
+        ({"several": 3}, "env.several takes a tuple of entries, each an Inner, got 3"),
+        ({"several": (3,)}, r"env.several takes a tuple of entries, each an Inner, got \(3,\)"),
+        ({"several": (Inner(), Inner(cap=-7.0))}, "env.several.cap must be "),
+        ({"inner": 3}, "env.inner takes an Inner, got 3"),
+        ({"count": 1.5}, "env.count takes a whole number, got 1.5"),
+        ({"flag": 1}, "env.flag takes True or False, got 1"),
+        ({"speed": True}, "env.speed takes a number, got True"),
         ({"anything": math.nan}, "env.anything must be a finite number, got nan"),
     ],
 )

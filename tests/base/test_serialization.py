@@ -27,7 +27,7 @@ from bp2_rl.base.serialization import (
 )
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import TrainConfig
 
 
@@ -255,7 +255,7 @@ def test_an_integer_that_no_number_can_hold_is_refused_by_its_key():
 @pytest.mark.attack
 def test_whatever_a_config_file_holds_it_is_read_or_refused(tmp_path: Path):
     path = tmp_path / "config.json"
-    for text in strange_json(to_json(make_config("imitation", "smoke")), 1000):
+    for text in strange_json(to_json(preset("imitation", "smoke")), 1000):
         path.write_text(text)
         with contextlib.suppress(UserError):  # anything else fails the test
             load_config(TrainConfig, path)

@@ -198,7 +198,7 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path, capsys):
     assert "other files" in capsys.readouterr().err
     (tmp_path / "file").touch()
     assert command.main([*SMALL, "--out", str(tmp_path / "file" / "below")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "cannot write to" in capsys.readouterr().err
 
 
 def test_nothing_measured_is_a_failure(tmp_path):

@@ -201,7 +201,7 @@ def test_a_policy_with_another_observation(here, export, capsys):
 
 def test_an_unwritable_folder(policy, here, capsys):
     (here / "file").touch()
-    assert_refused(capsys, [policy, "--out", "file/report"], "--out file/report", "cannot be written")
+    assert_refused(capsys, [policy, "--out", "file/report"], "cannot write to file/report")
 
 
 def test_a_folder_that_holds_other_things(policy, here, capsys):

@@ -66,7 +66,7 @@ def test_help_imports_nothing_slow():
         "study --judges 0", "eval --speed fast", "eval --speed 1e308",
         "eval --hold 1e6", "eval nowhere", "play nowhere --web", "export nowhere --to here",
         "train --resume nowhere", "train --resume nowhere --preset smoke", "export --nope",
-        "trajopt solve --speed 0", "paper pendulum torque --length 0", "paper figures scaling --nope",
+        "trajopt solve --speed 0", "paper figures torque --length 0", "paper figures scaling --nope",
         "paper figures speed",
         "play --port 0", "play --speed fast", "robot check nobody", "robot new robot.xml --foot-radius 0",
     ],

@@ -34,6 +34,7 @@ def test_a_robot_that_ships_is_found_by_its_name(tmp_path: Path, capsys: pytest.
 
 def test_mistakes_are_one_line(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "there.toml").write_text("")
+    (binary := tmp_path / "binary.toml").write_bytes(bytes([255, 0, 254]))
     (tmp_path / "six.xml").write_text(anymal_like().replace("<freejoint/>", ""))
     for words, complaint in (
         (["new", str(model), "--out", str(tmp_path / "there.toml")], "is there already"),
@@ -42,9 +43,11 @@ def test_mistakes_are_one_line(model: Path, tmp_path: Path, capsys: pytest.Captu
         (["new", str(tmp_path / "six.xml")], "base is fixed"),
         (["new", str(model), "--foot-radius", "-1"], "--foot-radius must be"),
         (["new", str(model), "--feet", "a"], "four names"),
-        (["check", "nobody"], "one of b2, go1"),
+        (["check", "nobody"], "built, b2, go1"),
         (["check", "go1", "--out", str(tmp_path)], "must be a name that ends in"),
-        (["check", str(tmp_path / "there.toml")], "missing"),
+        (["check", str(tmp_path / "there.toml")], "it has no name, [motors], [trunk], [fore], [hind], [stand]: `bp2"),
+        (["check", str(model)], "there is no robot"),
+        (["check", str(binary)], "is damaged or not TOML"),
     ):
         assert main(words) == 2
         error = capsys.readouterr().err

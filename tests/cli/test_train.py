@@ -9,7 +9,7 @@ import pytest
 from bp2_rl.base import workers
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli import bench, study, train, tune
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings import presets
 
 needs_optuna = pytest.mark.skipif(importlib.util.find_spec("optuna") is None, reason="an extra")
 
@@ -110,13 +110,13 @@ def test_a_users_number_of_threads_stands(monkeypatch):
 @pytest.mark.parametrize("preset", ["gpu", "cpu"])
 def test_the_relaxed_stage_is_the_presets_but_for_what_was_set_for_the_imitation_stage(preset, tmp_path):
     """So what the preset asks of robots that run already is asked of them."""
-    parent = make_config("imitation", preset, robot="ideal")
+    parent = presets.preset("imitation", preset, robot="ideal")
     commands = dataclasses.replace(parent.env.commands, max_lateral=0.3)
     mine = dataclasses.replace(parent.env, commands=commands)
     save_config(tmp_path / "config.json", dataclasses.replace(parent, env=mine))
     child = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path)]).env
-    preset_env = make_config("relaxed", preset, robot="ideal").env
+    preset_env = presets.preset("relaxed", preset, robot="ideal").env
     assert child == dataclasses.replace(preset_env, commands=dataclasses.replace(preset_env.commands, max_lateral=0.3))
     assert child != dataclasses.replace(mine, reward=preset_env.reward)
     moved = train._parse(["--stage", "relaxed", "--preset", preset, "--from", str(tmp_path), "--robot", "built"]).env
-    assert moved.hardware == make_config("relaxed", preset).env.hardware
+    assert moved.hardware == presets.preset("relaxed", preset).env.hardware

@@ -4,10 +4,13 @@ import sys
 
 import pytest
 
+from bp2_rl.base.assets import asset_path
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.cli import trajopt
 from bp2_rl.cli.__main__ import main
+from bp2_rl.cli.trajopt.solutions import load_family
 from bp2_rl.optimiser.program import Program
+from bp2_rl.optimiser.solution import speed_name
 
 
 def test_the_commands_are_listed(capsys):
@@ -23,6 +26,7 @@ def test_the_commands_are_listed(capsys):
     [
         (["leap"], "no command 'leap'; bp2 trajopt has: solve, verify"),
         (["solve", "--speed", "0"], "speed must be from 0.01 to 100, got 0"),
+        (["solve", "--speed", "23"], "speed must be at most 22.5 m/s, as fast as hip and knee move a foot, got 23"),
         (["solve", "--speed", "1e308"], "speed must be from 0.01 to 100, got 1e+308"),
         (["solve", "--gait", "amble"], "amble"),
         (["solve", "--hardware.spring-stiffness", "-6000"], "spring_stiffness must be from 100 to"),
@@ -59,19 +63,20 @@ def test_a_speed_without_a_trajectory_is_one_line_and_status_2(capsys, tmp_path,
     """IPOPT is given up on at once: that it finds none itself is tested where trajectories are."""
     monkeypatch.chdir(tmp_path)
     found = Program.solve
-    monkeypatch.setattr(Program, "solve", lambda self, time_limit: found(self, 0.1))
-    assert trajopt.main(["solve", "--speed", "60", "--intervals", "2", "--starts", "1"]) == 2
+    monkeypatch.setattr(
+        Program, "solve", lambda self, time_limit, perhaps_infeasible: found(self, 0.1, perhaps_infeasible)
+    )
+    assert trajopt.main(["solve", "--speed", "21", "--intervals", "2", "--starts", "1"]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
     assert len(lines) == 1
-    assert "no trajectory at 60 m/s" in lines[0]
+    assert "no trajectory at 21 m/s" in lines[0]
     assert not list(tmp_path.rglob("*.npz"))
 
 
-@pytest.mark.parametrize("words", [["solve"], ["library", "build"]], ids=" ".join)
-def test_the_second_of_two_on_one_folder_is_refused(words, capsys, tmp_path, monkeypatch):
+def test_the_second_of_two_on_one_folder_is_refused(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with lock_folder(tmp_path, "busy"):
-        assert trajopt.main([*words, "--out", str(tmp_path)]) == 2
+        assert trajopt.main(["library", "build", "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert f"error: another process works in {tmp_path}: wait for it, or choose another --out" in error
     assert not list(tmp_path.glob("*.json"))
@@ -101,3 +106,22 @@ def test_solve_and_verify(tmp_path, monkeypatch, capsys):
     captured = capsys.readouterr()
     assert "velocity_error is" in captured.out
     assert "finer mesh" in captured.err
+
+
+def test_a_library_says_which_trots_it_leaves_out(tmp_path, monkeypatch, capsys):
+    """A file of a speed that the family does not return is a trot that the verifier refused."""
+    family = load_family(asset_path("reference_motions/bp2_trot_slow.npz"))[-2:]
+
+    def build(settings, folder, **_):
+        for name in ("speed-00.40", speed_name(family[0].problem.speed)):
+            (folder / f"{name}.json").touch()
+        return family
+
+    monkeypatch.setattr(trajopt, "build_family", build)
+    trajopt.main(
+        ["library", "build", "--robot", "go1", "--out", str(tmp_path / "go1"), "--to", str(tmp_path / "go1.npz")]
+    )
+    left = capsys.readouterr().out.replace("\n", " ").split("left out")[1:]
+    assert len(left) == 1
+    assert "speed-00.40" in left[0]
+    assert speed_name(family[0].problem.speed) not in left[0]

@@ -11,15 +11,15 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import train, usage
 from bp2_rl.cli.__main__ import main
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 ROOT = Path(__file__).parents[2]
 LEAVES = (
     "train", "eval", "play", "study", "tune", "bench", "export", "trajopt solve", "trajopt verify",
-    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper pendulum simulate",
+    "trajopt library build", "paper eval", "paper figures race", "paper figures --all", "paper figures exchange",
     "paper trajectories limits", "paper trajectories codesign", "paper scaling",
 )  # fmt: skip
-GROUPS = ("trajopt", "paper", "paper figures", "paper pendulum", "paper trajectories")
+GROUPS = ("trajopt", "paper", "paper figures", "paper trajectories")
 WATCHED = """
 import sys
 from bp2_rl.cli.__main__ import main
@@ -69,7 +69,7 @@ def test_all_settings_are_listed_with_their_defaults(capsys):
     text = shown(capsys, "train", "--preset", "gpu", "--help-all")
     assert "those of the preset gpu" in " ".join(text.split())
     rows = " ".join(text.split())
-    assert f"--ppo.num-envs INT [{make_config('imitation', 'gpu').ppo.num_envs}]" in rows
+    assert f"--ppo.num-envs INT [{preset('imitation', 'gpu').ppo.num_envs}]" in rows
     assert "--env.hardware.gear-ratio FLOAT [8.5]" in rows
     assert "--run.[no-]films" in rows
     assert "{None" not in text

@@ -12,7 +12,7 @@ from synthetic import make_card
 from bp2_rl.base.assets import asset_path
 from bp2_rl.deploy.bundle import write_bundle
 from bp2_rl.learning.policy import Policy, load_policy
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +44,7 @@ def another(tmp_path_factory):
 
     @functools.cache
     def make(name):
-        card, draws = make_card(env=make_config("imitation", "smoke", robot=name).env), np.random.default_rng(0)
+        card, draws = make_card(env=preset("imitation", "smoke", robot=name).env), np.random.default_rng(0)
         shapes = (card.observation_size, 16), (16, 12)
         layers = tuple(
             (draws.normal(0.0, 0.03, shape).astype(np.float32), np.zeros(shape[1], np.float32)) for shape in shapes

@@ -12,15 +12,16 @@ from brax.envs.wrappers.training import wrap
 from mujoco import mjx
 
 from bp2_rl.env import commands, observations, randomization, rewards
-from bp2_rl.env.bp2_env import BP2Env
+from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
 from bp2_rl.env.physics.mjx import randomize_model
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.actuator import torque_limits
 from bp2_rl.robot.clearance import clearance
-from bp2_rl.robot.hardware import IDEAL, HardwareSpec
+from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, SPRING_QPOS, foot_geom_ids
 from bp2_rl.settings.env import (
     CommandConfig,
@@ -33,7 +34,7 @@ from bp2_rl.settings.env import (
     TerminationConfig,
     TrackingShape,
 )
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 ROBOTS = 64
 KEYS = jax.random.split(jax.random.PRNGKey(0), ROBOTS)
@@ -74,7 +75,7 @@ def test_it_is_a_registered_brax_environment(env: BP2Env):
 
 
 def test_the_default_is_the_environment_bp2():
-    assert vars(envs.get_environment("bp2"))["config"] == BP2Env().config == make_config("imitation", "gpu").env
+    assert vars(envs.get_environment("bp2"))["config"] == make("bp2").config == preset("imitation", "gpu").env
 
 
 def test_sizes_are_what_reset_and_step_return(env, start, step):
@@ -217,6 +218,24 @@ def test_randomisation_reaches_model_and_motors(env):
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
     motors = randomization.randomize_actuator(motors_of(env.config), heavy)
     assert np.allclose(np.asarray(motors.strength), 0.8)
+
+
+def test_motors_brake_as_weakly_as_was_drawn():
+    """0 is the hardware's braking, 1 as driving, and between them the line ends at the no-load speed over the draw."""
+    robot = randomization.nominal(18, BUILT)
+    qd = jnp.linspace(-60.0, 60.0, 12)
+    for drawn, speed in ((0.0, float("inf")), (0.5, 42.8), (1.0, 21.4)):
+        motors = randomization.randomize_actuator(motors_of(EnvConfig(hardware=BUILT)), robot)
+        weak = randomization.randomize_actuator(
+            motors_of(EnvConfig(hardware=BUILT)), robot.replace(braking=jnp.array(drawn))
+        )
+        expected = torque_limits(dataclasses.replace(motors, braking_speed=speed), qd)
+        np.testing.assert_allclose(torque_limits(weak, qd), expected, rtol=1e-4, atol=1e-3)
+    weakly = RandomizationConfig(weak_braking=(0.2, 1.0))
+    braking = np.asarray(jax.vmap(lambda key: randomization.draw(key, weakly, 18, BUILT))(KEYS).braking)
+    assert braking.min() >= 0.2
+    assert 0.5 < braking.mean() < 0.7
+    assert randomization.draw(KEYS[0], RandomizationConfig(), 18, BUILT).braking is None
 
 
 def test_the_critic_sees_the_truth_and_the_policy_sees_noise(start):

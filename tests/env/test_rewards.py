@@ -158,6 +158,7 @@ def inputs(**changes) -> rewards.RewardInputs:
         "q": ZERO, "q_ref": ZERO, "qd": ZERO, "qd_ref": ZERO, "v": jnp.array([10.0, 0.0]), "yaw_rate": jnp.array(0.0),
         "tau_n": ZERO, "tau_n_last": ZERO, "power": ZERO, "action": ZERO, "last_action": ZERO, "mean_action": ZERO,
         "terminal": jnp.array(0.0), "sole_height": jnp.full(4, 0.2), "sole_rate": jnp.full(4, -9.0),
+        "qd_n": ZERO,
     }  # fmt: skip
     return rewards.RewardInputs(**(perfect | changes))
 
@@ -198,6 +199,12 @@ def test_only_soles_that_come_down_near_the_ground_land_hard():
     assert total(config, sole_height=height, sole_rate=rate)["landing"] == close(-2.0 * 1.5)
     deep = total(config, sole_height=height - 0.01, sole_rate=jnp.array([-10.0, 0.0, 0.0, 0.0]))
     assert deep["landing"] == close(-2.0 * 4.0)
+
+
+def test_only_motors_beyond_their_no_load_speed_are_too_fast():
+    config = RewardConfig(overspeed=3.0)
+    assert total(config, qd_n=jnp.full(12, -1.0))["overspeed"] == 0.0
+    assert total(config, qd_n=jnp.array([1.5, -1.25] + [0.9] * 10))["overspeed"] == close(-3.0 * 0.75)
 
 
 def test_who_is_to_stand_need_do_nothing():

@@ -66,7 +66,7 @@ def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, ca
         assert isinstance(judge.submit(tmp_path / "policies" / "128"), PendingResult)
         assert hear(judge, tmp_path, 128, 64) == [JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 3, 3, 0.0)]
     card = r"<video src=\"(.*?)\" poster=\"(.*?)\".*?<b>(.*?)</b>.*?<span class=\"(\w+)\">(.*?)</span>"
-    shown = re.findall(card, page(tmp_path))
+    shown = re.findall(card, page(tmp_path), re.DOTALL)
     assert shown == [
         ("films/64.mp4", "films/64.jpg", "fell", "bad", "3 of 3 launches fell"),
         ("films/128.mp4", "films/128.jpg", "12.5 m/s", "good", "no fall"),

@@ -17,7 +17,7 @@ from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.learning.ppo import PPO
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import TrainConfig
 
 PER_STEP = 16 * 4  # control steps
@@ -25,7 +25,7 @@ STEPS = 8
 
 
 def small(**run) -> TrainConfig:
-    config = make_config("imitation", "smoke")
+    config = preset("imitation", "smoke")
     ppo = dataclasses.replace(
         config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
     )

@@ -22,7 +22,7 @@ from bp2_rl.learning.checkpoint import CheckpointError, latest_step, restore_che
 from bp2_rl.learning.log import summarize
 from bp2_rl.learning.loop import is_finished
 from bp2_rl.learning.policy import load_policy
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracking import tracked
 from bp2_rl.settings.training import Parent, Stage, TrainConfig
 from bp2_rl.tools.throughput.measure import COMPILED, compilations
@@ -32,7 +32,7 @@ CLOCKS = ("wall_time", "steps_per_second")
 
 
 def tiny(stage: Stage = "imitation", **run) -> TrainConfig:
-    config = make_config(stage, "smoke")
+    config = preset(stage, "smoke")
     ppo = dataclasses.replace(
         config.ppo, num_envs=16, unroll_length=4, num_minibatches=2, policy_layers=(16,), value_layers=(16,)
     )

@@ -16,10 +16,10 @@ from bp2_rl.cli import train as command
 from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.settings import tracking
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.tracking import TRACKED, Tracked, choose_tracker, tracked
 
-CONFIG = make_config("imitation", "smoke")
+CONFIG = preset("imitation", "smoke")
 
 
 @pytest.fixture

@@ -143,8 +143,8 @@ def test_an_interruption_is_none_of_the_ways_to_fail(monkeypatch):
     # As CasADi reports Ctrl-C within IPOPT: it must not be kept as a problem without a solution.
     found = Program.solve
 
-    def interrupted(self, time_limit):
-        end = found(self, 0.01)
+    def interrupted(self, time_limit, perhaps_infeasible):
+        end = found(self, 0.01, perhaps_infeasible)
         how = {"success": False, "return_status": "NonIpopt_Exception_Thrown"}
         return end._replace(statistics=end.statistics | how)
 

@@ -43,6 +43,11 @@ def hardest_landing(solution):
     return float(np.max(np.abs(before.jacobian @ motion.v[-1, -1, order]).reshape(4, 2)[list(STANDING)]))
 
 
+def fastest_release(solution):
+    springs = solution.motion.v[0, -1, 3:].reshape(4, 3)[list(STANDING), 2]
+    return -float(np.min(springs))
+
+
 def greatest_share(solution):
     loads = np.asarray(simpson(solution.motion.force[0, :, 1::2], axis=0))
     return float(np.max(loads) / np.sum(loads))
@@ -54,6 +59,7 @@ LIMITS = [
     (highest_trunk, 0.99),
     (highest_step, 0.95),
     (hardest_landing, 0.9),
+    (fastest_release, 0.97),
     (greatest_share, 0.99),
 ]
 """Each a little tighter than the cheapest trot has it, by this factor."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.env.bp2_env import make_env
+from bp2_rl.env.bp2_env import make
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.peers import PLAYGROUND, register_playground
 
@@ -49,7 +49,7 @@ def test_every_named_environment_is_registered_with_its_settings(playground):
 
 def test_under_playgrounds_wrapper_it_is_bp2_env(playground):
     loaded = playground.registry.load("BP2", config_overrides={"impl": "kernel"})
-    env = make_env("bp2", impl="kernel")
+    env = make("bp2", impl="kernel")
     assert loaded.env.config == env.config
     assert loaded.observation_size == {name: (size,) for name, size in env.observation_size.items()}
     wrapped = playground.wrapper.wrap_for_brax_training(loaded, episode_length=3)

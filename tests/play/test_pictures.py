@@ -14,7 +14,7 @@ from bp2_rl.robot.model import load_model
 
 pytest.importorskip("trimesh", reason='needs viser and what comes with it: pip install -c constraints.txt -e ".[play]"')
 
-from bp2_rl.play.chart import COLORS, HEIGHT, LEFT, RIGHT, WIDTH, TorqueSpeed
+from bp2_rl.play.chart import CENTER, COLORS, REACH, TorqueSpeed
 from bp2_rl.play.looks import Looks
 
 
@@ -23,7 +23,7 @@ def looks():
     return Looks(BUILT)
 
 
-def test_bodies_that_hang_on_each_other_are_where_mujoco_has_them(looks):
+def test_bodies_are_where_mujoco_has_them_with_the_trunk_above_the_origin(looks):
     rng = np.random.default_rng(0)
     qpos = load_model(BUILT).key("stand").qpos + 0.3 * rng.normal(size=23)
     qpos[3:7] /= np.linalg.norm(qpos[3:7])
@@ -31,14 +31,11 @@ def test_bodies_that_hang_on_each_other_are_where_mujoco_has_them(looks):
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
-    places = {}
-    for path, position, wxyz in zip(looks.bodies, *looks.place(qpos), strict=True):
-        parent, _, name = path.rpartition("/")
-        origin, turn = places.get(parent, (np.array([*qpos[:2], 0.0]), Rotation.identity()))
-        places[path] = origin + turn.apply(position), turn * Rotation.from_quat(wxyz, scalar_first=True)
-        np.testing.assert_allclose(places[path][0], data.body(name).xpos, atol=1e-12)
-        np.testing.assert_allclose(places[path][1].as_matrix().ravel(), data.body(name).xmat, atol=1e-12)
-    assert len(places) == 1 + 4 * len(LEGS)
+    for name, position, wxyz in zip(looks.bodies, *looks.place(qpos), strict=True):
+        turn = Rotation.from_quat(wxyz, scalar_first=True)
+        np.testing.assert_allclose(position, data.body(name).xpos - np.array([*qpos[:2], 0.0]), atol=1e-12)
+        np.testing.assert_allclose(turn.as_matrix().ravel(), data.body(name).xmat, atol=1e-12)
+    assert len(looks.bodies) == 1 + 4 * len(LEGS)
 
 
 def test_every_body_has_a_shape_of_the_robots_size(looks):
@@ -47,7 +44,7 @@ def test_every_body_has_a_shape_of_the_robots_size(looks):
     data = looks.data
     data.qpos[:] = looks.model.key("stand").qpos
     mujoco.mj_kinematics(looks.model, data)
-    corners = [part.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body] for part in parts]
+    corners = [part.mesh.vertices @ data.xmat[part.body].reshape(3, 3).T + data.xpos[part.body] for part in parts]
     low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
     assert low[2] == pytest.approx(0.0, abs=0.02)  # soles on the ground, springs unloaded
     assert 0.6 < high[2] < 0.75
@@ -68,8 +65,7 @@ def test_the_chart_has_every_motor_inside_its_envelope():
     assert outline is not None
     edge = [tuple(map(float, point.split())) for point in outline.get("d", "").strip("MZ").split(" L")]
     x, y = map(float, dots[COLORS["hip"]][0].removesuffix("h0").split())
-    middle = LEFT + (WIDTH - LEFT - RIGHT) / 2
-    assert x - middle == pytest.approx((WIDTH - LEFT - RIGHT) / 2 / 1.4, abs=0.1)
-    assert 0 < y < HEIGHT
+    assert x - CENTER[0] == pytest.approx(REACH[0] / 1.4, abs=0.1)
+    assert y == CENTER[1]
     upper = [b for a, b in edge[: len(edge) // 2] if abs(a - x) < 2.0]
     assert min(abs(b - y) for b in upper) < 4.0  # px: no driving torque is left there

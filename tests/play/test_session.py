@@ -15,7 +15,7 @@ from bp2_rl.play.readings import readings
 from bp2_rl.play.session import BRAKING, RIPPLE, STEP, Session, Wish
 from bp2_rl.robot.conventions import CONTROL_STEP
 from bp2_rl.robot.easing import eased
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 
 DOWN = 0.1  # s, in place of the time that a robot lies after a fall
@@ -325,7 +325,7 @@ def test_speeds_are_means_over_a_stride(session):
 def test_another_robot_is_played_within_its_own_speeds(make_card, monkeypatch):
     """A policy that follows the kinematic trot, as nobody trained it: what is asked for is clipped at its top speed."""
     monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.5)
-    card = make_card(env=make_config("imitation", "smoke", robot="go1").env)
+    card = make_card(env=preset("imitation", "smoke", robot="go1").env)
     size = card.observation_size
     layers = (
         (np.zeros((size, 4), np.float32), np.zeros(4, np.float32)),

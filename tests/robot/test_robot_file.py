@@ -22,7 +22,7 @@ from bp2_rl.robot.model import load_model
 from bp2_rl.robot.reading import read_mjcf
 from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
 from bp2_rl.robot.sheet import sheet, stand, trained_gains
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 SHIPPED = sorted(asset_path("robots").glob("*.toml"))
 GO1 = asset_path("robots/go1.toml").read_text()
@@ -139,7 +139,7 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
         ("anchor = [0.1881, 0.04675, 0]", "anchor = [0.1881, -0.24675, 0]", "fore: anchor, hip"),
         ("weighed_mass = 12.74", "weighed_mass = 127.4", "one is wrong"),
         ("weighed_mass = 12.74", 'mjcf = "nowhere.xml"', "either `mjcf`"),
-        ("[stand]\nhip = 0.9\nknee = -1.8", "", "stand: missing"),
+        ("[stand]\nhip = 0.9\nknee = -1.8", "", "it has no [stand]: `bp2 robot new MODEL.xml --numbers`"),
         ("[gains]", "[spring]\nstiffness = 6000\ndamping = 10\ntravel = 0.1\n[gains]", "spring: the legs have no toe"),
     ],
 )  # fmt: skip
@@ -239,7 +239,7 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
 
 def test_the_sheet_says_where_training_has_other_gains():
     robot = load_robot(asset_path("robots/go1.toml"))
-    control = make_config("imitation", "cpu", robot="go1").env.control
+    control = preset("imitation", "cpu", robot="go1").env.control
     assert trained_gains(robot) == pytest.approx((control.stiffness, control.damping))
     (note,) = [line for line in sheet(robot, stand(robot)).splitlines() if line.startswith("note: training's loop")]
     assert f"{control.stiffness:.3g} Nm/rad" in note

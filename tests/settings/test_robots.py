@@ -8,7 +8,7 @@ from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.kinematics import reach
 from bp2_rl.robot.named import find_robot, robot_names
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings import presets
 from bp2_rl.settings.presets.robots import sized, speed_factor
 from bp2_rl.settings.training import TrainConfig
 
@@ -16,7 +16,7 @@ SHIPPED = [name for name in robot_names() if name not in ("built", "ideal")]
 
 
 def test_bp2_has_the_settings_that_were_written_for_it_however_it_is_changed():
-    env = make_config("relaxed", "gpu").env
+    env = presets.preset("relaxed", "gpu").env
     assert sized(env) is env
     longer = BUILT.changed(leg_length=0.4)
     assert sized(dataclasses.replace(env, hardware=longer)).control == env.control
@@ -24,8 +24,8 @@ def test_bp2_has_the_settings_that_were_written_for_it_however_it_is_changed():
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_another_robots_settings_are_those_of_its_size(name):
-    robot, bp2 = find_robot(name), make_config("relaxed", "cpu").env
-    env, size = make_config("relaxed", "cpu", robot=name).env, robot.size
+    robot, bp2 = find_robot(name), presets.preset("relaxed", "cpu").env
+    env, size = presets.preset("relaxed", "cpu", robot=name).env, robot.size
     weight_times_length = robot.mass * robot.anatomy.leg_length / (BUILT.mass * BUILT.anatomy.leg_length)
     assert size.torque == pytest.approx(weight_times_length)
     assert env.control.stiffness == pytest.approx(weight_times_length * bp2.control.stiffness)
@@ -43,18 +43,21 @@ def test_another_robots_settings_are_those_of_its_size(name):
 
 
 def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_noise():
-    ours, of_bp2 = (make_config("relaxed", "cpu", robot=name) for name in ("go1", "built"))
+    ours, of_bp2 = (presets.preset("relaxed", "cpu", robot=name) for name in ("go1", "built"))
     assert ours.env.reward.tracking_shape.floor < of_bp2.env.reward.tracking_shape.floor
     assert (ours.env.reward.schedule, of_bp2.env.reward.schedule) == ("off", "text")
     assert ours.env.commands.slow_fraction > of_bp2.env.commands.slow_fraction
     train_steps = ours.run.steps / ours.ppo.steps_per_train_step
     assert ours.ppo.entropy_decay == pytest.approx(0.02 * train_steps)
     # Neither the paper's rewards nor a first stage are touched.
-    assert make_config("relaxed", "cpu", "paper", "go1").env.reward == make_config("relaxed", "cpu", "paper").env.reward
-    assert make_config("imitation", "cpu", robot="go1").ppo == make_config("imitation", "cpu").ppo
+    assert (
+        presets.preset("relaxed", "cpu", "paper", "go1").env.reward
+        == presets.preset("relaxed", "cpu", "paper").env.reward
+    )
+    assert presets.preset("imitation", "cpu", robot="go1").ppo == presets.preset("imitation", "cpu").ppo
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_run_holds_its_robot_whole(name):
-    config = make_config("imitation", "cpu", robot=name)
+    config = presets.preset("imitation", "cpu", robot=name)
     assert from_json(TrainConfig, to_json(config)) == config

@@ -130,6 +130,23 @@ def test_a_landing_is_looked_at_just_before_the_foot_touches():
     assert list(before_contact(touching, np.array([], int))) == []
 
 
+def test_a_force_plate_shows_means_of_five_milliseconds():
+    run = trot()
+    force = np.zeros_like(run.foot_force)
+    force[::5, 2, 2] = 1000.0  # N, for one millisecond in five
+    force[0:2, 1, 0] = 5000.0  # which is not vertical
+    assert account(dataclasses.replace(run, foot_force=force)).ground.plate_force == pytest.approx(200.0)
+    assert account(run.between(0.0, 0.003)).ground.plate_force < np.max(run.foot_force[..., 2])  # no 5 ms
+
+
+def test_motors_are_beyond_the_no_load_speed_of_the_robot_that_runs():
+    run = trot()
+    assert account(run).power.overspeed_share == 0.0
+    slow = dataclasses.replace(run, hardware=dataclasses.replace(BUILT, no_load_speed=3.0, corner_speed=2.0))
+    share = account(slow).power.overspeed_share
+    assert 0.05 < share == np.mean(np.abs(run.qvel[:, MOTOR_QVEL]) > 3.0)
+
+
 def test_springs_give_what_they_were_given():
     """Against one half k s2 of the springs of 6000 N/m, their rebound stops of 36 kN/m in all included."""
     run = trot(IDEAL)

@@ -47,9 +47,8 @@ class BenchArguments(Bounded, path="--"):
     """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
     max_robots: Size | None = None
     """with --scaling: the most robots to try; by default 8 times the preset's"""
-    peer: Literal["brax", "gymnasium"] | None = None
-    """brax: also run stock Brax's acting loop on the same environment and networks, one device; gymnasium: beside the
-    environment alone, run Gymnasium's, with one robot and with all"""
+    peer: Literal["brax"] | None = None
+    """also run stock Brax's acting loop on the same environment and networks, one device"""
     startup: bool = False
     """also time fresh processes up to their first policy, with an empty compilation cache and with a full one"""
     profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

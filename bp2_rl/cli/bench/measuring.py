@@ -2,7 +2,6 @@
 
 import dataclasses
 import datetime
-import importlib.util
 import json
 import os
 import platform
@@ -16,7 +15,7 @@ from pathlib import Path
 import jax
 from rich.console import Console
 
-from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
 from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
@@ -27,14 +26,7 @@ from bp2_rl.learning.loop import make_card
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import make_policy
 from bp2_rl.learning.run import make_learner
-from bp2_rl.tools.throughput.measure import (
-    OUT_OF_MEMORY,
-    BenchOptions,
-    Case,
-    PartName,
-    measure_case,
-    measure_gymnasium,
-)
+from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
@@ -67,9 +59,7 @@ def bench(argv: list[str]) -> None:
     for case in measure_all(arguments, sizes, console):
         report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
         save_config(folder / NUMBERS, report)
-    if arguments.peer == "gymnasium":
-        report = dataclasses.replace(report, gymnasium=measure_gymnasium_rates(arguments))
-    elif arguments.peer is not None:
+    if arguments.peer is not None:
         case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
         report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)
@@ -117,8 +107,7 @@ def choose_sizes(arguments: BenchArguments) -> Iterator[tuple[int, int]]:
 
 def measure_all(arguments: BenchArguments, sizes: Sequence[tuple[int, int]], console: Console) -> Iterator[Case]:
     """One size after the other; no larger ones than the first that ran out of memory on as many devices."""
-    default: Sequence[PartName] = ("environment",) if arguments.peer == "gymnasium" else STEP
-    parts = arguments.parts or (("training",) if arguments.scaling else default)
+    parts = arguments.parts or (("training",) if arguments.scaling else STEP)
     full: dict[int, int] = {}  # devices -> robots that they could not hold
     for robots, devices in sizes:
         if robots >= full.get(devices, robots + 1):
@@ -142,14 +131,6 @@ def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[P
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
     return case
-
-
-def measure_gymnasium_rates(arguments: BenchArguments) -> dict[str, float]:
-    """Control steps a second in Gymnasium, by number of robots; raises UserError where it is not installed."""
-    if importlib.util.find_spec("gymnasium") is None:
-        raise not_installed("--peer gymnasium", "gymnasium", "gym")
-    numbers = dict.fromkeys((1, arguments.main_robots))
-    return {str(robots): measure_gymnasium(arguments.env, robots, arguments.seconds) for robots in numbers}
 
 
 def make_env(arguments: BenchArguments, robots: int) -> BP2Env:

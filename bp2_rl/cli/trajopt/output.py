@@ -1,9 +1,8 @@
 """What several of the commands show and leave."""
 
-import contextlib
 import math
-from collections.abc import Generator, Sequence
-from pathlib import Path
+import sys
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -11,20 +10,7 @@ from rich.status import Status
 from rich.table import Table
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.optimiser.solution import Solution
-
-
-@contextlib.contextmanager
-def own_folder(folder: Path) -> Generator[None]:
-    """A folder for results, made if need be, in which no other command works meanwhile.
-
-    Raises:
-        UserError: another one does, or the folder cannot be made or written.
-    """
-    make_folder(folder)
-    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
-        yield
 
 
 def describe(solutions: Sequence[Solution]) -> None:
@@ -76,10 +62,10 @@ def progress() -> Progress:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Console(stderr=True),
+        console=Console(file=sys.stderr),
     )
 
 
 def spinner(text: str) -> Status:
     """Something that turns on standard error while there is nothing to count."""
-    return Console(stderr=True).status(text)
+    return Console(file=sys.stderr).status(text)

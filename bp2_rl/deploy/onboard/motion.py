@@ -1,13 +1,13 @@
 """Reference motions played back without JAX: which joint angles and speeds belong to a command and a phase.
 
-The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg in Python's own floats: for
-numbers as few as these NumPy would be several times slower; its rates are by hand what forward differentiation makes of
-them there. The kinematic trot is the very law of training. All numbers come from `reference.npz` and `deploy.json`.
+The laws are those of `bp2_rl.reference` for one robot. The library's trot is leg by leg in Python's own numbers, for
+which NumPy would be several times slower; time is complex there, so that rates come with the values (`complex_step`).
+The kinematic trot is the very law of training. All numbers come from `reference.npz` and `deploy.json`.
 """
 
 import math
+from cmath import cos, exp, sin, sqrt
 from collections.abc import Mapping, Sequence
-from math import atan2, cos, exp, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from bp2_rl.base.polynomials import hermite_and_rate
 from bp2_rl.reference.trot_law import TrotLaw
 from bp2_rl.robot.anatomy import LegGeometry
 
-from .complex_step import differentiate
+from .complex_step import STEP, differentiate
 
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image
@@ -117,15 +117,6 @@ class _PlayedLengths(NamedTuple):
     straight_knee: float  # at which the leg has no reach left
 
 
-class _PlayedLeg(NamedTuple):
-    """A leg of the library at one time, stepping as far as commanded: each a value and its rate."""
-
-    x: tuple[float, float]  # m, of the foot, level, from the trunk's centre
-    z: tuple[float, float]
-    lower: tuple[float, float]  # m, knee to the foot's centre
-    pitch: tuple[float, float]  # rad
-
-
 class Trot:
     """A library of trots between its speeds and beyond them: `bp2_rl.reference.library.trot` says how.
 
@@ -150,29 +141,25 @@ class Trot:
         stride, stepping = self._stride(command), self.stepping(command)
         cycle = phase - math.floor(phase)
         mirrored = cycle >= 0.5
-        since = (2.0 * cycle - mirrored) * stride.half  # s, since the last pair of feet landed
-        row, rates = self._sample(stride, since)
-        value, rate = row.tolist(), rates.tolist()
-        pitch = stepping * value[2], stepping * rate[2]
-        q, qd = np.empty((4, 3)), np.empty((4, 3))
-        for leg in range(4):
+        now = complex((2.0 * cycle - mirrored) * stride.half, STEP)  # s, since the last pair of feet landed
+        row = self._sample(stride, now)
+        value = row.tolist()
+        q = np.empty((4, 3), complex)
+        for leg, lengths in enumerate(self._legs):
             at = TRUNK + 3 * (IMAGE[leg] if mirrored else leg)
-            rest_x, _, rest_z = self._rest[leg]
-            sag = self._legs[leg].sag
-            spring = sag + stepping * (value[at + 2] - sag)
-            moment = _PlayedLeg(
-                x=(rest_x + stepping * (value[at] - rest_x), stepping * rate[at]),
-                z=(rest_z + stepping * (value[at + 1] - rest_z), stepping * rate[at + 1]),
-                lower=(self._legs[leg].lower - spring, -stepping * rate[at + 2]),
-                pitch=pitch,
+            x, z, spring = (
+                rest + stepping * (moved - rest)
+                for rest, moved in zip((*self._rest[leg][::2], lengths.sag), value[at : at + 3], strict=True)
             )
-            since_touchdown = since + stride.half if LATER[leg] != mirrored else since
-            displaced = self._displacement(leg, command, stride, stepping, since_touchdown)
-            q[leg], qd[leg] = self._joints(leg, moment, *displaced)
-        torque = row[COORDINATES:].reshape(4, 2)
+            moved_x, moved_y = self._displacement(
+                leg, command, stride, stepping, now + stride.half if LATER[leg] != mirrored else now
+            )
+            feet = (x, self._rest[leg][1], z), (x + moved_x, self._rest[leg][1] + moved_y, z)
+            q[leg] = self._joints(leg, feet, lengths.lower - spring, stepping * value[2])
+        torque = np.real(row[COORDINATES:]).reshape(4, 2)
         torque = self._rest_torque + stepping * ((torque[list(IMAGE)] if mirrored else torque) - self._rest_torque)
         feedforward = np.concatenate([np.zeros((4, 1)), torque], axis=1)
-        return Pose(q.reshape(12), qd.reshape(12), feedforward.reshape(12))
+        return Pose(np.real(q).reshape(12), np.imag(q).reshape(12) / STEP, feedforward.reshape(12))
 
     def stepping(self, command: Sequence[float]) -> float:
         """0 when standing, 1 from the stepping speed on."""
@@ -193,24 +180,22 @@ class Trot:
         stance, flight, fore, hind = (a * low + b * high for low, high in zip(below[1:], above[1:], strict=True))
         return _PlayedStride(row, (a, b), speed, stance, stance + flight, (fore, fore, hind, hind))
 
-    def _sample(self, stride: _PlayedStride, since: float) -> tuple[np.ndarray, np.ndarray]:
-        """The library's row of 23 so many seconds after a touchdown of FL and RR, and its rate."""
-        in_flight = since >= stride.stance
+    def _sample(self, stride: _PlayedStride, since: complex) -> np.ndarray:
+        """The library's row of 23 so many seconds after a touchdown of FL and RR."""
+        in_flight = since.real >= stride.stance
         duration = stride.half - stride.stance if in_flight else stride.stance
         intervals = self._cubics.shape[1]
         position = (since - stride.stance if in_flight else since) / duration * intervals
-        interval = min(max(int(position), 0), intervals - 1)
+        interval = min(max(int(position.real), 0), intervals - 1)
         u = position - interval
         ends = self._cubics[int(in_flight), interval, stride.row : stride.row + 2]
         c = stride.weights[0] * ends[0] + stride.weights[1] * ends[1]
-        value = c[0] + u * (c[1] + u * (c[2] + u * c[3]))
-        slope = c[1] + u * (2.0 * c[2] + u * 3.0 * c[3])
-        return value, slope * (intervals / duration)
+        return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
 
     def _displacement(
-        self, leg: int, command: Sequence[float], stride: _PlayedStride, stepping: float, since: float
-    ) -> tuple[tuple[float, float], tuple[float, float]]:
-        """How far a foot is, seen from above, from where the library has it, (x, y) in m, and the rates.
+        self, leg: int, command: Sequence[float], stride: _PlayedStride, stepping: float, since: complex
+    ) -> tuple[complex, complex]:
+        """How far a foot is, seen from above, from where the library has it, (x, y) in m.
 
         In stance, what the ground does beyond the library's speed; in the swing, the cubic that joins its ends.
         """
@@ -218,100 +203,69 @@ class Trot:
         library = stepping * stride.speed
         x0, y0 = self._rest[leg][0] + stepping * (stride.middle[leg] - self._rest[leg][0]), self._rest[leg][1]
 
-        def drift(tau: float) -> tuple[float, float, float, float]:
+        def drift(tau: complex) -> tuple[complex, complex]:
             x, y = _ground(x0, y0, vx, vy, omega, tau)
-            return x - x0 + library * tau, y - y0, library - vx + omega * y, -vy - omega * x
+            return x - x0 + library * tau, y - y0
 
-        if since < stride.stance:
-            x, y, x_rate, y_rate = drift(since - stride.stance / 2.0)
-            return (x, y), (x_rate, y_rate)
-        time = 2.0 * stride.half - stride.stance
-        s = (since - stride.stance) / time
-        left, right = drift(stride.stance / 2.0), drift(-stride.stance / 2.0)
-        x, x_rate = hermite_and_rate(s, time, left[0], right[0], left[2], right[2])
-        y, y_rate = hermite_and_rate(s, time, left[1], right[1], left[3], right[3])
-        return (x, y), (x_rate, y_rate)
+        half = stride.stance / 2.0
+        if since.real < stride.stance:
+            return drift(since - half)
+        time = 2.0 * (stride.half - half)
+        s: Any = (since - stride.stance) / time
+        ends = zip(drift(half + STEP * 1j), drift(-half + STEP * 1j), strict=True)
+        x, y = (hermite_and_rate(s, time, a.real, b.real, a.imag / STEP, b.imag / STEP)[0] for a, b in ends)
+        return x, y
 
     def _joints(
-        self, leg: int, moment: _PlayedLeg, displaced: tuple[float, float], displaced_rate: tuple[float, float]
-    ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """(abad, hip, knee) that put a foot where the library has it and `displaced`, within reach; and their speeds.
+        self, leg: int, feet: Sequence[tuple[complex, complex, complex]], lower: complex, pitch: complex
+    ) -> tuple[complex, complex, complex]:
+        """(abad, hip, knee) that put a foot where the library has it and displaced, both level, within reach.
 
         A displacement that takes more than half of what is left of the reach gets the other half only by and by.
         """
-        (x, vx), (z, vz), (lower, lower_rate), (pitch, pitch_rate) = moment
-        c, s, y, hip, lengths = cos(pitch), sin(pitch), self._rest[leg][1], self._hips[leg], self._legs[leg]
-        thigh, extended = lengths.thigh, cos(lengths.straight_knee)
-
-        def from_hip(x: float, y: float, vx: float, vy: float) -> tuple[float, ...]:
-            """The foot in the pitched trunk's frame from its hip: position, rate; distance, rate."""
-            along, up = c * x - s * z, c * z + s * x
-            p, q, r = along - hip[0], y - hip[1], up - hip[2] + lengths.drop
-            vp, vr = c * vx - s * vz - pitch_rate * up, c * vz + s * vx + pitch_rate * along
-            distance = sqrt(p * p + q * q + r * r)
-            return p, q, r, vp, vy, vr, distance, (p * vp + q * vy + r * vr) / distance
-
-        *_, now, now_rate = from_hip(x, y, vx, 0.0)
-        p, q, r, vp, vq, vr, then, then_rate = from_hip(
-            x + displaced[0], y + displaced[1], vx + displaced_rate[0], displaced_rate[1]
+        c, s, hip, lengths = cos(pitch), sin(pitch), self._hips[leg], self._legs[leg]
+        thigh, extended = lengths.thigh, math.cos(lengths.straight_knee)
+        # From the hip, in the pitched trunk's frame.
+        (*_, now), (x, y, z, then) = (
+            (px, py, pz, sqrt(px * px + py * py + pz * pz))
+            for px, py, pz in (
+                (c * x - s * z - hip[0], y - hip[1], c * z + s * x - hip[2] + lengths.drop) for x, y, z in feet
+            )
         )
         straight = sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * extended + lengths.lateral**2)
         left = (straight - now) / 2.0  # half of it
-        left_rate = ((lower + thigh * extended) * lower_rate / straight - now_rate) / 2.0
-        if left < LEAST_LEFT:
-            left, left_rate = LEAST_LEFT, 0.0
+        if left.real < LEAST_LEFT:
+            left = complex(LEAST_LEFT)
         beyond = then - now - left
-        if beyond > 0.0:
-            e = exp(-beyond / left)
-            reached = now + left + left * (1.0 - e)
-            beyond_rate = then_rate - now_rate - left_rate
-            reached_rate = now_rate + left_rate * (2.0 - e) + e * (beyond_rate - beyond / left * left_rate)
-            share = reached / then
-            share_rate = (reached_rate - share * then_rate) / then
-            vp, vq, vr = share * vp + share_rate * p, share * vq + share_rate * q, share * vr + share_rate * r
-            p, q, r = share * p, share * q, share * r
-        return _angles((p, q, r - lengths.drop), (vp, vq, vr), lower, lower_rate, lengths)
+        if beyond.real > 0.0:
+            share = (now + left + left * (1.0 - exp(-beyond / left))) / then
+            x, y, z = share * x, share * y, share * z
+        return _angles(x, y, z - lengths.drop, lower, lengths)
 
 
 def _angles(
-    foot: tuple[float, float, float],
-    foot_rate: tuple[float, float, float],
-    lower: float,
-    lower_rate: float,
-    leg: _PlayedLengths,
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The joints of a leg whose foot is there, seen from its abduction axis, and their speeds.
-
-    `bp2_rl.robot.kinematics.joint_angles`, with rates.
-    """
-    (x, y, z), (vx, vy, vz), d, thigh = foot, foot_rate, leg.lateral, leg.thigh
+    x: complex, y: complex, z: complex, lower: complex, leg: _PlayedLengths
+) -> tuple[complex, complex, complex]:
+    """The joints of a leg whose foot is there from its abduction axis: `LegGeometry.joint_angles`."""
+    d, thigh = leg.lateral, leg.thigh
     square = y * y + z * z - d * d
-    h = sqrt(max(square, LEAST_SQUARE))
-    vh = (y * vy + z * vz) / h if square > LEAST_SQUARE else 0.0
-    abad, abad_rate = _angle(d * z + h * y, d * y - h * z, d * vz + vh * y + h * vy, d * vy - vh * z - h * vz)
+    h = sqrt(square if square.real > LEAST_SQUARE else LEAST_SQUARE)
+    abad = _angle(d * z + h * y, d * y - h * z)
     h -= leg.drop
     cosine = (x * x + h * h - thigh**2 - lower * lower) / (2.0 * thigh * lower)
-    rate = (x * vx + h * vh - lower * lower_rate) / (thigh * lower) - cosine * lower_rate / lower
-    if abs(cosine) > COSINE_LIMIT:
-        cosine, rate = math.copysign(COSINE_LIMIT, cosine), 0.0
+    if abs(cosine.real) > COSINE_LIMIT:
+        cosine = complex(math.copysign(COSINE_LIMIT, cosine.real))
     sine = leg.bend * sqrt(1.0 - cosine * cosine)
-    sine_rate = -cosine * rate / sine
-    forward, forward_rate = _angle(-x, h, -vx, vh)
-    bent, bent_rate = _angle(
-        lower * sine,
-        thigh + lower * cosine,
-        lower_rate * sine + lower * sine_rate,
-        lower_rate * cosine + lower * rate,
-    )
-    return (abad, forward - bent, atan2(sine, cosine)), (abad_rate, forward_rate - bent_rate, -rate / sine)
+    return abad, _angle(-x, h) - _angle(lower * sine, thigh + lower * cosine), _angle(sine, cosine)
 
 
-def _angle(y: float, x: float, y_rate: float, x_rate: float) -> tuple[float, float]:
+def _angle(y: complex, x: complex) -> complex:
     """The direction of (x, y), rad, and how it turns."""
-    return atan2(y, x), (y_rate * x - y * x_rate) / (x * x + y * y)
+    turning = (y.imag * x.real - y.real * x.imag) / (x.real**2 + y.real**2)
+    return complex(math.atan2(y.real, x.real), turning)
 
 
-def _ground(x: float, y: float, vx: float, vy: float, omega: float, tau: float) -> tuple[float, float]:
+def _ground(x: float, y: float, vx: float, vy: float, omega: float, tau: complex) -> tuple[complex, complex]:
     """Where a point of the ground is, seen from the trunk, `tau` seconds after it was at (x, y)."""
     half = omega * tau / 2.0
     square = half * half

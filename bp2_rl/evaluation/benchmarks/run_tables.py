@@ -5,6 +5,7 @@ from typing import Any
 
 from bp2_rl.base.plotting import NARROW
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
+from bp2_rl.simulation.account import PLATE
 from bp2_rl.simulation.figures import FIGURES
 from bp2_rl.simulation.metrics import Account, RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
@@ -105,9 +106,11 @@ def account_rows(account: Account, sprung: bool) -> tuple[Row, ...]:
     landing = f"down, and {show(g.landing_forward, '.1f', 'm/s')} forward, mean"
     return (
         Row("Beyond the envelope", f"{p.beyond:.1f} Nm", beyond),
+        Row("Motors beyond no load", f"{p.overspeed_share:.1%}", "of their samples: there a drive can only brake"),
         Row("Peak power in a ms", f"{p.motor_peak:.0f} W", "of one motor, mechanical, mean of a ms"),
         Row("Bus power", f"{p.mean:.0f} W", f"mean; at most {p.peak:.0f} W, {p.burst:.0f} W over 50 ms"),
         Row("Recharging", f"{p.recharge:.0f} W", "at most, what a brake resistor burns included"),
+        Row("Force plate", f"{g.plate_force:.0f} N", f"greatest vertical mean of a foot over {1e3 * PLATE:.0f} ms"),
         Row("Foot depth", f"{1e3 * g.depth:.1f} mm", "in the ground, at most"),
         Row("Slip", show(g.slip, ".2f", "m/s"), f"median in stance; 95 % below {show(g.slip_95, '.1f', 'm/s')}"),
         Row("Contact breaks", show(g.breaks, ".1f"), "a stance, mean"),
@@ -205,10 +208,12 @@ def _account_results(account: Account) -> dict[str, Any]:
     p, g = account.power, account.ground
     return {
         "beyond_envelope": p.beyond,
+        "beyond_no_load_speed": p.overspeed_share,
         "bus_power": p.mean,
         "peak_bus_power": p.peak,
         "peak_recharging": p.recharge,
         "foot_depth": g.depth,
+        "plate_force": g.plate_force,
         "slip": g.slip,
         "contact_breaks": g.breaks,
         "landing_speed_down": g.landing_down,

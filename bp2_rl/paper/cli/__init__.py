@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from bp2_rl.cli.dispatch import choose, modules
 
 COMMANDS = {
-    "figures": "draw the paper's figures of robots and athletes, and the index of all its items",
-    "pendulum": "Huygens' pendulums: energy exchange, sections, torques, and what they say of gaits",
+    "figures": "draw the paper's figures of robots, athletes and pendulums, and the index of all its items",
     "scaling": "the speeds of many robots beside what their legs and motors allow",
     "trajectories": "study optimal trajectories: limits, gaits, limbs, schemes, co-design, where torques come from",
     "eval": "put a policy to the deep benchmarks: endurance, mechanism, efficiency, stability",

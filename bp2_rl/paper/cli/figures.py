@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
-from bp2_rl.base.files import require_name
+from bp2_rl.base.files import require_name, write_npz
 from bp2_rl.base.serialization import load_config, save_config, to_json
 from bp2_rl.cli.dispatch import Command, Entry, choose
+from bp2_rl.cli.trajopt.output import spinner
 from bp2_rl.paper.cli.index import FLAG, make_all
 from bp2_rl.paper.cli.report import METRICS, open_folder, print_table, with_folder
 from bp2_rl.paper.figures.registry import FIGURES, draw
@@ -37,8 +38,12 @@ class FigureReport:
 def _figure(name: str, arguments: Any) -> None:
     """Draw a figure as the command line says, print its tables, and leave its report."""
     require_name(arguments.out)
-    drawn = draw(name, arguments.settings)  # what it is told is read first: a mistake leaves no folder
-    open_folder(arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure)
+    report = arguments.out, name, lambda metrics: load_config(FigureReport, metrics).figure
+    if arguments.out.exists():
+        open_folder(*report)  # before the work
+    with spinner(name):
+        drawn = draw(name, arguments.settings)  # a mistake leaves no folder
+    open_folder(*report)
     show(drawn)
     leave(arguments, name, drawn)
     print(f"pictures and numbers: {arguments.out}")
@@ -49,8 +54,12 @@ def leave(arguments: Any, name: str, drawn: "Drawn") -> None:
     from bp2_rl.base.plotting import save_figure
 
     said = tuple(to_json(comparison) for comparison in drawn.comparisons)
-    report = FigureReport(name, to_json(arguments.settings), said, to_json(drawn.results))
+    several, found = isinstance(drawn.results, dict), drawn.results
+    results = {kind: [to_json(one) for one in found[kind]] for kind in found} if several else to_json(found)
+    report = FigureReport(name, to_json(arguments.settings), said, results)
     save_config(arguments.out / METRICS, report)
+    if drawn.arrays:
+        write_npz(arguments.out / f"{name}.npz", drawn.arrays, compressed=True)
     for picture, figure in drawn.pictures.items():
         save_figure(figure, arguments.out / f"{picture}.{arguments.format}")
 
@@ -82,7 +91,7 @@ def _entry(name: str, settings: type[Any]) -> Entry:
     return (settings.__doc__ or "").splitlines()[0], command
 
 
-COMMANDS = {name: _entry(name, settings) for name, settings in FIGURES.items()} | {
+COMMANDS = {name: _entry(name, settings) for name, (settings, _) in FIGURES.items()} | {
     FLAG: ("every panel that can be made, and a page that says of each item of the paper what is ours", make_all)
 }
 

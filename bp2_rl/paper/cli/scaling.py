@@ -10,16 +10,19 @@ import tyro
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli.dispatch import Command
 from bp2_rl.cli.trajopt.arguments import Workers
+from bp2_rl.optimiser.family import MOST_IMPACT
 from bp2_rl.optimiser.problem import Intervals
 from bp2_rl.paper.cli.report import open_folder, with_folder
 
 OUT = Path("reports/scaling")
-LIMITS = "limits.json"  # what is left of the optimiser's search
+SEARCH, LIMITS = "search.json", "limits.json"  # of the optimiser: whose limits it looks for, and those found
 
 
 @dataclasses.dataclass(frozen=True)
 class LimitSettings(Bounded, path="--"):
     """Compare published and learned speeds of robots with the greatest speed that their legs and motors allow.
+
+    Interrupted, a search goes on where it stopped when run again.
 
     Examples:
         bp2 paper scaling                              # from the limits that ship, in a moment
@@ -32,7 +35,9 @@ class LimitSettings(Bounded, path="--"):
     robots: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...")] = ()
     """with --simulate: only robots whose names have one of these words; bp2 has its variants"""
     intervals: Annotated[Intervals, Within(2, 500)] = 16
-    """with --simulate: of the optimiser's mesh, in each segment"""
+    """with --simulate: of the optimiser's mesh, in each segment; three times as many where there are springs"""
+    impact: Annotated[float, Within(0.0, 1.0)] = MOST_IMPACT
+    """with --simulate: share of the weight that landings may bear"""
     workers: Workers = 2
     """with --simulate: processes"""
 
@@ -40,38 +45,42 @@ class LimitSettings(Bounded, path="--"):
 def _compare(arguments: Any) -> None:
     from bp2_rl.base.errors import UserError
     from bp2_rl.base.files import require_name
-    from bp2_rl.base.serialization import load_config, save_config
+    from bp2_rl.base.serialization import claim_folder, load_config, save_config
     from bp2_rl.cli.trajopt.output import progress
     from bp2_rl.paper.cli.figures import FigureReport, leave, show
     from bp2_rl.paper.figures.drawn import Drawn
     from bp2_rl.paper.robots import read_robots
     from bp2_rl.paper.scaling import study
     from bp2_rl.paper.scaling.figure import draw_limits
+    from bp2_rl.paper.scaling.limits import Rules
 
     settings, out = arguments.settings, arguments.out
     require_name(out)
     if settings.robots and not settings.simulate:
         raise UserError("--robots chooses whose limits to find anew: add --simulate")
     robots, variants = study.choose_robots(settings.robots)
-    open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
+    if not (out / SEARCH).is_file():
+        open_folder(out, "limits", lambda metrics: load_config(FigureReport, metrics).figure)
+    limits = study.read_limits()
     if settings.simulate:
+        search = study.LimitSearch(robots, variants, Rules(settings.intervals, settings.impact))
+        claim_folder(out, SEARCH, search, "a search")
+        begun = study.read_limits(out / LIMITS) if (out / LIMITS).is_file() else None
         with progress() as bar:
-            search = study.simulate(robots, variants, settings.intervals, settings.workers)
-            for limits in bar.track(search, len(robots) + len(variants) + 1, description="limits"):
+            found = study.simulate(search, settings.workers, begun)
+            for limits in bar.track(found, len(robots) + len(variants) + 1, description="limits"):
                 save_config(out / LIMITS, limits)  # as they are found
-    else:
-        save_config(out / LIMITS, study.read_limits())
-    limits = study.read_limits(out / LIMITS)
-    found = study.compare_limits(limits, read_robots(), study.read_learned())
-    print(*study.refutations(found), sep="\n")
-    drawn = Drawn(found, study.tables(found), (), {"scaling": draw_limits(found)})
+    compared = study.compare_limits(limits, read_robots(), study.read_learned())
+    print(*study.refutations(compared), sep="\n")
+    drawn = Drawn(compared, study.tables(compared), (), {"scaling": draw_limits(compared)})
     show(drawn)
-    print(*study.verdict(found), sep="\n")
-    for what, names in (("no trot was found of", found.not_found), ("legs or motors not published", found.left_out)):
+    print(*study.verdict(compared), sep="\n")
+    left = ("no trot was found of", compared.not_found), ("legs or motors not published", compared.left_out)
+    for what, names in left:
         if names:
             print(f"{what}: {', '.join(names)}")
     leave(arguments, "limits", drawn)
-    print(f"picture, numbers and limits: {out}")
+    print(f"picture and numbers: {out}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -24,7 +24,8 @@ class Comparison:
 class Drawn(NamedTuple):
     """A figure, and all that it shows."""
 
-    results: Any  # a dataclass: every number in pictures, tables and comparisons, not rounded
+    results: Any  # every number in pictures, tables and comparisons, not rounded: a dataclass, or several by name
     tables: tuple[Table, ...]
     comparisons: tuple[Comparison, ...]
     pictures: Mapping[str, Figure]  # by name
+    arrays: Mapping[str, Any] = {}  # what the curves are drawn from, where no other file has them

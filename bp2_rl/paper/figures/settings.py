@@ -75,6 +75,16 @@ class LearningSettings:
 
 
 @dataclasses.dataclass(frozen=True)
+class WearSettings(Bounded, path="--"):
+    """Draw speed over how hard soles land, of policies on the built robot, and whether they need strong brakes."""
+
+    policies: tuple[Path, ...] = (Path("built"), Path("gentle"))
+    """policies that ship, by name, or of your runs"""
+    speed: Annotated[float, Within(0.1, 100.0)] = 15.5
+    """what they are told to run, m/s"""
+
+
+@dataclasses.dataclass(frozen=True)
 class IdentifiabilitySettings(Bounded, path="--"):
     """Draw which of the numbers that had to be assumed the paper's own numbers pin down, and which nothing does.
 

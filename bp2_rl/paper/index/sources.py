@@ -38,8 +38,8 @@ LIBRARY = "reference_motions"
 PUBLISHED = "published"
 
 
-def _pendulum(name: str) -> Source:
-    return Source(name, ("paper", "pendulum", name))
+def _figure(name: str, reads: tuple[str, ...] = (), *runs: str) -> Source:
+    return Source(name, ("paper", "figures", name), reads, runs=runs)
 
 
 def _evaluated(benchmark: str, *words: str, name: str = "", film: bool = False) -> Source:
@@ -53,21 +53,21 @@ def _deeply_evaluated(benchmark: str) -> Source:
 
 
 SOURCES = (
-    *map(_pendulum, ("simulate", "sections", "torque", "map", "trapping", "gaits")),
+    *map(_figure, ("exchange", "sections", "torque", "map", "trapping", "gaits")),
     Source("trajopt", ("paper", "trajectories", "figures"), (LIBRARY,), numbers="coupling.json"),
     _evaluated("topspeed", film=True),
     _evaluated("topspeed", "--robot", "ideal", "--no-video", name="topspeed_ideal"),
     _evaluated("sprint", film=True),
     _evaluated("sprint", "--robot", "ideal", "--no-video", name="sprint_ideal"),
-    Source("scaling", ("paper", "figures", "scaling"), (PUBLISHED,), runs=("topspeed", "topspeed_ideal")),
-    Source("race", ("paper", "figures", "race"), (PUBLISHED,), runs=("sprint", "sprint_ideal")),
-    Source("robot", ("paper", "figures", "robot"), (ROBOT,)),
-    Source("rewards", ("paper", "figures", "rewards")),
-    Source("strides", ("paper", "figures", "strides"), runs=("topspeed",)),
+    _figure("scaling", (PUBLISHED,), "topspeed", "topspeed_ideal"),
+    _figure("race", (PUBLISHED,), "sprint", "sprint_ideal"),
+    _figure("robot", (ROBOT,)),
+    _figure("rewards"),
+    _figure("strides", (), "topspeed"),
     _evaluated("topspeed", "--speed", f"{OUTDOOR_TOP_SPEED:g}", "--hold", "6", "--no-video", name="topspeed_outdoors"),
-    Source("operating", ("paper", "figures", "operating"), runs=("topspeed_outdoors", "topspeed")),
-    Source("identifiability", ("paper", "figures", "identifiability")),
-    Source("binding", ("paper", "figures", "binding"), runs=("topspeed_ideal",)),
+    _figure("operating", (), "topspeed_outdoors", "topspeed"),
+    _figure("identifiability"),
+    _figure("binding", (), "topspeed_ideal"),
     _deeply_evaluated("mechanism"),
     _deeply_evaluated("stability"),
     _deeply_evaluated("efficiency"),

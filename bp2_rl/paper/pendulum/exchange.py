@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_simpson
 from bp2_rl.base.plotting import FAINT, INK, WIDTH, styled
 from bp2_rl.paper.pendulum import beam, exact
 from bp2_rl.paper.pendulum.beam import NATURAL_PERIOD, SwingMotion, swing
-from bp2_rl.paper.pendulum.settings import PendulumSimulateSettings
+from bp2_rl.paper.pendulum.settings import PendulumExchangeSettings
 from bp2_rl.paper.pendulum.study import BEAM, PENDULUMS, PendulumStudy, numbered, remark
 
 SAMPLES = 100  # of a natural period
@@ -98,7 +98,7 @@ def _pair(values: Float[np.ndarray, " 2"]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def simulate(settings: PendulumSimulateSettings) -> PendulumStudy:
+def study_exchange(settings: PendulumExchangeSettings) -> PendulumStudy:
     """Study how evenly two pendulums share the energy of one."""
     runs = exchanges(settings.amplitude, settings.mass_ratio, settings.periods)
     rows = []

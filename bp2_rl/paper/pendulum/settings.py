@@ -1,4 +1,4 @@
-"""What the commands of pendulums are told; read before anything slow is imported."""
+"""What the figures of pendulums are told; read before anything slow is imported."""
 
 import dataclasses
 import math
@@ -24,7 +24,7 @@ Length = Annotated[float, Within(0.001, 1000.0), tyro.conf.arg(metavar="M")]
 
 
 @dataclasses.dataclass(frozen=True)
-class PendulumSimulateSettings:
+class PendulumExchangeSettings:
     """Let one of two pendulums go, the other hanging: who has the energy over time (paper, Fig. 3C)."""
 
     mass_ratio: tuple[MassRatio, ...] = (1.0, 2.0, 5.0)

@@ -3,7 +3,8 @@
 import concurrent.futures
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +26,8 @@ ENOUGH = 2
 """Of those, the first that there are."""
 COARSE = 8
 """Intervals a segment, for those."""
+SPRUNG = 3
+"""Times the intervals of a rigid robot: toes swing on their springs."""
 RISE = bp2.PEAK_TORQUE / Problem().torque_rate
 """s, in which a motor reaches its peak torque at the earliest: BP2's, of every robot."""
 CHANGES: dict[str, Change] = {
@@ -35,6 +38,8 @@ CHANGES: dict[str, Change] = {
     "landing impact": times_fields("form.greatest_impact"),
 }
 """The limits of which one binds first, each by a factor."""
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,30 +58,37 @@ class SpeedLimit:
         return max(self.gains, key=lambda name: self.gains[name])
 
 
-def limit_problem(hardware: HardwareSpec, intervals: int) -> Problem:
-    """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
-    problem = Problem(intervals=intervals).sized(hardware)
-    rate = float(np.max(hardware.joint_peak_torque)) / RISE
-    return dataclasses.replace(problem, torque_rate=rate, form=Form(greatest_impact=MOST_IMPACT))
+@dataclasses.dataclass(frozen=True)
+class Rules:
+    """What a limit is found by."""
+
+    intervals: int = 16  # a segment; `SPRUNG` times as many where there are springs
+    greatest_impact: float = MOST_IMPACT  # of the weight, that landings bear
+
+    def problem(self, hardware: HardwareSpec) -> Problem:
+        """Return the trot of a robot with all that its motors and the ground give, and nothing left for feedback."""
+        problem = Problem(intervals=self.intervals * (SPRUNG if hardware.anatomy.sprung else 1)).sized(hardware)
+        rate = float(np.max(hardware.joint_peak_torque)) / RISE
+        return dataclasses.replace(problem, torque_rate=rate, form=Form(greatest_impact=self.greatest_impact))
 
 
-def find_limits(robots: Mapping[str, HardwareSpec], intervals: int, workers: int) -> Iterator[tuple[str, SpeedLimit]]:
+def find_limits(robots: Mapping[Key, HardwareSpec], rules: Rules, workers: int) -> Iterator[tuple[Key, SpeedLimit]]:
     """Yield the limits of robots, as they are found; a robot without any trot is left out."""
     with spawned(workers) as pool:
-        searches = {pool.submit(find_limit, robot, intervals): name for name, robot in robots.items()}
+        searches = {pool.submit(find_limit, robot, rules): name for name, robot in robots.items()}
         for search in concurrent.futures.as_completed(searches):
             with contextlib.suppress(NotSolved):
                 yield searches[search], search.result()
 
 
-def find_limit(hardware: HardwareSpec, intervals: int) -> SpeedLimit:
-    """Return the fastest trot of a robot: the best that several starts lead to, on `intervals` a segment.
+def find_limit(hardware: HardwareSpec, rules: Rules) -> SpeedLimit:
+    """Return the fastest trot of a robot: the best that several starts lead to.
 
     Raises:
         NotSolved: no start led to a trot.
     """
-    problem = limit_problem(hardware, intervals)
-    coarse = problem.on_mesh(min(COARSE, intervals))
+    problem = rules.problem(hardware)
+    coarse = problem.on_mesh(min(COARSE, rules.intervals))
     found = [_fastest_of_library()] if hardware.anatomy.sprung else _fastest_from_cold(coarse)
     for start in sorted(found, key=lambda solution: -solution.problem.speed):
         with contextlib.suppress(NotSolved):

@@ -7,7 +7,7 @@ optimiser's refutes the model.
 
 import dataclasses
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from bp2_rl.paper.figures.scaling_numbers import shipped
 from bp2_rl.paper.published_tables import ColumnHeading, read_table
 from bp2_rl.paper.robots import PublishedRobot, read_robots
 from bp2_rl.paper.scaling.legs import read_legs, rigid_robot
-from bp2_rl.paper.scaling.limits import SpeedLimit, find_limits
+from bp2_rl.paper.scaling.limits import Rules, SpeedLimit, find_limits
 from bp2_rl.paper.scaling.variants import BP2, ON_LEGS, RIGID, bp2_variants, leg_share
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import shipped_files
@@ -41,11 +41,20 @@ class LearnedSpeed:
 
 
 @dataclasses.dataclass(frozen=True)
+class LimitSearch:
+    """Whose limits are looked for, by name, and by which rules."""
+
+    robots: dict[str, HardwareSpec]
+    variants: dict[str, HardwareSpec]
+    rules: Rules
+
+
+@dataclasses.dataclass(frozen=True)
 class SpeedLimits:
     """What the optimiser found, by name: robots, and BP2 and its variants; None where it found no trot."""
 
     command: str
-    intervals: int  # a segment
+    rules: Rules
     robots: dict[str, SpeedLimit | None]
     variants: dict[str, SpeedLimit | None]
 
@@ -121,23 +130,23 @@ def choose_robots(words: Sequence[str]) -> tuple[dict[str, HardwareSpec], dict[s
     return chosen, variants if any(word in BP2.casefold() for word in wanted) else {}
 
 
-def simulate(
-    robots: Mapping[str, HardwareSpec], variants: Mapping[str, HardwareSpec], intervals: int, workers: int
-) -> Iterator[SpeedLimits]:
-    """Yield what is found so far each time that a limit is found; the last has all."""
-    keys = {f"robot {name}": robot for name, robot in robots.items()}
-    keys |= {f"variant {name}": robot for name, robot in variants.items()}
-    found: dict[str, SpeedLimit] = {}
+def simulate(search: LimitSearch, workers: int, begun: SpeedLimits | None = None) -> Iterator[SpeedLimits]:
+    """Yield what is found so far each time that a limit is found; the last has all.
 
-    def limits() -> SpeedLimits:
-        each = ({name: found.get(f"{kind} {name}") for name in names} for kind, names in
-                (("robot", robots), ("variant", variants)))  # fmt: skip
-        return SpeedLimits(SIMULATE, intervals, *each)
-
-    yield limits()
-    for key, limit in find_limits(keys, intervals, workers):
-        found[key] = limit
-        yield limits()
+    Args:
+        search: whose limits are found.
+        workers: processes.
+        begun: what the same search found before it was interrupted.
+    """
+    kinds = {"robots": search.robots, "variants": search.variants}
+    before = {kind: dict[str, SpeedLimit | None](getattr(begun, kind, {})) for kind in kinds}
+    found = {kind: {name: before[kind].get(name) for name in robots} for kind, robots in kinds.items()}
+    left = {(kind, name): robot for kind, robots in kinds.items() for name, robot in robots.items()
+            if found[kind][name] is None}  # fmt: skip
+    yield SpeedLimits(SIMULATE, search.rules, **found)
+    for (kind, name), limit in find_limits(left, search.rules, workers):
+        found[kind] = found[kind] | {name: limit}
+        yield SpeedLimits(SIMULATE, search.rules, **found)
 
 
 def read_limits(path: Path | None = None) -> SpeedLimits:

@@ -22,7 +22,7 @@ PRESETS = {
 }
 
 
-def make_config(
+def preset(
     stage: Stage, preset: Preset, weights: Weights | None = None, robot: str | HardwareSpec = "built"
 ) -> TrainConfig:
     """Return a stage's settings for a size of machine.

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings import presets
 from bp2_rl.settings.training import Preset, Stage
 
 STAGES: tuple[Stage, ...] = ("imitation", "relaxed")
@@ -118,5 +118,5 @@ class Plan:
 
 def default_steps(preset: Preset) -> tuple[int, int]:
     """What the preset trains, control steps of the two stages."""
-    imitation, relaxed = (make_config(stage, preset).run.steps for stage in STAGES)
+    imitation, relaxed = (presets.preset(stage, preset).run.steps for stage in STAGES)
     return imitation, relaxed

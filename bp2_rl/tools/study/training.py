@@ -13,7 +13,7 @@ from typing import Any
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
 from bp2_rl.learning.loop import is_finished
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import Preset
 from bp2_rl.tools.study.measuring import measure_policies
 from bp2_rl.tools.study.places import Place, Resources
@@ -51,7 +51,7 @@ def run(
     make_folder(folder)
     busy = f"another study is at work in {folder}: wait for it, or name another --out"
     with lock_folder(folder, busy) as lock:
-        settings = tuple(config_hash(make_config(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
+        settings = tuple(config_hash(preset(stage, plan.preset, robot=plan.robot)) for stage in STAGES)
         claim_folder(folder, RECIPE, _Recipe(plan.preset, plan.steps, settings, plan.robot), "a study")
         with resources.open(folder, lock) as (place, measuring, threads):
             waiting, failed = plan.chains, []

@@ -18,7 +18,6 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from brax import envs
 from brax.envs.wrappers import training as brax_training
 from brax.training import acting
@@ -30,7 +29,6 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO, TrainState, make_transition
 from bp2_rl.robot import conventions
-from bp2_rl.settings.env import EnvConfig
 from bp2_rl.settings.ppo import PPOConfig
 
 PartName = Literal["physics", "environment", "resets", "policy", "sgd", "acting", "brax", "training"]
@@ -224,31 +222,6 @@ def measure(part: BenchPart, learner: PPO, seconds: float, profile: Path | None 
         program_bytes=size,
         bytes_per_robot=None if size is None else size * devices / robots,
     )
-
-
-def measure_gymnasium(config: EnvConfig, robots: int, seconds: float) -> float:
-    """Control steps a second, all robots together, on C MuJoCo, with actions of zero and episodes that begin anew.
-
-    Args:
-        config: of the environment.
-        robots: 1: the single environment, else the vector environment.
-        seconds: to step for.
-    """
-    from bp2_rl.peers.gymnasium_env import BP2GymEnv
-    from bp2_rl.peers.gymnasium_vector import BP2VectorEnv
-
-    env: Any = BP2GymEnv(config=config) if robots == 1 else BP2VectorEnv(robots, config=config)
-    action = np.zeros(env.action_space.shape, np.float32)
-    env.reset(seed=0)
-    for _ in range(FEWEST):  # in which all compiles
-        env.step(action)
-    steps, began = 0, time.perf_counter()
-    while (passed := time.perf_counter() - began) < seconds:
-        _, _, terminated, _, _ = env.step(action)
-        if robots == 1 and terminated:
-            env.reset()
-        steps += robots
-    return steps / passed
 
 
 # --- The parts -----------------------------------------------------------------------------------------------

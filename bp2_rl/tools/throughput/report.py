@@ -43,7 +43,6 @@ class Bench:
     seconds: float  # of timed calls, for each part
     cases: tuple[Case, ...] = ()
     peer: Case | None = None  # our acting loop and stock Brax's, one device each
-    gymnasium: dict[str, float] = dataclasses.field(default_factory=dict)  # control steps/s by number of robots
     cold_start: Startup | None = None  # nothing compiled before
     warm_start: Startup | None = None  # everything in the cache on disk
     host_peak_bytes: int | None = None  # of this process since it began
@@ -112,9 +111,6 @@ def remarks(bench: Bench) -> list[str]:
         if start is not None:
             moments = (f"{moment.replace('_', ' ')} {s:.1f} s" for moment, s in dataclasses.asdict(start).items())
             lines.append(f"{name} start: {', '.join(moments)} after the process began")
-    if bench.gymnasium:
-        rates = ", ".join(f"{robots} robots: {count(rate)}" for robots, rate in bench.gymnasium.items())
-        lines.append(f"in Gymnasium, on C MuJoCo, control steps/s; {rates.replace('1 robots', '1 robot', 1)}")
     ratio = peer_ratio(bench)
     if ratio is not None:
         lines.append(f"the learner acts {ratio:.2f} times as fast as stock Brax")

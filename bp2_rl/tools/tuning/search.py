@@ -12,7 +12,7 @@ from typing import Any
 
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.training import Preset
 from bp2_rl.tools.study.measuring import PolicyMeasurement, measure_policies
 from bp2_rl.tools.study.places import Resources
@@ -70,7 +70,7 @@ def run(search: Search, folder: Path, trials: int, resources: Resources) -> list
     """
     make_folder(folder)
     with lock_folder(folder, f"another search is at work in {folder}: wait for it, or name another --out") as lock:
-        settings = config_hash(make_config("imitation", search.preset, robot=search.robot))
+        settings = config_hash(preset("imitation", search.preset, robot=search.robot))
         claim_folder(folder, SETTINGS, _Settings(search, settings), "a search")
         study = _study(search, folder)
         with resources.open(folder, lock) as (place, measuring, threads):

@@ -38,15 +38,21 @@ def compiled(hardware: HardwareSpec, impl: Impl):
 
 
 def fly(
-    engine: str, hardware: HardwareSpec, qvel: np.ndarray, control_steps: int, *, strength: float = 1.0
+    engine: str,
+    hardware: HardwareSpec,
+    qvel: np.ndarray,
+    control_steps: int,
+    *,
+    strength: float = 1.0,
+    braking: float | None = None,
 ) -> np.ndarray:
     """Velocities after each control step of a robot that starts 10 m up, its targets where its joints are.
 
-    With a `strength` of 0 its motors give nothing.
+    With a `strength` of 0 its motors give nothing; `braking` is what training draws of `weak_braking`.
     """
     if engine != "mujoco":
         env, control_step, robot = compiled(hardware, engine)
-        robot = robot.replace(strength=strength * jnp.ones(12))
+        robot = robot.replace(strength=strength * jnp.ones(12), braking=None if braking is None else jnp.array(braking))
         rest = env.starts.at_rest()
         physics = rest.replace(qpos=rest.qpos.at[2].set(10.0), qvel=jnp.asarray(qvel, jnp.float32))
         found = []
@@ -66,6 +72,17 @@ def fly(
             simulator.millisecond(q, np.zeros((1, 12)))
         found.append(simulator.qvel[0].copy())
     return np.array(found)
+
+
+def test_brakes_that_training_draws_weaker_are_those_of_such_motors_in_c_mujoco():
+    """Joints at up to 21 rad/s, where brakes as drives have hardly any torque left; beyond, the back EMF brakes."""
+    qvel = np.zeros(22)
+    qvel[MOTOR_QVEL] = np.linspace(-21.0, 21.0, 12)
+    drawn = fly("kernel", BUILT, qvel, 1, braking=1.0)[:, MOTOR_QVEL]
+    weak = fly("mujoco", dataclasses.replace(BUILT, braking_speed=21.4), qvel, 1)[:, MOTOR_QVEL]
+    strong = fly("mujoco", BUILT, qvel, 1)[:, MOTOR_QVEL]
+    assert np.max(np.abs(drawn - weak)) < 0.01
+    assert np.max(np.abs(strong - weak)) > 1.0
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -4,13 +4,13 @@ import jax
 import numpy as np
 
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 
 ROBOTS = 8
 
 
 def test_a_robot_with_rigid_shanks_runs_alike_in_mjx_and_in_the_kernel():
-    config = make_config("imitation", "cpu", robot="go1").env
+    config = preset("imitation", "cpu", robot="go1").env
     mjx, kernel = BP2Env(config), BP2Env(config, impl="kernel")
     start = jax.jit(jax.vmap(mjx.reset))(jax.random.split(jax.random.PRNGKey(0), ROBOTS))
     actions = 0.1 * jax.random.normal(jax.random.PRNGKey(1), (ROBOTS, mjx.action_size))

@@ -16,7 +16,7 @@ from bp2_rl.robot.hardware import BUILT, IDEAL, Losses
 from bp2_rl.robot.named import find_robot
 from bp2_rl.robot.variants import PARTS, differing, ideal_of, with_parts
 from bp2_rl.settings.env import CommandConfig
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.simulation.metrics import froude_number, standing_height
 from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.schedule import Ramp
@@ -26,7 +26,7 @@ GO1 = find_robot("go1")
 
 @pytest.fixture
 def go1(make_policy):
-    return lambda **results: make_policy(env=make_config("relaxed", "cpu", robot="go1").env, results=results)
+    return lambda **results: make_policy(env=preset("relaxed", "cpu", robot="go1").env, results=results)
 
 
 def test_a_top_speed_is_the_measured_one_else_the_judges_else_the_fastest_command(go1):

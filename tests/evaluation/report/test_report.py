@@ -86,7 +86,7 @@ def test_page_holds_all_that_it_shows(busy_run, tmp_path):
     assert wide != narrow
     assert link == "trajectory.npz"
     assert "://" not in text
-    assert "python eval.py --speed &#x27;&lt;5&gt;&#x27;" in text
+    assert "python eval.py --speed &#39;&lt;5&gt;&#39;" in text
     assert "ramp &amp; &lt;hold&gt;" in text
     for leg in ("FR", "FL", "RR", "RL"):
         assert f"{leg}_knee" in text
@@ -117,7 +117,7 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "report"):
-        with pytest.raises(UserError, match="cannot be written"):
+        with pytest.raises(UserError, match="cannot write to"):
             folder.open_folder(place, "topspeed")
 
 

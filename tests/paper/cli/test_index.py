@@ -14,8 +14,8 @@ from bp2_rl.paper.index.sources import Source
 
 PEAK = "torque:results/lengths/length=1.0/peak/0"
 SOURCES = (
-    Source("torque", ("paper", "pendulum", "torque")),
-    Source("bad", ("paper", "pendulum", "torque", "--frequency", "-1")),
+    Source("torque", ("paper", "figures", "torque")),
+    Source("bad", ("paper", "figures", "torque", "--frequency", "-1")),
     Source("after", ("paper", "figures", "race"), runs=("bad",)),
     Source("later", ("eval", "--benchmark", "later"), benchmark="later"),
 )
@@ -85,7 +85,7 @@ def test_the_page_holds_the_numbers_of_the_files_and_loads_nothing(made):
 
 def test_a_log_names_the_folder_where_its_command_left_its_report(made):
     log = (made / "torque" / "log.txt").read_text()
-    assert f"picture, numbers and curves: {made / 'torque'}\n" in log
+    assert f"pictures and numbers: {made / 'torque'}\n" in log
 
 
 def test_a_command_that_cannot_be_run_costs_its_own_rows_alone(made):
@@ -114,9 +114,7 @@ def test_what_was_made_is_taken_as_it_is_until_its_numbers_are_touched(made, cap
     (made / "torque" / "metrics.json").write_text("{}")
     assert figures.main(["--all", "--out", str(made)]) == 0
     assert "results" in (made / "torque" / "metrics.json").read_text()
-    assert [words[:3] for words in asked].count(
-        ["paper", "pendulum", "torque"]
-    ) == 3  # the bad one each time, ours once
+    assert [words[:3] for words in asked].count(["paper", "figures", "torque"]) == 3  # the bad one each time, ours once
 
 
 @pytest.mark.parametrize(

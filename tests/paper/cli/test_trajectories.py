@@ -28,7 +28,7 @@ def test_the_commands_are_listed(capsys):
         (["sweep", "--step", "1e-9"], "makes more than 1000 speeds"),
         (["sweep", "--fastest", "inf"], "fastest must be from 0.01 to 100, got inf"),
         (["limits", "--losses"], "this robot has none; choose --robot built"),
-        (["limits", "--robot", "bilt"], "there is no robot 'bilt': choose one of ideal, built"),
+        (["limits", "--robot", "bilt"], "there is no robot 'bilt': did you mean built? choose one of ideal, built"),
         (["limits", "--workers", "-1"], "workers must be from 1 to 256, got -1"),
         (["codesign", "--grid", "1"], "grid must be from 3 to 1000, got 1"),
         (["codesign", "--confirm", "16", "0"], "confirm must be from 2 to 500, got 0"),

@@ -9,7 +9,7 @@ from paper_items import paper_items
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli.eval import BenchmarkName
-from bp2_rl.paper.cli import figures, pendulum, trajectories
+from bp2_rl.paper.cli import figures, trajectories
 from bp2_rl.paper.cli.eval import DeepBenchmarkName
 from bp2_rl.paper.index.item import Check, Item, ReportNumber, fill, look_up, places, read_items
 from bp2_rl.paper.index.sources import SOURCES, Choice, arguments, key_of
@@ -135,7 +135,7 @@ def test_commands_are_told_what_is_chosen(policy, tmp_path):
         "--runs", f"{tmp_path}/sprint", f"{tmp_path}/sprint_ideal",
     ]  # fmt: skip
     assert BY_NAME["endurance"].command == "bp2 paper eval --benchmark endurance"
-    assert BY_NAME["simulate"].command == "bp2 paper pendulum simulate"
+    assert BY_NAME["exchange"].command == "bp2 paper figures exchange"
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
@@ -146,4 +146,4 @@ def test_this_version_has_every_command(source):
     else:
         paper, group, name = source.words
         assert paper == "paper"
-        assert name in {"figures": figures, "pendulum": pendulum, "trajectories": trajectories}[group].COMMANDS
+        assert name in {"figures": figures, "trajectories": trajectories}[group].COMMANDS

@@ -4,12 +4,14 @@ import dataclasses
 
 import pytest
 
-from bp2_rl.base.errors import OK, WRONG_INPUT
+from bp2_rl.base.errors import INTERRUPTED, OK, WRONG_INPUT
 from bp2_rl.base.serialization import load_config
 from bp2_rl.paper.cli import scaling
 from bp2_rl.paper.robots import read_robots
-from bp2_rl.paper.scaling.limits import SpeedLimit
+from bp2_rl.paper.scaling import study
+from bp2_rl.paper.scaling.limits import Rules, SpeedLimit
 from bp2_rl.paper.scaling.study import (
+    LimitSearch,
     SpeedLimits,
     choose_robots,
     compare_limits,
@@ -34,7 +36,7 @@ def found() -> dict[str, SpeedLimit]:
     robot = find_robots()[A1]
     corner, no_load = (times(SLOWER, speed) for speed in (robot.corner_speed, robot.no_load_speed))
     slow = dataclasses.replace(robot, corner_speed=corner, no_load_speed=no_load)
-    *_, limits = simulate({A1: robot, "slow": slow}, {}, intervals=4, workers=1)
+    *_, limits = simulate(LimitSearch({A1: robot, "slow": slow}, {}, Rules(intervals=4)), workers=1)
     return {name: limit for name, limit in limits.robots.items() if limit}
 
 
@@ -59,7 +61,7 @@ def test_a_foot_is_no_faster_than_hip_and_knee_turn_it(a1):
 
 
 def test_a_speed_above_its_limit_is_said_first(a1):
-    limits = SpeedLimits("by hand", 4, {A1: a1}, {})
+    limits = SpeedLimits("by hand", Rules(4), {A1: a1}, {})
     fine = compare_limits(limits, read_robots(), ())
     assert refutations(fine) == ["no speed of 1 robots, published or learned, is above the optimiser's limit"]
     above = [dataclasses.replace(r, top_speed=9.0) if r.robot == A1 else r for r in read_robots()]
@@ -88,7 +90,27 @@ def test_the_command_prints_refutations_first(tmp_path, capsys):
     study = compare_limits(read_limits(), read_robots(), read_learned())
     assert first == refutations(study)[0]
     assert (tmp_path / "out" / "scaling.png").stat().st_size > 10_000
-    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS) == read_limits()
+
+
+def test_an_interrupted_search_goes_on_where_it_stopped(a1, tmp_path, monkeypatch):
+    """What a first search left in its folder is kept, and the rest is found; another search is refused."""
+    asked: list[tuple[str, str]] = []
+    interrupts = iter([True, False])
+
+    def find(robots, rules, workers):
+        asked.extend(robots)
+        for key in robots:
+            yield key, a1
+            if next(interrupts):
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(study, "find_limits", find)
+    words = ["--simulate", "--robots", "a1", "go1", "--out", str(tmp_path / "out")]
+    assert scaling.main(words) == INTERRUPTED
+    assert scaling.main(words) == OK
+    assert asked == [("robots", "Unitree Go1"), ("robots", A1), ("robots", A1)]
+    assert load_config(SpeedLimits, tmp_path / "out" / scaling.LIMITS).robots == {"Unitree Go1": a1, A1: a1}
+    assert scaling.main([*words, "--intervals", "5"]) == WRONG_INPUT
 
 
 @pytest.mark.attack

@@ -25,7 +25,7 @@ from bp2_rl.learning.exports import POLICIES
 from bp2_rl.learning.policy import Policy, load_policy, save_policy
 from bp2_rl.settings.env import TrackingShape
 from bp2_rl.settings.jobs import JobsConfig
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.settings.presets.rewards import PAPER
 from bp2_rl.settings.training import RunConfig, Stage, TrainConfig
 from bp2_rl.tools.study import measuring, outcome, places, training
@@ -83,7 +83,7 @@ def test_a_variant_is_the_recipe_but_for_what_it_names(name, tmp_path):
     relaxed = _parse(plan.command(second, tmp_path))
     assert (imitation.run.steps, relaxed.run.steps) == PLAN.steps
     for stage, parsed in zip(STAGES, (imitation, relaxed), strict=True):
-        config, recipe = _config(parsed, stage), make_config(stage, "gpu")
+        config, recipe = _config(parsed, stage), preset(stage, "gpu")
         later = SETS_LATER.get(name, {}) if stage == "relaxed" else {}
         for field, value in (SETS[name] | later).items():
             got, ours = (operator.attrgetter(field)(settings) for settings in (config, recipe))
@@ -118,7 +118,7 @@ def trained(tmp_path, monkeypatch, make_card):
         started.append(run_dir.name)
         if run_dir.name in failing:
             return False
-        config = dataclasses.replace(make_config("imitation", "smoke"), run=RunConfig(steps=2048))
+        config = dataclasses.replace(preset("imitation", "smoke"), run=RunConfig(steps=2048))
         for steps in (1024, 2048):
             card = make_card(physics_steps=5 * steps, results={"wall_time": 60.0})
             layers = tuple(
@@ -193,7 +193,7 @@ def test_a_study_of_another_size_or_recipe_is_not_mixed_in(trained, monkeypatch)
     run(folder)
     with pytest.raises(UserError, match="holds a study with another steps "):
         run(folder, dataclasses.replace(PLAN, steps=(4096, 1024)))
-    monkeypatch.setattr(training, "make_config", lambda stage, preset, robot: make_config(stage, "cpu", robot=robot))
+    monkeypatch.setattr(training, "preset", lambda stage, _, robot: preset(stage, "cpu", robot=robot))
     with pytest.raises(UserError, match="holds a study with another settings "):
         run(folder)
 

@@ -14,7 +14,7 @@ from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.ppo import PPO
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.settings.env import EnvConfig
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.tools.throughput import measure as bench
 from bp2_rl.tools.throughput.measure import (
     COMPILED,
@@ -169,7 +169,7 @@ def test_the_physics_alone_runs_an_unroll_of_every_robot(monkeypatch):
 
     env = BP2Env(EnvConfig())
     monkeypatch.setattr(env, "engine", simulate)
-    config = dataclasses.replace(make_config("imitation", "smoke").ppo, num_envs=8)
+    config = dataclasses.replace(preset("imitation", "smoke").ppo, num_envs=8)
     learner = PPO(env, config, ONE)
     state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), learner.shape)
     (part,) = make_parts(learner, state, ["physics"])

@@ -1,6 +1,5 @@
 """What a bench shows, against numbers chosen so that the answer is known."""
 
-import dataclasses
 import io
 
 import numpy as np
@@ -9,11 +8,11 @@ from PIL import Image
 from rich.console import Console
 
 from bp2_rl.base.serialization import from_json, to_json
-from bp2_rl.settings.presets import make_config
+from bp2_rl.settings.presets import preset
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
 from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 
-BASE = make_config("imitation", "gpu").ppo.num_envs
+BASE = preset("imitation", "gpu").ppo.num_envs
 
 
 def measurement(part: PartName, robots: int, devices: int, rate: float, **others) -> PartTiming:
@@ -33,7 +32,7 @@ def case(robots: int, devices: int, **rates: float) -> Case:
 def bench(*cases: Case, **others) -> Bench:
     return Bench(
         created="2026-11-21T00:00:00Z", versions={}, platform="gpu", device_kind="NVIDIA H200", device_count=4,
-        cpu_cores=16, config=make_config("imitation", "gpu"), seconds=2.0, cases=cases, **others,
+        cpu_cores=16, config=preset("imitation", "gpu"), seconds=2.0, cases=cases, **others,
     )  # fmt: skip
 
 
@@ -133,8 +132,3 @@ def test_the_peer_is_a_ratio_of_acting_loops():
 def test_a_report_is_read_as_it_was_written(scaled):
     report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0, 4.0, 5.0))
     assert from_json(Bench, to_json(report)) == report
-
-
-def test_rates_in_gymnasium_are_a_line():
-    report = dataclasses.replace(bench(case(64, 1, environment=900.0)), gymnasium={"1": 310.0, "64": 4200.0})
-    assert "in Gymnasium, on C MuJoCo, control steps/s; 1 robot: 310, 64 robots: 4.20k" in remarks(report)

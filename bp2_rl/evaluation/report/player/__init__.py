@@ -1,11 +1,10 @@
 """The run in three dimensions within the report's page: plain JavaScript and WebGL 2, no file beside it, no network.
 
-element        the player as HTML
 content        what the page is told: the robot's links and looks, and its motion
 linear.js      quaternions and matrices
 shapes.js      geoms as triangles
 motion.js      where the links are at an instant
 scene.js       track, shadow, robot and forces on the canvas
 controls.js    play, slow motion, scrubbing, the camera under a hand
-player.html    the elements, player.css their look
+player.html    the elements, player.css their look; `report/benchmark.html` puts all into the page
 """

@@ -14,13 +14,12 @@ from jaxtyping import Float
 from bp2_rl.base.plotting import LEG_COLORS, moving_mean
 from bp2_rl.robot.conventions import CONTROL_STEP, LEGS
 from bp2_rl.robot.hardware import HardwareSpec
-from bp2_rl.robot.model import SOLE_SITES, load_model
+from bp2_rl.robot.model import SOLE_SITES, load_model, mesh_of, visible_geoms
 from bp2_rl.simulation.metrics import RIPPLE
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
 
 LONGEST = 60.0  # s that are shown, around the best second: a page is to stay small
-VISIBLE = 2  # the last group of geoms that is shown; collision shapes are in later ones
 LARGEST = 32767  # of a 16-bit number
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -80,22 +79,19 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
             }
         )
     geoms = []
-    for geom in range(model.ngeom):
-        body = int(model.geom_bodyid[geom])
-        if body == 0 or model.geom_group[geom] > VISIBLE:
-            continue
+    for geom, color in visible_geoms(model):
         mesh = int(model.geom_dataid[geom])
         if mesh >= 0:
             meshes.setdefault(mesh, len(meshes))
         geoms.append(
             {
-                "link": body - 1,
+                "link": int(model.geom_bodyid[geom]) - 1,
                 "shape": SHAPES[mujoco.mjtGeom(int(model.geom_type[geom]))],
                 "mesh": meshes.get(mesh, -1),
                 "size": _rounded(model.geom_size[geom]),
                 "position": _rounded(model.geom_pos[geom]),
                 "quaternion": _rounded(model.geom_quat[geom]),
-                "color": _rounded(_color(model, geom)),
+                "color": _rounded(color),
             }
         )
     feet = [
@@ -110,18 +106,8 @@ def robot(hardware: HardwareSpec) -> dict[str, Any]:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    vertices = model.mesh_vert[first : first + count]
-    return {
-        "vertices": [_rounded(vertex) for vertex in vertices],
-        "faces": model.mesh_face[start : start + faces].tolist(),
-    }
-
-
-def _color(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    material = model.geom_matid[geom]
-    return (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])[:3]
+    vertices, faces = mesh_of(model, mesh)
+    return {"vertices": [_rounded(vertex) for vertex in vertices], "faces": faces.tolist()}
 
 
 def _rounded(values: np.ndarray) -> list[float]:

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded
-from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
+from bp2_rl.paper.cli.report import own_folder
 from bp2_rl.paper.trajectories.codesign.settings import CodesignSettings
 
 
@@ -21,7 +21,7 @@ class CodesignArguments(Bounded):
 
 def run_codesign(arguments: CodesignArguments) -> None:
     """Print the study and leave it with its picture; what was solved before is not solved again."""
-    with output.own_folder(arguments.out):
+    with own_folder(arguments.out):
         from bp2_rl.base.plotting import save_figure
         from bp2_rl.paper.trajectories.codesign.figure import codesign_figure
         from bp2_rl.paper.trajectories.codesign.study import study_codesign

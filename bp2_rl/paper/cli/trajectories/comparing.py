@@ -10,7 +10,7 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
-from bp2_rl.paper.cli.report import print_table
+from bp2_rl.paper.cli.report import own_folder, print_table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ def _set_beside(arguments: ComparisonArguments, variants: Mapping[str, Problem],
 
     problem, speeds, rows = arguments.problem, arguments.speeds, []
     numbers = arguments.out / f"{what}.json"  # beside the solutions
-    with output.own_folder(arguments.out), output.progress() as progress:
+    with own_folder(arguments.out), output.progress() as progress:
         compared = compare(problem, variants, speeds, arguments.out, what=what, workers=arguments.workers)
         for some in progress.track(compared, len(variants), description=what):
             rows += some

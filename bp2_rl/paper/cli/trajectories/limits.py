@@ -8,6 +8,7 @@ from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem
+from bp2_rl.paper.cli.report import own_folder
 
 SPEEDS = "speeds.json"  # what is left in the folder
 
@@ -41,7 +42,7 @@ def find_limits(arguments: LimitsArguments) -> None:
     else:
         variants = hardware_variants(arguments.problem)
         search = limits.greatest_speeds(variants, arguments.workers)
-    with output.own_folder(arguments.out):
+    with own_folder(arguments.out):
         with output.progress() as progress:
             searched = progress.track(search, len(variants), description="variants")
             found = {one.variant: one for one in searched}

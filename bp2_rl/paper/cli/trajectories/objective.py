@@ -5,9 +5,8 @@ from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded
 from bp2_rl.base.serialization import save_config
-from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
-from bp2_rl.paper.cli.report import print_table
+from bp2_rl.paper.cli.report import own_folder, print_table
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
 
 NUMBERS = "objective.json"  # what is left in the folder, beside the solutions
@@ -28,7 +27,7 @@ def compare_objective_weights(arguments: ObjectiveArguments) -> None:
     """Print the table and leave its numbers; what was solved before is not solved again."""
     from bp2_rl.paper.trajectories.objective import Objective, compare_objectives, tabulate_objectives
 
-    with output.own_folder(arguments.out):
+    with own_folder(arguments.out):
         rows = compare_objectives(arguments.settings, arguments.out, arguments.workers)
         save_config(arguments.out / NUMBERS, Objective(arguments.settings, tuple(rows)))
     print_table(tabulate_objectives(rows), 140)

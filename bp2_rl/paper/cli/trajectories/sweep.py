@@ -10,6 +10,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
+from bp2_rl.paper.cli.report import own_folder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +53,7 @@ def run_sweep(arguments: SweepArguments) -> None:
     """Leave the solutions in the output folder and print how the solves went."""
     from bp2_rl.paper.trajectories.sweep import best_of, sweep
 
-    with output.own_folder(arguments.out), output.progress() as progress:
+    with own_folder(arguments.out), output.progress() as progress:
         tried = sweep(arguments.problem, arguments.speeds, arguments.starts, arguments.out, arguments.workers)
         total = len(arguments.speeds) * arguments.starts
         attempts = list(progress.track(tried, total, description="cold starts"))
