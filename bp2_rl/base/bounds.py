@@ -90,7 +90,11 @@ def check_bounds(config: Any, path: str = "") -> None:
         for each in entries:
             if dataclasses.is_dataclass(each):
                 check_bounds(each, f"{name}.")
-        numbers: list[Any] = [each for each in entries if not isinstance(each, bool) and isinstance(each, Real)]
+        numbers = [
+            int(each) if isinstance(each, Integral) else float(each)  # NumPy's, too
+            for each in entries
+            if not isinstance(each, bool) and isinstance(each, Real)
+        ]
         bounds = _bounds(annotation)
         for number in numbers:
             if number not in bounds:

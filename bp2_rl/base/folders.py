@@ -156,6 +156,18 @@ def make_folder(folder: Path) -> None:
         raise UserError(f"cannot write to {folder}: {reason}; choose another folder") from error
 
 
+@contextlib.contextmanager
+def own_folder(folder: Path) -> Generator[None]:
+    """A folder for results, made if need be, in which no other command works meanwhile.
+
+    Raises:
+        UserError: another one does, or the folder cannot be made or written.
+    """
+    make_folder(folder)
+    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
+        yield
+
+
 def open_report(folder: Path, mark: str, what: str) -> None:
     """Make a report's folder, before anything is measured for it.
 

@@ -225,7 +225,7 @@ _WORDS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: '(.*)'",
      lambda found: f"{found[1]} takes a whole number, got {found[2]}"),
     (r"Error parsing (\S+): Could not find valid parse for arguments: \['(.*)'\]",
-     lambda found: f"{found[1]} takes whole numbers, got {found[2]}"),
+     lambda found: f"{found[1]} takes numbers, got {found[2]}"),
     (r"invalid choice '(.*)' for argument '(\S+)'\. Expected one of \((.*)\)",
      lambda found: f"{found[2]} takes {_choices(found[3])}; got {found[1]}"
      + did_you_mean(found[1], re.findall(r"'([^']+)'", found[3]))),

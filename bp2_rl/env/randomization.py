@@ -24,7 +24,8 @@ class Randomization(struct.PyTreeNode):
     mass: Float[Array, "... nbody"]  # factor
     com_offset: Float[Array, "... 3"]  # m, trunk
     strength: Float[Array, "... 12"]  # factor
-    braking: Float[Array, "..."] | None  # no-load speed over the speed at which motors brake no more; None: hardware's
+    braking: Float[Array, "..."] | None
+    """how weakly motors brake, the no-load speed over the speed at which they brake no more; None: as the hardware's"""
     stiffness: Float[Array, "... 12"]  # factor
     damping: Float[Array, "... 12"]  # factor
     latency: Float[Array, "..."]  # s
@@ -61,12 +62,12 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
         mass=uniform(keys[1], (num_bodies,), config.mass),
         com_offset=uniform(keys[2], (3,), (-config.com_offset, config.com_offset)),
         strength=uniform(keys[3], (12,), config.strength),
-        braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking) if config.weak_braking[1] else None,
         stiffness=uniform(keys[4], (12,), config.gains),
         damping=uniform(keys[5], (12,), config.gains),
         latency=uniform(keys[6], (), config.latency),
-        # By a key of its own: one more split would draw other robots than before there were losses.
+        # By keys of their own: more splits would draw other robots than before there were losses and weak brakes.
         losses=uniform(jax.random.fold_in(key, 7), (len(LOSSES),), config.losses),
+        braking=uniform(jax.random.fold_in(key, 8), (), config.weak_braking) if config.weak_braking[1] else None,
     )
 
 

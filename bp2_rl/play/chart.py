@@ -9,7 +9,7 @@ from bp2_rl.base.templates import render
 from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator, of_joint, torque_limits
 
-CENTER, REACH = (164.0, 88.0), (130.0, -72.0)  # px, of the axes in chart.svg
+CENTER, REACH = (164, 88), (130, -72)  # px, where the axes cross, and how far they reach right and up
 EVERY = 5  # ms: of so many one is drawn
 COLORS = {"abad": "#009E73", "hip": "#0072B2", "knee": "#E69F00"}
 
@@ -28,7 +28,8 @@ class TorqueSpeed:
             outlines[" L".join(self._places(edge))] = None  # one for joints with the same motors
         speed, torque = self._ends.tolist()
         self._fixed: dict[str, Any] = {
-            "outlines": list(outlines), "no_load": no_load, "peak": peak, "speed": speed, "torque": torque
+            "outlines": list(outlines), "no_load": no_load, "peak": peak, "speed": speed, "torque": torque,
+            "center": CENTER, "reach": REACH,
         }  # fmt: skip
 
     def svg(self, worked: Float[np.ndarray, "N 2 12"]) -> str:

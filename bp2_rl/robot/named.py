@@ -1,5 +1,6 @@
 """Robots by name: BP2's two, those that ship as robot files, and any other robot by the path of its file."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,8 +40,8 @@ def find_robot_file(name: str) -> "RobotFile":
     """
     path = shipped_files().get(name, Path(name))
     if path.suffix != ".toml" and name not in ROBOTS:
-        if path.is_file():
-            raise UserError(f"{name} is no robot file: its name must end in .toml")
+        if os.path.isfile(path):  # which takes names that no file can have
+            raise UserError(f"{name} is no robot file: its name must end in .toml; bp2 robot new MODEL.xml writes one")
         require_one_of("robot", name, (*robot_names(), "a robot file such as ROBOT.toml"))
     from bp2_rl.robot.robot_file import RobotFile, load_robot
 

@@ -2,12 +2,11 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import mujoco
-import numpy as np
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.hardware import HardwareSpec
@@ -35,14 +34,12 @@ class MjxSimulator(Simulator):
             raise UserError("MJX runs on level ground without other numerics; use --backend mujoco")
         self._throughout[:], self._all_throughout = False, False
         self._physics = [_compiled_step(robot.config.hardware) for robot in robots]
-        self._warmstarts: list[Any] = [np.zeros_like(data.qvel) for data in self.data]
 
     def _advance(self, robot: int) -> None:
         data = self.data[robot]
         mujoco.mj_forward(self.models[robot], data)  # for the forces on the feet
-        before = data.qpos, data.qvel, self._warmstarts[robot], data.ctrl, data.qfrc_applied
-        qpos, qvel, self._warmstarts[robot] = self._physics[robot](*before)
-        data.qpos[:], data.qvel[:] = qpos, qvel
+        before = data.qpos, data.qvel, data.qacc_warmstart, data.ctrl, data.qfrc_applied
+        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._physics[robot](*before)
         data.time += self.models[robot].opt.timestep
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Annotated
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,6 +39,7 @@ class Settings:
 def test_settings_within_bounds_pass():
     check_bounds(Settings())
     check_bounds(Settings(inner=Inner(cap=5.0), speed=2.0, count=10**6))
+    check_bounds(Settings(anything=np.float64(-3.0), share=np.float32(0.5), count=np.int64(2)))
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_mistakes_are_one_line(model: Path, tmp_path: Path, capsys: pytest.Captu
         (["check", "nobody"], "built, b2, go1"),
         (["check", "go1", "--out", str(tmp_path)], "must be a name that ends in"),
         (["check", str(tmp_path / "there.toml")], "it has no name, [motors], [trunk], [fore], [hind], [stand]: `bp2"),
-        (["check", str(model)], "there is no robot"),
+        (["check", str(model)], "is no robot file"),
         (["check", str(binary)], "is damaged or not TOML"),
     ):
         assert main(words) == 2

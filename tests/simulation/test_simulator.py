@@ -9,8 +9,9 @@ from plain_simulation import PlainRobot, plain_run
 from bp2_rl.base.errors import UserError
 from bp2_rl.robot.bp2 import STAND_JOINTS
 from bp2_rl.robot.hardware import BUILT, IDEAL
-from bp2_rl.robot.model import MOTOR_QVEL
+from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL
 from bp2_rl.settings.env import EnvConfig
+from bp2_rl.simulation.mjx import MjxSimulator
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import MOST, RunRequest, simulate
 from bp2_rl.simulation.schedule import Course, Ramp
@@ -141,3 +142,21 @@ def test_more_than_fit_beside_each_other_run_in_turn():
 def test_a_function_alone_does_not_say_what_it_was_trained_in():
     with pytest.raises(UserError, match=r"runs only with a config: pass config=EnvConfig"):
         simulate(answering, REQUESTS)
+
+
+def test_a_state_decides_the_future_in_mjx():
+    """Of one state there is one future, the solver's first guess included."""
+    simulator = MjxSimulator([RobotSetup(EnvConfig())])
+    stand, still = simulator.qpos[:, MOTOR_QPOS].copy(), np.zeros((1, 12))
+
+    def go_on(target: np.ndarray, milliseconds: int) -> np.ndarray:
+        for _ in range(milliseconds):
+            simulator.millisecond(target, still)
+        return simulator.qpos[0].copy()
+
+    go_on(stand + 0.1, 40)
+    state, torque = simulator.state(0), simulator.torque.copy()
+    once = go_on(stand - 0.1, 20)
+    simulator.set_state(0, state)
+    simulator.torque = torque
+    assert np.array_equal(go_on(stand - 0.1, 20), once)

@@ -13,7 +13,7 @@ import tyro
 
 from bp2_rl.base.bounds import Within, check_bounds
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.folders import lock_folder, make_folder
+from bp2_rl.base.folders import make_folder, own_folder
 from bp2_rl.cli import app
 from bp2_rl.cli.dispatch import Command, choose, entries
 from bp2_rl.cli.trajopt import output
@@ -148,9 +148,7 @@ def _verify(arguments: VerifyArguments) -> None:
 
 def _build(arguments: LibraryArguments) -> None:
     """Leave the solutions in their folder and the library in its file."""
-    make_folder(arguments.out)
-    busy = f"another process works in {arguments.out}: wait for it, or choose another --out"
-    with lock_folder(arguments.out, busy):
+    with own_folder(arguments.out):
         make_folder(arguments.to.parent)
         with output.progress() as progress:
             task = progress.add_task("speeds", total=None)

@@ -1,8 +1,7 @@
 """What commands of the paper share: where a report goes, what may be in its folder, and tables on the terminal."""
 
-import contextlib
 import dataclasses
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.folders import lock_folder, make_folder, open_report
+from bp2_rl.base.folders import open_report
 
 METRICS = "metrics.json"
 
@@ -42,18 +41,6 @@ def open_folder(folder: Path, name: str, read_name: Callable[[Path], str]) -> No
     open_report(folder, METRICS, "report")
     if (folder / METRICS).is_file() and (old := read_name(folder / METRICS)) != name:
         raise UserError(f"--out {folder} holds a report of {old}: name another folder for {name}")
-
-
-@contextlib.contextmanager
-def own_folder(folder: Path) -> Generator[None]:
-    """A folder for results, made if need be, in which no other command works meanwhile.
-
-    Raises:
-        UserError: another one does, or the folder cannot be made or written.
-    """
-    make_folder(folder)
-    with lock_folder(folder, f"another process works in {folder}: wait for it, or choose another --out"):
-        yield
 
 
 def print_table(table: Table, columns: int) -> None:

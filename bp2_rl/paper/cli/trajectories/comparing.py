@@ -6,11 +6,12 @@ from typing import Annotated
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem, Speed
-from bp2_rl.paper.cli.report import own_folder, print_table
+from bp2_rl.paper.cli.report import print_table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -4,11 +4,11 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded
+from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import Problem
-from bp2_rl.paper.cli.report import own_folder
 
 SPEEDS = "speeds.json"  # what is left in the folder
 

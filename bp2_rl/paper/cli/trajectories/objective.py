@@ -4,9 +4,10 @@ import dataclasses
 from typing import Annotated
 
 from bp2_rl.base.bounds import Bounded
+from bp2_rl.base.folders import own_folder
 from bp2_rl.base.serialization import save_config
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Workers
-from bp2_rl.paper.cli.report import own_folder, print_table
+from bp2_rl.paper.cli.report import print_table
 from bp2_rl.paper.trajectories.objective import ObjectiveSettings
 
 NUMBERS = "objective.json"  # what is left in the folder, beside the solutions

@@ -7,10 +7,10 @@ import numpy as np
 
 from bp2_rl.base.bounds import check_bounds
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.folders import own_folder
 from bp2_rl.cli.trajopt import output
 from bp2_rl.cli.trajopt.arguments import OUT, Flat, Folder, Robot, Workers
 from bp2_rl.optimiser.problem import MOST_SPEEDS, Problem, Speed, SpeedStep, Starts
-from bp2_rl.paper.cli.report import own_folder
 
 
 @dataclasses.dataclass(frozen=True)
