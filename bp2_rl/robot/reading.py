@@ -481,12 +481,16 @@ def _read_joint(model: mujoco.MjModel, j: int, sign: int, zero: float, notes: li
                 damping -= gear**2 * float(model.actuator_biasprm[i, 2])
             elif model.actuator_ctrllimited[i]:
                 limits.append(gear * float(model.actuator_gainprm[i, 0] * np.min(np.abs(model.actuator_ctrlrange[i]))))
+    resisting = float(model.dof_damping[dof])
+    if stiffness > 0.0 and damping == 0.0 < resisting:
+        notes.append("joints' damping is taken for that of the position loop, which has none of its own")
+        damping, resisting = resisting, 0.0
     return JointReading(
         name=name,
         sign=sign,
         offset=offset + 0.0,
         armature=float(model.dof_armature[dof]),
-        damping=float(model.dof_damping[dof]),
+        damping=resisting,
         friction=float(model.dof_frictionloss[dof]),
         peak_torque=min(limit for limit in limits if limit > 0.0),
         stiffness=stiffness,

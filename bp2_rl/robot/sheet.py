@@ -25,6 +25,8 @@ GAINS = 250.0, 3.0
 """Nm/rad and Nm s/rad of BP2's position loop, which training scales by a robot's size whatever its file says."""
 LIKE = 0.1
 """Relative difference up to which two loops count as one."""
+DRAG = 0.2
+"""Share of the peak torque above which a joint's resistance at the motor's no-load speed is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
 
@@ -153,6 +155,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
         if stood.feet_down < len(LEGS):
             lines.append("! not all feet are down: mend [stand], so that fore and hind legs are equally high")
     lines += _note_of_gains(robot)
+    lines += _resistance(robot)
     lines.append(
         f"static load: at most {share[worst]:.0%} of the peak torque, at {MOTOR_NAMES[worst]}; two legs that carry the "
         f"robot push {_push(robot):.2g} times its weight"
@@ -171,6 +174,18 @@ def _note_of_gains(robot: RobotFile) -> list[str]:
     return [
         f"note: training's loop is one of its own, {ours[0]:.3g} Nm/rad and {ours[1]:.3g} Nm s/rad by the robot's "
         f"size; to train with [gains]: {flags}"
+    ]
+
+
+def _resistance(robot: RobotFile) -> list[str]:
+    """Doubt joints that take much of what their motors give, as those of models do that damp for the loop's sake."""
+    hardware, losses = robot.hardware, robot.hardware.losses
+    drag = losses.joint_friction + losses.joint_viscosity * np.asarray(hardware.joint_no_load_speed)
+    share = float(np.max(drag / np.asarray(hardware.joint_peak_torque)))
+    if share <= DRAG:
+        return []
+    return [
+        f"! joints resist with up to {share:.0%} of the peak torque: mend joint_friction or joint_viscosity in [losses]"
     ]
 
 
@@ -195,11 +210,12 @@ def _symmetry(robot: RobotFile) -> list[str]:
         ours, theirs = dataclasses.asdict(mirrored(left)), dataclasses.asdict(right)
         for part, value in ours.items():
             a, b = np.array(_numbers(value)), np.array(_numbers(theirs[part]))
-            if not np.allclose(a, b, atol=SAME * max(np.abs(a).max(initial=0.0), 1e-9)):
-                different.append(f"{which} {part}")
+            share = np.abs(a - b).max(initial=0.0) / max(np.abs(a).max(initial=0.0), 1e-9)
+            if share > SAME:
+                different.append(f"{which} {part} by {share:.1%}")
     if not different:
         return ["left and right legs are mirror images"]
-    return [f"! left and right legs differ in {', '.join(different)}: a policy that is mirrored sees them as equal"]
+    return [f"! left and right legs differ: {', '.join(different)}; a policy that is mirrored sees them as equal"]
 
 
 def _numbers(value: Any) -> list[float]:

@@ -87,7 +87,13 @@ def test_go1_is_read_from_its_public_model(go1: Path):
     assert leg.toe is None
     hip, knee = reading.joints[1:3]
     assert (hip.peak_torque, knee.peak_torque, knee.stiffness, knee.armature) == (23.7, 35.55, 35.0, 0.005)
-    assert (knee.friction, knee.damping) == (1.0, 0.5)
+    assert (knee.friction, knee.damping, knee.actuator_damping) == (1.0, 0.0, 0.5), "a loop has its damping somewhere"
+
+
+def test_where_the_position_loop_has_a_damping_a_joint_keeps_its_own(tmp_path: Path):
+    text = anymal_like().replace('_HFE" axis', '_HFE" damping="0.1" axis')
+    hip = read_mjcf(write(tmp_path, text)).joints[1]
+    assert (hip.damping, hip.actuator_damping) == (0.1, 2.0)
 
 
 def test_a_keyframe_tells_how_it_stands():

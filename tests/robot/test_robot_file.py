@@ -235,6 +235,8 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
     uneven = GO1.replace("hip = 0.9", "hip = [0.9, 0.4]").replace("knee = -1.8", "knee = [-1.8, -0.9]")
     robot = load_robot(write(tmp_path, uneven.replace("stiffness = 35.0", "stiffness = 300.0")))
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
+    stiff = load_robot(write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5")))
+    assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)  # (0.3 + 0.5 x 30) / 23.7
 
 
 def test_the_sheet_says_where_training_has_other_gains():
