@@ -13,6 +13,7 @@ Each public name has its own help, such as `help(bp2_rl.rollout)`.
 """
 
 import importlib
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # isort: off
@@ -32,6 +33,8 @@ if TYPE_CHECKING:  # isort: off
 # isort: on
 
 __version__ = "0.1.0"
+IMPORTED_AT = time.time()
+"""s since 1970: a source written later may not be what this process has imported."""
 HOMES = {
     name: home
     for home, names in {

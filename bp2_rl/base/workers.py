@@ -87,15 +87,15 @@ class _SpawnContext(SpawnContext):
 
 
 def use_one_xla_thread() -> None:
-    """Let XLA compute in one thread where JAX has no accelerator, unless the user has set NPROC.
+    """Let XLA compute in one thread where JAX has no accelerator, unless NPROC is set.
 
     On CPUs XLA can wait for ever in its own thread pool: a batched kernel of MJX (256 robots on two cores do it) asks
     the pool for help from inside the pool, which one thread cannot. XLA reads NPROC when JAX starts its backend.
     Trainings in the fused kernel take all processors (`use_all_processors`).
     """
     on_cpu = os.environ.get("JAX_PLATFORMS") == "cpu" or importlib.util.find_spec("jax_plugins") is None
-    if NPROC_IS_OURS and on_cpu:
-        os.environ["NPROC"] = "1"
+    if on_cpu:
+        os.environ.setdefault("NPROC", "1")
 
 
 def use_all_processors() -> None:

@@ -44,16 +44,20 @@ def require_accelerator(preset: str) -> None:
         raise UserError("JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu")
 
 
-def prepare_jax(*, deterministic: bool = False) -> None:
+def prepare_jax(*, deterministic: bool = False) -> Path | None:
     """Call before anything is compiled. The cache is in $BP2_CACHE, else ~/.cache/bp2_rl (or $XDG_CACHE_HOME).
 
     `deterministic` makes a GPU repeat itself bit for bit, for some speed; a CPU does so anyhow.
+
+    Return the folder where traced programs are kept; None where the cache cannot be written.
     """
     if deterministic:  # XLA reads it when the backend starts; of two flags the later one holds
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()
     default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
-    cache = Path(os.environ.get("BP2_CACHE") or default) / "jax"
+    cache = Path(os.environ.get("BP2_CACHE") or default)
     # An unwritable home is no reason not to train; it only costs the compilation next time.
     with contextlib.suppress(OSError):
-        cache.mkdir(parents=True, exist_ok=True)
-        jax.config.update("jax_compilation_cache_dir", str(cache))
+        (cache / "jax").mkdir(parents=True, exist_ok=True)
+        jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))
+        return cache / "programs"
+    return None

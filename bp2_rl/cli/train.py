@@ -5,9 +5,9 @@ import contextlib
 import dataclasses
 import datetime
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
@@ -90,7 +90,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if status != OK:
         return status
 
-    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    with unused_warp_left_out(read_named(words)):
+        from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
     return cluster.leave(app.run(lambda: _train(words, prog), patient=False))
@@ -159,7 +160,7 @@ def _train(argv: list[str], prog: str) -> None:
     # First of all: the rest of the command line is read with what JAX says of the machine.
     process = app.parse(ProcessOptions, argv, prog, part=True)
     use_processors(read_named(argv))
-    prepare_jax(deterministic=process.deterministic)
+    programs = prepare_jax(deterministic=process.deterministic)
     cluster.join(process.cluster)
     find_backend()  # where there is none, every further word to the others would fail
     with cluster.together():
@@ -171,7 +172,7 @@ def _train(argv: list[str], prog: str) -> None:
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume):
-            judged_training.resume(arguments.resume, tracker=tracker)
+            judged_training.resume(arguments.resume, tracker=tracker, programs=programs)
         return
     require_accelerator(arguments.preset)
     if process.deterministic and arguments.impl == "warp":
@@ -184,10 +185,11 @@ def _train(argv: list[str], prog: str) -> None:
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
+    say("compiling: a minute or more at the first start, seconds at later ones")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
-        judged_training.train(config, out, parent=arguments.parent, tracker=tracker)
+        judged_training.train(config, out, parent=arguments.parent, tracker=tracker, programs=programs)
     say(f"see it run: python eval.py {out}")
 
 
@@ -235,14 +237,33 @@ def read_named(argv: list[str]) -> NamedDefaults:
 
 def use_processors(named: NamedDefaults) -> None:
     """Let XLA compute on all processors where MJX does not simulate; with MJX it may hang (`use_one_xla_thread`)."""
-    impl = named.impl
-    if impl is None and named.goes_on is not None:
-        with contextlib.suppress(UserError):  # it is told of later
-            impl = load_run_config(named.goes_on).impl
-    elif impl is None:  # processors are only asked without an accelerator
-        impl = presets.preset(named.stage, named.preset or "cpu").impl
-    if impl == "kernel":
+    if _physics(named) == "kernel":
         use_all_processors()
+
+
+@contextlib.contextmanager
+def unused_warp_left_out(named: NamedDefaults) -> Generator[None]:
+    """Let MJX be imported without Warp, whose import takes seconds, where Warp does not simulate."""
+    if "warp" in sys.modules or _physics(named) == "warp":
+        yield
+        return
+    nothing: Any = None  # Python's way to say that a module cannot be imported
+    sys.modules["warp"] = nothing
+    try:
+        yield
+    finally:
+        del sys.modules["warp"]
+
+
+def _physics(named: NamedDefaults) -> str | None:
+    """The physics of a command line, without an accelerator where it hangs on that; None where nothing tells it."""
+    if named.impl is not None:
+        return named.impl
+    if named.goes_on is None:
+        return presets.preset(named.stage, named.preset or "cpu").impl
+    with contextlib.suppress(UserError):  # it is told of later
+        return load_run_config(named.goes_on).impl
+    return None
 
 
 def train_arguments(defaults: TrainConfig, parent: Path | None = None) -> TrainArguments:

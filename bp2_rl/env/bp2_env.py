@@ -11,9 +11,13 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float
+
+# isort: off
+from bp2_rl.robot import mjx  # noqa: F401  # before Brax, which imports MJX and lets it print
 from brax import base, envs, kinematics
 from brax.io import image, mjcf
-from jaxtyping import Array, Float
+# isort: on
 
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env import commands, observations, randomization, rewards, termination
@@ -329,3 +333,8 @@ def make(
     if num_robots < 1:
         raise UserError(f"num_robots must be at least 1, got {num_robots}")
     return BP2Env(config or CONFIGS[name](), impl=impl, num_robots=num_robots, rows=rows)
+
+
+for each in CONFIGS:
+    maker = functools.partial(make, each)
+    envs.register_environment(each, maker)  # pyright: ignore[reportArgumentType]  # it is only called

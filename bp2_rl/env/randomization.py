@@ -12,7 +12,6 @@ from bp2_rl.robot import conventions
 from bp2_rl.robot.actuator import Actuator
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.losses import Resistance
-from bp2_rl.robot.mjx import mjx
 from bp2_rl.settings.env import RandomizationConfig
 
 LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
@@ -80,16 +79,6 @@ def push(qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array) -> 
     now = jax.random.bernoulli(key_when, conventions.CONTROL_STEP / config.push_interval)
     kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
     return qvel.at[:2].add(jnp.where(now, kick, 0.0))
-
-
-def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:
-    """Return the model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
-    return model.replace(
-        body_mass=model.body_mass * randomization.mass,
-        body_inertia=model.body_inertia * randomization.mass[:, None],
-        body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),
-        geom_friction=model.geom_friction.at[:, 0].set(randomization.friction),
-    )
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:

@@ -19,7 +19,12 @@ from bp2_rl.settings.training import TrainConfig, load_run_config
 
 
 def train(
-    config: TrainConfig, run_dir: Path | str, *, parent: Path | str | None = None, tracker: Tracker | None = None
+    config: TrainConfig,
+    run_dir: Path | str,
+    *,
+    parent: Path | str | None = None,
+    tracker: Tracker | None = None,
+    programs: Path | None = None,
 ) -> Path:
     """Train a new run in the folder `run_dir`; return the folder.
 
@@ -30,6 +35,7 @@ def train(
         run_dir: a folder that is empty or not there.
         parent: the run from whose newest checkpoint the networks come; without it their weights are random.
         tracker: receives the metrics, too.
+        programs: a folder of traced programs, by which a training starts faster that has begun before.
 
     Raises:
         UserError: `config` is no `TrainConfig`; or see `learning.run.start`.
@@ -44,11 +50,13 @@ def train(
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
-        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker)
+        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker, programs=programs)
 
 
-def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
+def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Path | None = None) -> Path:
     """Go on with a stopped run exactly where it stands, with its own settings; return its folder.
+
+    `programs` is as in `train`.
 
     Raises:
         UserError: the folder is no run, or its newest checkpoint does not fit its settings.
@@ -56,7 +64,7 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(load_run_config(run_dir)) as judge:
-        return run.resume(Path(run_dir), judge=judge, tracker=tracker)
+        return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=programs)
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from bp2_rl.base.errors import RunStopped, UserError
 from bp2_rl.base.folders import find_folder
@@ -201,7 +202,8 @@ class _Loop:
     def _export(self, state: TrainState, *, newest: bool = True) -> None:
         """Write the policy of a state; leave out, with a warning, one whose weights overflow: training may mend it."""
         params, normalizer = jax.device_get((state.average, state.normalizer))
-        level = float(jnp.mean(state.fleet.info["curriculum"]))
+        levels = state.fleet.info["curriculum"]  # by NumPy nothing compiles; of a cluster a process has a part alone
+        level = float(np.mean(levels) if levels.is_fully_addressable else jnp.mean(levels))
         if not cluster.is_first():
             return
         step = int(state.step)

@@ -27,7 +27,7 @@ from bp2_rl.settings.training import CONFIG
 LOG = "log.txt"
 
 PLAIN_INTERVAL = 10.0  # s between lines where there is no terminal
-WAITING = "waiting for the first step, which compiles"
+WAITING = "waiting for the first step"
 RATE_WINDOW = 30.0  # s over which the throughput is averaged
 
 

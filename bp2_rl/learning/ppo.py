@@ -12,8 +12,8 @@ within blocks of robots, so the result does not depend on how many devices hold 
 import concurrent.futures
 import contextlib
 import functools
-from collections.abc import Generator, Sequence
-from typing import Any
+from collections.abc import Callable, Generator, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,8 +34,6 @@ from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
 make_transition: Any = Transition  # Brax annotates its trees as if they were arrays
-RUN_ONCE: Any = {"xla_backend_optimization_level": 0}
-"""For XLA, of a program that is run once on a CPU: half the time to compile it."""
 NOT_FINITE = "not_finite"
 """Metric: 1 where a train step was not finite and left the state as it was."""
 
@@ -50,6 +48,14 @@ class TrainState(struct.PyTreeNode):
     fleet: envs.State
     key: Array
     step: Array  # train steps done
+
+
+class Programs(NamedTuple):
+    """What a learner computes with."""
+
+    init: Any  # jitted: key -> TrainState
+    train_step: Any  # jitted: TrainState, which it consumes -> (TrainState, metrics)
+    shape: Any = None  # TrainState of shapes and dtypes; None where it is not known without tracing
 
 
 class PPO:
@@ -100,28 +106,46 @@ class PPO:
             optax.clip_by_global_norm(config.max_grad_norm),
             optax.inject_hyperparams(optax.adam)(learning_rate=config.learning_rate),
         )
-        self.train_step = jax.jit(self._train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
+        self.programs = self.jitted(self._init, self._train_step)
+
+    def jitted(self, init: Callable[..., Any], train_step: Callable[..., Any], shape: Any = None) -> Programs:
+        """Return the programs of these functions for the mesh; `shape`: that of the state, where it is known."""
+        # Run once, and on a CPU compiled in half the time.
+        options: Any = {"xla_backend_optimization_level": 0} if self.mesh.devices.flat[0].platform == "cpu" else None
+        first = jax.jit(init, out_shardings=self.shardings(), compiler_options=options)
+        step = jax.jit(train_step, donate_argnums=0, out_shardings=(self.shardings(), self.everywhere))
+        return Programs(first, step, shape)
+
+    def use(self, programs: Programs) -> None:
+        """Compute with these programs from now on, which must be of the same environment and hyperparameters."""
+        self.programs = programs
+        self.__dict__.pop("shape", None)
 
     def init(self, seed: int) -> TrainState:
         """Return the state before the first train step, spread over the mesh."""
-        key = jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
-        on_cpu = self.mesh.devices.flat[0].platform == "cpu"
-        options = RUN_ONCE if on_cpu else None
-        return jax.jit(self._init, out_shardings=self.shardings(), compiler_options=options)(key)
+        return self.programs.init(self.first_key(seed))
+
+    def train_step(self, state: TrainState) -> tuple[TrainState, dict[str, Array]]:
+        """Return the state after a train step, and its metrics; `state` is consumed."""
+        return self.programs.train_step(state)
+
+    def first_key(self, seed: int) -> Array:
+        """Return the random key of a run, on every device."""
+        return jax.device_put(jax.random.PRNGKey(seed), self.everywhere)
 
     @contextlib.contextmanager
     def compiling(self) -> Generator[None]:
         """Compile the train step beside what is done meanwhile, `init` say; the first train step finds it."""
         shape = self.shape
         with concurrent.futures.ThreadPoolExecutor(1) as beside:
-            compiled = beside.submit(lambda: self.train_step.lower(shape).compile())
+            compiled = beside.submit(lambda: self.programs.train_step.lower(shape).compile())
             yield
             compiled.result()
 
     @functools.cached_property
     def shape(self) -> TrainState:
         """Return the state's shapes and dtypes, for restoring a checkpoint."""
-        shapes = jax.eval_shape(self._init, jax.random.PRNGKey(0))
+        shapes = self.programs.shape or self.programs.init.eval_shape(self.first_key(0))
         return jax.tree.map(
             lambda leaf, sharding: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
             shapes,

@@ -32,6 +32,7 @@ from bp2_rl.learning.checkpoint import (
 from bp2_rl.learning.exports import Judge
 from bp2_rl.learning.log import Unlogged
 from bp2_rl.learning.ppo import PPO, TrainState
+from bp2_rl.learning.programs import use_kept
 from bp2_rl.learning.trackers import open_tracker
 from bp2_rl.learning.writers import LogWriter
 from bp2_rl.robot.easing import COMMAND_LIMITS
@@ -50,10 +51,12 @@ def start(
     parent: Path | None = None,
     judge: Judge | None = None,
     tracker: Tracker | None = None,
+    programs: Path | None = None,
 ) -> Path:
     """Train a new run in `run_dir`, from random weights or from the newest checkpoint of the run `parent`.
 
-    `judge` measures the exported policies, if given; `tracker` receives the metrics, too.
+    `judge` measures the exported policies, if given; `tracker` receives the metrics, too; `programs` is a folder of
+    traced programs, for a faster start (`programs.use_kept`).
 
     From a parent come policy, critic, observation normaliser and the robots' curriculum levels; optimiser, clock and
     random numbers start anew.
@@ -66,7 +69,7 @@ def start(
     run_dir = Path(run_dir)
     inherited = None
     with cluster.together():
-        learner = make_learner(config)
+        learner = make_learner(config, programs)
         if parent is not None:
             inherited, origin = _inherit(Path(parent), config, learner.shape)
             config = dataclasses.replace(config, parent=origin)
@@ -95,8 +98,10 @@ def start(
         return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state)
 
 
-def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None) -> Path:
-    """Go on with a stopped run exactly where its newest checkpoint stands; `judge` and `tracker` as `start`.
+def resume(
+    run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None = None, programs: Path | None = None
+) -> Path:
+    """Go on with a stopped run exactly where its newest checkpoint stands; the rest as `start`.
 
     Raises:
         UserError: there is no run or no checkpoint, it does not fit this program, another process trains it, or
@@ -115,7 +120,7 @@ def resume(run_dir: Path, *, judge: Judge | None = None, tracker: Tracker | None
                     f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew"
                 )
             unlogged = _read_log(_read_own(run_dir, step, config), run_dir)
-            learner = make_learner(config)
+            learner = make_learner(config, programs)
             _, state = restore_checkpoint(run_dir, learner.shape, step)
             unexported = loop.find_unexported(run_dir, config)
             writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
@@ -139,10 +144,14 @@ def replay(run_dir: Path) -> str:
     return f"train step {step + 1}: {guards.explain(learner, state)}"
 
 
-def make_learner(config: TrainConfig) -> PPO:
-    """Return the learner of a run, on all of JAX's devices."""
+def make_learner(config: TrainConfig, programs: Path | None = None) -> PPO:
+    """Return the learner of a run, on all of JAX's devices; `programs`: where its traced programs are kept, if so."""
     robots = -(-config.ppo.num_envs // len(jax.devices()))
-    return PPO(BP2Env(config.env, impl=config.impl, num_robots=robots), config.ppo)
+    env = BP2Env(config.env, impl=config.impl, num_robots=robots)
+    learner = PPO(env, config.ppo)
+    if programs is not None:
+        use_kept(learner, config, env.mj_model, programs)
+    return learner
 
 
 # --- From one run to the next --------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ def original(tmp_path_factory):
     """A folder with a run of two train steps, a report of its policy, a library of trots, a family and a sweep."""
     folder = tmp_path_factory.mktemp("original")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "make_learner", lambda config: PPO(StandIn(), config.ppo))
+        patch.setattr(run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo))
         words = [*SMALL, "--out", str(folder / "run"), "--run.steps", "128", "--run.checkpoints", "1"]
         assert importlib.import_module("bp2_rl.cli.train").main(words) == 0
     weights = load_policy(folder / "run").card.weights_sha256
@@ -78,7 +78,7 @@ def keep_solved(folder: Path) -> None:
 @pytest.fixture
 def cut_off(monkeypatch):
     """Commands end where they have read everything."""
-    monkeypatch.setattr(run, "make_learner", lambda config: PPO(StandIn(), config.ppo))
+    monkeypatch.setattr(run, "make_learner", lambda config, _=None: PPO(StandIn(), config.ppo))
     for place in (
         "bp2_rl.learning.loop.train",
         "bp2_rl.learning.run.Saver",

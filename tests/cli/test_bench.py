@@ -56,7 +56,8 @@ known = cache.exists()
 cache.touch()
 now = time.time()
 print("chatter")
-print(json.dumps({"imported": now, "initialized": now + 1, "first_step": now + (2 if known else 60)}))
+step = now + (2 if known else 60)
+print(json.dumps({"imported": now, "traced": now, "compiled": now + 1, "first_step": step, "first_policy": step}))
 """
 """A start that takes a minute, but for what is in the cache."""
 

@@ -1,6 +1,8 @@
 import dataclasses
 import importlib.util
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -31,6 +33,35 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monk
     monkeypatch.setattr(workers, "processors", lambda: 3)
     train.use_processors(train.read_named(words))
     assert os.environ["NPROC"] == threads
+
+
+@pytest.mark.parametrize(
+    ("code", "unused"),
+    [
+        (
+            "from bp2_rl.cli.train import read_named, unused_warp_left_out\n"
+            "with unused_warp_left_out(read_named(['--preset', 'gpu'])): from bp2_rl.cli import runtime\n"
+            "from bp2_rl.evaluation import judged_training",
+            {"warp", "matplotlib", "tensorboardX", "casadi", "torch"},
+        ),
+        ("import bp2_rl.evaluation.judge", {"warp", "matplotlib", "tensorboardX", "brax", "trimesh", "mujoco.mjx"}),
+    ],
+)
+def test_a_training_and_its_judge_import_what_they_use(code, unused):
+    """Each of these takes a second or more of a start."""
+    loaded = subprocess.run(
+        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "mujoco" in loaded
+    assert not unused & set(loaded)
+
+
+@pytest.mark.parametrize(("words", "left_out"), [([], True), (["--impl", "jax"], True), (["--impl=warp"], False)])
+def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monkeypatch):
+    monkeypatch.delitem(sys.modules, "warp", raising=False)
+    with train.unused_warp_left_out(train.read_named(words)):
+        assert ("warp" in sys.modules) == left_out
+    assert "warp" not in sys.modules
 
 
 def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwise(monkeypatch):

@@ -10,7 +10,7 @@ from brax import envs
 from brax.io import html
 from brax.io import json as brax_json
 
-import bp2_rl.env
+from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.episode import PipelineState
 from bp2_rl.env.named import CONFIGS
 from bp2_rl.robot.hardware import BUILT, IDEAL
@@ -23,7 +23,7 @@ def env() -> Any:
 
 def test_named_environments_are_those_that_trainings_use():
     made: dict[str, Any] = {name: envs.get_environment(name) for name in CONFIGS}
-    assert all(isinstance(env, bp2_rl.env.BP2Env) for env in made.values())
+    assert all(isinstance(env, BP2Env) for env in made.values())
     assert made["bp2"].config.hardware == made["bp2_kinematic"].config.hardware == BUILT
     assert made["bp2_ideal"].config.hardware == IDEAL
     assert [made[name].config.reference for name in CONFIGS] == ["collocation", "collocation", "kinematic"]

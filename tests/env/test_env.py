@@ -11,12 +11,12 @@ from brax import envs
 from brax.envs.wrappers.training import wrap
 from mujoco import mjx
 
-import bp2_rl.env
 from bp2_rl.env import commands, observations, randomization, rewards
 from bp2_rl.env.bp2_env import BP2Env, make
 from bp2_rl.env.controller import motion_of, motors_of
 from bp2_rl.env.episode import NUM_KEYS
 from bp2_rl.env.metrics import SPEED_BINS
+from bp2_rl.env.physics.mjx import randomize_model
 from bp2_rl.env.rewards import ROWS
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.actuator import torque_limits
@@ -71,7 +71,7 @@ def with_physics(state, **changes):
 
 def test_it_is_a_registered_brax_environment(env: BP2Env):
     assert isinstance(env, envs.Env)
-    assert isinstance(envs.get_environment("bp2", config=env.config), bp2_rl.env.BP2Env)
+    assert isinstance(envs.get_environment("bp2", config=env.config), BP2Env)
 
 
 def test_the_default_is_the_environment_bp2():
@@ -213,7 +213,7 @@ def test_randomisation_reaches_model_and_motors(env):
     robot = randomization.nominal(env.mj_model.nbody, HardwareSpec())
     heavy = robot.replace(mass=robot.mass * 1.1, friction=jnp.array(0.5), strength=robot.strength * 0.8)
     nominal = mjx.put_model(env.mj_model)
-    model = randomization.randomize_model(nominal, heavy, env.trunk)
+    model = randomize_model(nominal, heavy, env.trunk)
     assert float(model.body_mass.sum()) == pytest.approx(1.1 * float(nominal.body_mass.sum()), rel=1e-6)
     assert np.all(np.asarray(model.geom_friction[:, 0]) == 0.5)
     motors = randomization.randomize_actuator(motors_of(env.config), heavy)

@@ -32,11 +32,9 @@ def sync_slowly(sync, seconds, path):
 def main(argv: list[str]) -> int:
     """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with every step and each wait of a save slower."""
 
-    def make_learner(config):
+    def make_learner(config, _=None):
         learner = PPO(StandIn(), config.ppo)
-        train_step = partial(slowly, learner.train_step, pause)
-        train_step.lower = learner.train_step.lower  # pyright: ignore[reportAttributeAccessIssue]
-        learner.train_step = train_step  # pyright: ignore[reportAttributeAccessIssue]
+        learner.train_step = partial(slowly, learner.train_step, pause)  # pyright: ignore[reportAttributeAccessIssue]
         return learner
 
     pause = float(argv[0])

@@ -38,7 +38,7 @@ def quick_robot():
     """A stand-in for the robot, whose train step is compiled once."""
     learner = PPO(StandIn(), small().ppo)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "make_learner", lambda config: learner)
+        patch.setattr(training, "make_learner", lambda config, _=None: learner)
         yield
 
 

@@ -38,7 +38,7 @@ def faults(monkeypatch):
     """`faults("reward", rarity=50)`: from here on the robots of training runs have them."""
 
     def choose(*names, rarity=100.0):
-        monkeypatch.setattr(training, "make_learner", lambda config: learner_of(names, rarity, config.ppo))
+        monkeypatch.setattr(training, "make_learner", lambda config, _=None: learner_of(names, rarity, config.ppo))
 
     choose()
     return choose
@@ -302,7 +302,7 @@ def test_a_full_disk_stops_the_run_whatever_it_was_writing(faults, tmp_path, mon
     assert error.count("\n") == 1
     assert error.strip() in (run / "log.txt").read_text()
     monkeypatch.undo()
-    monkeypatch.setattr(training, "make_learner", lambda config: learner_of((), 100.0, config.ppo))
+    monkeypatch.setattr(training, "make_learner", lambda config, _=None: learner_of((), 100.0, config.ppo))
     assert command.main(["--resume", str(run)]) == 0
     assert [record["step"] for record in records(run)] == [128 * n for n in range(1, 7)]
 

@@ -115,7 +115,7 @@ def test_without_a_terminal_there_is_a_line_every_ten_seconds_and_one_at_the_end
             clock.now = float(second)
             monitor.log((second + 1) * 500_000, HEADLINES)
     first, *lines = shown(console).splitlines()
-    assert first == "training: waiting for the first step, which compiles"
+    assert first == "training: waiting for the first step"
     assert [line.split()[0] for line in lines] == ["1%", "11%", "21%", "25%"]
     assert lines[-1] == " 25% 12.5M/50.0M 500k/s 1:15 left reward 12.3 falls 3.1% error 0.41 level 0.62"
     assert all(len(line) <= 80 for line in lines)

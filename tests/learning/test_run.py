@@ -45,7 +45,7 @@ def shared_learners():
     """Runs of the same environment and sizes share their compiled train step: it takes a minute to compile."""
     make = functools.cache(lambda env, ppo: make_learner(TrainConfig(env=env, ppo=ppo)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "make_learner", lambda config: make(config.env, config.ppo))
+        patch.setattr(training, "make_learner", lambda config, _=None: make(config.env, config.ppo))
         yield
 
 
@@ -119,7 +119,7 @@ def test_a_run_stopped_and_resumed_equals_the_uninterrupted_one(run, tmp_path):
         np.testing.assert_array_equal(a, b)
     assert metrics(stopped) == metrics(run)
     # What has been restored runs the program that the first run compiled.
-    assert training.make_learner(tiny()).train_step._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
+    assert training.make_learner(tiny()).programs.train_step._cache_size() == 1
 
 
 def test_a_tracker_follows_a_run_over_its_stops(run, tmp_path, monkeypatch):

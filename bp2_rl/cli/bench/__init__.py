@@ -10,7 +10,7 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
-from bp2_rl.cli.train import answer_early, defaults_here, read_named, use_processors
+from bp2_rl.cli.train import answer_early, defaults_here, read_named, unused_warp_left_out, use_processors
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
@@ -50,7 +50,7 @@ class BenchArguments(Bounded, path="--"):
     peer: Literal["brax"] | None = None
     """also run stock Brax's acting loop on the same environment and networks, one device"""
     startup: bool = False
-    """also time fresh processes up to their first train step, with an empty compilation cache and with a full one"""
+    """also time fresh processes up to their first policy, with an empty compilation cache and with a full one"""
     profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """leave jax.profiler's trace of two train steps here"""
     seconds: Annotated[float, Within(0.001, 3600.0)] = 2.0
@@ -78,11 +78,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _bench(argv: list[str]) -> None:
     answer_early(argv, "bp2 bench", _with)
-    use_processors(read_named(argv))
-    from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    import_jax(argv)
     from bp2_rl.cli.bench.measuring import bench
 
     bench(argv)
+
+
+def import_jax(argv: list[str]) -> None:
+    """Import JAX and MuJoCo as a training with this command line does."""
+    with unused_warp_left_out(read_named(argv)):
+        from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
+    use_processors(read_named(argv))  # after MJX, which keeps XLA to one thread
 
 
 def parse(argv: list[str]) -> BenchArguments:

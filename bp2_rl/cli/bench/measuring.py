@@ -22,7 +22,10 @@ from bp2_rl.base.serialization import from_json, package_versions, save_config, 
 from bp2_rl.cli.bench import STEP, BenchArguments, parse
 from bp2_rl.cli.runtime import prepare_jax, require_accelerator
 from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.learning.ppo import PPO
+from bp2_rl.learning.loop import make_card
+from bp2_rl.learning.networks import dense_layers
+from bp2_rl.learning.policy import make_policy
+from bp2_rl.learning.run import make_learner
 from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
@@ -35,7 +38,8 @@ from bp2_rl.tools.throughput.report import (
     scaling_figure,
 )
 
-FIRST_STEP = "from bp2_rl.cli.bench.measuring import first_step; first_step()"
+FIRST_STEP = """import sys; from bp2_rl.cli import bench; bench.import_jax(sys.argv[1:])
+from bp2_rl.cli.bench.measuring import first_step; first_step()"""
 """The program whose start `--startup` times."""
 
 
@@ -162,17 +166,22 @@ def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startu
 
 
 def first_step() -> None:
-    """Take the first train step of what the command line describes; print when what was done, seconds since 1970."""
+    """Start the training that the command line describes; print when what was done, seconds since 1970."""
     moments = {"imported": time.time()}
-    prepare_jax()
+    programs = prepare_jax()
     arguments = parse(sys.argv[1:])
-    robots = arguments.main_robots
-    env = make_env(arguments, -(-robots // jax.device_count()))
-    learner = PPO(env, dataclasses.replace(arguments.ppo, num_envs=robots))
-    state = jax.block_until_ready(learner.init(0))
-    moments["initialized"] = time.time()
-    jax.block_until_ready(learner.train_step(state))
+    ppo = dataclasses.replace(arguments.ppo, num_envs=arguments.main_robots)
+    config = dataclasses.replace(arguments.config, ppo=ppo)
+    learner = make_learner(config, programs)
+    moments["traced"] = time.time()
+    with learner.compiling():
+        state = jax.block_until_ready(learner.init(0))
+    moments["compiled"] = time.time()
+    state, _ = jax.block_until_ready(learner.train_step(state))
     moments["first_step"] = time.time()
+    params, normalizer = jax.device_get((state.average, state.normalizer))
+    make_policy(dense_layers(params, learner.mirrors), normalizer, make_card(config, 0, {}))
+    moments["first_policy"] = time.time()
     print(json.dumps(moments))
 
 

@@ -70,7 +70,7 @@ class MjxPhysics:
         self, physics: Physics, targets: Targets, robot: Randomization
     ) -> tuple[Physics, Effort, Float[Array, "4"]]:
         """See `interface.PhysicsEngine`."""
-        model = randomization.randomize_model(self.model, robot, self._trunk)
+        model = randomize_model(self.model, robot, self._trunk)
         motors, resistance = randomization.randomize_actuator(self.motors, robot), self.resistance
         if resistance is not None:
             resistance = randomization.randomize_resistance(resistance, robot)
@@ -102,6 +102,16 @@ class MjxPhysics:
             data = data.replace(qfrc_applied=losses.generalized(losses.loss(resistance, qpos, qvel, torque), qvel))
         data = mjx.step(model, data)
         return Remembered(data.qpos, data.qvel, data.qacc_warmstart, torque), data.geom_xpos[self._feet, 2]
+
+
+def randomize_model(model: mjx.Model, randomization: Randomization, trunk: int) -> mjx.Model:
+    """Return the model with this robot's masses, inertias, trunk centre of mass and friction (`trunk`: body index)."""
+    return model.replace(
+        body_mass=model.body_mass * randomization.mass,
+        body_inertia=model.body_inertia * randomization.mass[:, None],
+        body_ipos=model.body_ipos.at[trunk].add(randomization.com_offset),
+        geom_friction=model.geom_friction.at[:, 0].set(randomization.friction),
+    )
 
 
 def _put_on_device(model: mujoco.MjModel, impl: Literal["jax", "warp"], num_robots: int) -> tuple[mjx.Model, mjx.Data]:

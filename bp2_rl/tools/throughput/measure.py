@@ -244,7 +244,7 @@ def make_parts(learner: PPO, state: TrainState, names: Sequence[PartName]) -> It
     if "brax" in names and learner.mesh.size == 1:
         yield _brax(learner, networks, keys)
     if "training" in names:
-        yield BenchPart("training", learner.train_step, state, ())
+        yield BenchPart("training", learner.programs.train_step, state, ())
 
 
 def _networks(learner: PPO, state: TrainState, keys: jax.Array, names: Sequence[PartName]) -> Iterator[BenchPart]:

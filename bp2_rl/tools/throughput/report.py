@@ -23,8 +23,10 @@ class Startup:
     """When a fresh process got how far, in seconds since it was started."""
 
     imported: float
-    initialized: float  # first episodes begun, networks drawn
+    traced: float  # the programs are traced and lowered, or read from the disk
+    compiled: float  # they are compiled, or read from the disk, and the first episodes begun
     first_step: float  # first train step done
+    first_policy: float  # its policy made, to be exported
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,10 +109,8 @@ def remarks(bench: Bench) -> list[str]:
     lines += _memory(bench)
     for name, start in (("cold", bench.cold_start), ("warm", bench.warm_start)):
         if start is not None:
-            lines.append(
-                f"{name} start: imports {start.imported:.1f} s, initialized {start.initialized:.1f} s, "
-                f"first train step {start.first_step:.1f} s after the process began"
-            )
+            moments = (f"{moment.replace('_', ' ')} {s:.1f} s" for moment, s in dataclasses.asdict(start).items())
+            lines.append(f"{name} start: {', '.join(moments)} after the process began")
     ratio = peer_ratio(bench)
     if ratio is not None:
         lines.append(f"the learner acts {ratio:.2f} times as fast as stock Brax")

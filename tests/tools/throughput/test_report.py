@@ -108,16 +108,17 @@ def test_the_remarks_say_what_the_table_does_not():
         64, 2, (measurement("training", 64, 2, 1e3, compilations=3),), state_bytes_per_robot=1572.0,
         device_peak_bytes=2_000_000_000, shares={"physics": 0.75, "bookkeeping": 0.25},
     )  # fmt: skip
-    said = remarks(
-        bench(odd, host_peak_bytes=3_000_000_000, cold_start=Startup(5, 20, 90), warm_start=Startup(5, 9, 18))
-    )
+    starts = {"cold_start": Startup(5, 15, 85, 90, 91), "warm_start": Startup(5, 6, 9, 18, 18.2)}
+    said = remarks(bench(odd, host_peak_bytes=3_000_000_000, **starts))
     assert said == [
         "64 robots on 2 devices, a train step: physics 75%, bookkeeping 25%",
         "64 robots on 2 devices, training: compiled 3 programs while it was timed",
         "memory a robot: 1.57kB kept, 19.5MB within a train step",
         "peak memory: 2.00GB on a device, 3.00GB on the host",
-        "cold start: imports 5.0 s, initialized 20.0 s, first train step 90.0 s after the process began",
-        "warm start: imports 5.0 s, initialized 9.0 s, first train step 18.0 s after the process began",
+        "cold start: imported 5.0 s, traced 15.0 s, compiled 85.0 s, first step 90.0 s, first policy 91.0 s "
+        "after the process began",
+        "warm start: imported 5.0 s, traced 6.0 s, compiled 9.0 s, first step 18.0 s, first policy 18.2 s "
+        "after the process began",
     ]
 
 
@@ -129,5 +130,5 @@ def test_the_peer_is_a_ratio_of_acting_loops():
 
 
 def test_a_report_is_read_as_it_was_written(scaled):
-    report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0))
+    report = bench(*scaled.cases, peer=case(64, 1, brax=1.0), cold_start=Startup(1.0, 2.0, 3.0, 4.0, 5.0))
     assert from_json(Bench, to_json(report)) == report

@@ -1,0 +1,122 @@
+"""Traced programs kept on disk, with which a training begins without tracing them anew.
+
+JAX's own cache on disk spares the compiler. Its key is the traced program, and tracing takes longer than all the rest
+of a start. Here the key is what a program is made from: settings, robot, library, sources, versions, devices and JAX's
+options. What is kept is StableHLO, of which JAX's cache has the compiled program.
+"""
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import mujoco
+import numpy as np
+from jax import export
+
+import bp2_rl
+from bp2_rl.base.files import write_bytes
+from bp2_rl.base.serialization import config_hash, package_versions
+from bp2_rl.learning.ppo import PPO, Programs
+from bp2_rl.settings.training import TrainConfig
+
+
+def use_kept(learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: Path) -> None:
+    """Let a run's learner compute with the traced programs in `folder`; where they are not there, trace and keep them.
+
+    Only where JAX computes on a CPU, and in one process. A damaged file is traced anew. The folder is trusted, like
+    that of JAX's own cache: its programs are run.
+
+    `config` has the run's settings, `robot` is its model, for which the settings may only name a file. Where the folder
+    cannot be written, nothing is kept.
+    """
+    if learner.mesh.devices.flat[0].platform != "cpu" or jax.process_count() > 1:
+        return
+    key, newest = _key(learner, config, robot)
+    path = folder / f"{key[:32]}.programs"
+    kept = _read(path, key)
+    if kept is None:
+        kept = {"key": key, **_trace(learner)}
+        if newest < bp2_rl.IMPORTED_AT:  # else a source may have been edited since it was imported
+            _write(path, kept)
+    learner.use(_load(learner, kept))
+
+
+def _key(learner: PPO, config: TrainConfig, robot: mujoco.MjModel) -> tuple[str, float]:
+    """Return a hash of all that the programs are made from, and when the newest source was written, s since 1970."""
+    model = np.empty(mujoco.mj_sizeModel(robot), np.uint8)
+    mujoco.mj_saveModel(robot, None, model)
+    made_from = (
+        config_hash(config.env),
+        config_hash(config.ppo),
+        config.impl,
+        config.env.library.sha256 if config.env.reference == "collocation" else "",
+        hashlib.sha256(model.tobytes()).hexdigest(),
+        [device.device_kind for device in learner.mesh.devices.flat],
+        sorted(package_versions().items()),
+        sorted((name, repr(value)) for name, value in jax.config.values.items() if "cache" not in name),
+    )
+    whole = hashlib.sha256(repr(made_from).encode())
+    sources = sorted(Path(bp2_rl.__file__).parent.rglob("*.py"))
+    for source in sources:
+        whole.update(hashlib.sha256(source.read_bytes()).digest())
+    return whole.hexdigest(), max(source.stat().st_mtime for source in sources)
+
+
+def _trace(learner: PPO) -> dict[str, Any]:
+    """Trace both programs as functions of the leaves of the state, whose types JAX could not write."""
+    leaves, tree = jax.tree.flatten(learner.shape)
+    shardings = [leaf.sharding for leaf in leaves]
+    first, then = learner.programs.init.__wrapped__, learner.programs.train_step.__wrapped__
+
+    def init(key: jax.Array) -> list[jax.Array]:
+        return jax.tree.leaves(first(key))
+
+    def train_step(leaves: list[jax.Array]) -> tuple[list[jax.Array], dict[str, jax.Array]]:
+        state, metrics = then(tree.unflatten(leaves))
+        return jax.tree.leaves(state), metrics
+
+    def traced(program: Callable[..., Any], out_shardings: Any, argument: Any) -> bytes:
+        jitted = jax.jit(program, out_shardings=out_shardings)
+        return bytes(export.export(jitted)(argument).serialize())
+
+    return {
+        "shape": (tree, [(leaf.shape, leaf.dtype) for leaf in leaves]),
+        "init": traced(init, shardings, learner.first_key(0)),
+        "train_step": traced(train_step, (shardings, learner.everywhere), leaves),
+    }
+
+
+def _load(learner: PPO, kept: dict[str, Any]) -> Programs:
+    """Return the kept programs as functions of the state."""
+    tree, bare = kept["shape"]
+    shape = tree.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in bare])
+    first, then = (export.deserialize(bytearray(kept[name])).call for name in ("init", "train_step"))
+
+    def init(key: jax.Array) -> Any:
+        return tree.unflatten(first(key))
+
+    def train_step(state: Any) -> Any:
+        leaves, metrics = then(jax.tree.leaves(state))
+        return tree.unflatten(leaves), metrics
+
+    return learner.jitted(init, train_step, shape)
+
+
+def _read(path: Path, key: str) -> dict[str, Any] | None:
+    """Return what is kept in a file, if anything is."""
+    try:
+        kept = pickle.loads(path.read_bytes())
+        return kept if kept["key"] == key else None
+    except Exception:  # a file may be damaged in any way, and is made anew
+        return None
+
+
+def _write(path: Path, kept: dict[str, Any]) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, pickle.dumps(kept))
+    except OSError:  # it only costs the tracing next time
+        return
