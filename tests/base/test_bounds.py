@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -39,7 +39,8 @@ class Settings:
 def test_settings_within_bounds_pass():
     check_bounds(Settings())
     check_bounds(Settings(inner=Inner(cap=5.0), speed=2.0, count=10**6))
-    check_bounds(Settings(anything=np.float64(-3.0), share=np.float32(0.5), count=np.int64(2)))
+    numpys: Any = {"anything": np.float64(-3.0), "share": np.float32(0.5), "count": np.int64(2)}
+    check_bounds(Settings(**numpys))
 
 
 @pytest.mark.parametrize(
