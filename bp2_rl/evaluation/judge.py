@@ -38,7 +38,7 @@ NICE = 5  # the training gets three times the share; at 19 a training on all pro
 class JudgedLaunch:
     """A launch from a standing start, on the training's robot or a worse one, to a share of its fastest command."""
 
-    acceleration: float  # m/s2, at which the command rises
+    acceleration: float  # m/s2, at which the command rises; in a training with gentler launches as in those
     hold: float  # s
     share: float = 1.0  # of the fastest command of the training
     friction: float = 1.0  # factor
@@ -47,7 +47,8 @@ class JudgedLaunch:
 
     def ramp(self, env: EnvConfig) -> Ramp:
         """Return the commands of this launch in a training's environment."""
-        return Ramp(self.share * env.commands.max_forward, self.acceleration, self.hold).under(env.control)
+        acceleration = min(self.acceleration, env.commands.acceleration[1])
+        return Ramp(self.share * env.commands.max_forward, acceleration, self.hold).under(env.control)
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Return the robot that is launched."""
@@ -75,6 +76,12 @@ class LaunchResult:
 
     fell: bool
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
+    command: float = math.inf  # m/s, at its end
+
+    @property
+    def followed(self) -> float:
+        """The speed, m/s, less what is beyond the command: too fast is as wrong as too slow."""
+        return self.best_speed - 2.0 * max(self.best_speed - self.command, 0.0)
 
 
 def measure_launches(
@@ -86,21 +93,24 @@ def measure_launches(
     Where `kept` names a file, the last `length` seconds of the first launch are saved there.
     """
     runs = simulate(policy, [RunRequest(one.ramp(env), one.robot(env.hardware)) for one in launches], env)
-    return [_result(run, None if i else kept, length) for i, run in enumerate(runs)]
+    commands = [one.share * env.commands.max_forward for one in launches]
+    return [
+        _result(run, to, None if i else kept, length) for i, (run, to) in enumerate(zip(runs, commands, strict=True))
+    ]
 
 
-def _result(run: Trajectory, kept: Path | None, length: float) -> LaunchResult:
+def _result(run: Trajectory, command: float, kept: Path | None, length: float) -> LaunchResult:
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
     if kept is not None:
         with contextlib.suppress(OSError):  # the result does not depend on it
             run.between(max(len(run) * run.dt - length, 0.0), math.inf).save(kept)
-    return LaunchResult(fell, best.speed if best is not None and not fell else 0.0)
+    return LaunchResult(fell, best.speed if best is not None and not fell else 0.0, command)
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
     """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`."""
-    mean = sum(one.best_speed for one in launches) / len(launches)
+    mean = sum(one.followed for one in launches) / len(launches)
     return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 
 

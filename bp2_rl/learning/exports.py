@@ -28,7 +28,8 @@ class JudgeResult:
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
     launches: int
-    mean: float  # m/s, mean top speed over all launches, a fall counted as 0: the better policy has more
+    mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off:
+    # the better policy has more
 
     def __str__(self) -> str:
         """Return the result in words."""

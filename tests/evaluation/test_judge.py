@@ -17,6 +17,7 @@ from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
 from bp2_rl.learning.policy import load_policy, save_policy
 from bp2_rl.robot.hardware import BUILT
+from bp2_rl.settings.env import CommandConfig, EnvConfig
 from bp2_rl.simulation.metrics import RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -52,13 +53,27 @@ def test_a_robot_that_falls_has_no_speed(slower):
     launched = judging.measure_launches(
         lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, [JUDGED_LAUNCHES[1]]
     )
-    assert launched == [LaunchResult(fell=True, best_speed=0.0)]
+    assert launched == [LaunchResult(fell=True, best_speed=0.0, command=6.0)]
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
     assert judging.combine(
         [LaunchResult(False, 9.0), LaunchResult(True, 0.0), LaunchResult(False, 12.0)]
     ) == JudgeResult(9.0, 1, 3, 7.0)
+
+
+def test_a_policy_that_runs_faster_than_told_is_as_bad_as_one_that_runs_slower():
+    told = [LaunchResult(False, speed, command=3.0) for speed in (2.5, 3.5, 3.0)]
+    assert [judging.combine([one]) for one in told] == [
+        JudgeResult(2.5, 0, 1, 2.5), JudgeResult(3.5, 0, 1, 2.5), JudgeResult(3.0, 0, 1, 3.0)
+    ]  # fmt: skip
+
+
+def test_no_launch_is_steeper_than_those_of_the_training():
+    env = EnvConfig(commands=CommandConfig(max_forward=2.5, acceleration=(1.0, 2.0)))
+    assert [one.ramp(env).acceleration for one in JUDGED_LAUNCHES] == [2.0, 2.0, 2.0]
+    steep = EnvConfig(commands=CommandConfig(acceleration=(1.0, 8.0)))
+    assert [one.ramp(steep).acceleration for one in JUDGED_LAUNCHES] == [3.0, 6.0, 3.0]
 
 
 def test_a_launch_may_be_of_a_worse_robot():

@@ -1,4 +1,4 @@
-"""The preset `first`: a first training, in which a robot learns to trot at 3 m/s before one's eyes, on two cores."""
+"""The preset `first`: a first training, in which a robot learns to trot at 2 m/s before one's eyes, on two cores."""
 
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
@@ -14,7 +14,7 @@ from bp2_rl.settings.presets.robots import ranges_of
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.settings.training import RunConfig, Stage, TrainConfig, Weights
 
-RUN = RunConfig(steps=1_500_000, logs=30, checkpoints=5, judged=10)
+RUN = RunConfig(steps=1_900_000, logs=30, checkpoints=5, judged=6)
 
 
 def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
@@ -41,7 +41,7 @@ def _env(stage: Stage, weights: Weights, robot: HardwareSpec) -> EnvConfig:
         hardware=robot,
         library=CollocationConfig(path="bp2_trot_slow"),
         control=ControlConfig(clock_at_rest=False),
-        commands=CommandConfig(max_forward=3.0, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 2.0)),
+        commands=CommandConfig(max_forward=2.5, max_lateral=0.2, straight_fraction=0.8, acceleration=(1.0, 2.0)),
         reset=ResetConfig(standing_fraction=0.6),
         randomization=RandomizationConfig(
             friction=ranges.mild_friction,
