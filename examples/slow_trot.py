@@ -15,7 +15,7 @@ from bp2_rl.settings.training import TrainConfig
 
 
 def settings() -> TrainConfig:
-    """The preset `first`, with commands of at most 2 m/s instead of 3."""
+    """The preset `first`, with commands of at most 2 m/s instead of 2.5."""
     config = bp2.preset("imitation", "first")
     slow = dataclasses.replace(config.env.commands, max_forward=2.0)
     return dataclasses.replace(config, env=dataclasses.replace(config.env, commands=slow))
