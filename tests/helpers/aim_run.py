@@ -30,10 +30,11 @@ def sync_slowly(sync, seconds, path):
 
 
 def main(argv: list[str]) -> int:
-    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with every step and each wait of a save slower."""
+    """`aim_run.py SECONDS ARGUMENTS`: as `train.py ARGUMENTS`, with start, steps and waits of a save slower."""
 
     def make_learner(config, _=None):
         learner = PPO(StandIn(), config.ppo)
+        learner.init = partial(slowly, learner.init, min(pause, 2.0))  # pyright: ignore[reportAttributeAccessIssue]
         learner.train_step = partial(slowly, learner.train_step, pause)  # pyright: ignore[reportAttributeAccessIssue]
         return learner
 

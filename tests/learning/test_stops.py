@@ -113,7 +113,7 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
 )
 def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(number, line, new, tmp_path):
     run = tmp_path / "runs" / "run"
-    with begin(*new, "--out", run) as process:
+    with begin(*new, "--out", run, pause=2.0) as process:
         wait_for((run / "config.json").exists, process)
         process.send_signal(number)
         _, error = process.communicate(timeout=60)
