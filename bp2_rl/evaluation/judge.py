@@ -48,7 +48,11 @@ class JudgedLaunch:
     def ramp(self, env: EnvConfig) -> Ramp:
         """Return the commands of this launch in a training's environment."""
         acceleration = min(self.acceleration, env.commands.acceleration[1])
-        return Ramp(self.share * env.commands.max_forward, acceleration, self.hold).under(env.control)
+        return Ramp(self.speed(env), acceleration, self.hold).under(env.control)
+
+    def speed(self, env: EnvConfig) -> float:
+        """Return the last command of this launch in a training's environment, m/s."""
+        return self.share * env.commands.max_forward
 
     def robot(self, hardware: HardwareSpec) -> HardwareSpec:
         """Return the robot that is launched."""
@@ -92,19 +96,17 @@ def measure_launches(
 
     Where `kept` names a file, the last `length` seconds of the first launch are saved there.
     """
-    runs = simulate(policy, [RunRequest(one.ramp(env), one.robot(env.hardware)) for one in launches], env)
-    commands = [one.share * env.commands.max_forward for one in launches]
-    return [
-        _result(run, to, None if i else kept, length) for i, (run, to) in enumerate(zip(runs, commands, strict=True))
-    ]
+    requests = [RunRequest(one.ramp(env), one.robot(env.hardware)) for one in launches]
+    first, *_ = runs = list(simulate(policy, requests, env))
+    if kept is not None:
+        with contextlib.suppress(OSError):  # the results do not depend on it
+            first.between(max(len(first) * first.dt - length, 0.0), math.inf).save(kept)
+    return [_result(run, one.speed(env)) for run, one in zip(runs, launches, strict=True)]
 
 
-def _result(run: Trajectory, command: float, kept: Path | None, length: float) -> LaunchResult:
+def _result(run: Trajectory, command: float) -> LaunchResult:
     best = best_window(run, 1.0)
     fell = run.fell_at is not None
-    if kept is not None:
-        with contextlib.suppress(OSError):  # the result does not depend on it
-            run.between(max(len(run) * run.dt - length, 0.0), math.inf).save(kept)
     return LaunchResult(fell, best.speed if best is not None and not fell else 0.0, command)
 
 
@@ -143,12 +145,9 @@ class JudgeProcesses:
 
     def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
         """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
-        first, *others = self._tasks
+        tasks = enumerate(self._tasks)
         return PendingLaunches(
-            [
-                self._pool.submit(_launch, policy, first, kept, length),
-                *(self._pool.submit(_launch, policy, task) for task in others),
-            ]
+            [self._pool.submit(_launch, policy, task, None if i else kept, length) for i, task in tasks]
         )
 
 

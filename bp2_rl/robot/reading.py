@@ -57,7 +57,7 @@ class JointReading:
     friction: float  # Nm
     peak_torque: float  # Nm; inf: the model has no limit
     stiffness: float  # Nm/rad, of its position actuator; 0: it has none
-    actuator_damping: float  # Nm s/rad, of that
+    actuator_damping: float  # Nm s/rad, of that; the joint's, where that has none
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,8 +20,9 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Ramp
 
 UNNAMED = "card's own"  # robot
-FOLLOWED = 0.7
-"""Share of its fastest command that a robot must run to be told that command at all."""
+BEYOND = 0.25, 0.7
+"""Shares of its fastest command: a robot that runs at best between them is told what it runs; a slower one does not run
+at all."""
 CRUISE = 0.6
 """Share of a robot's top speed."""
 
@@ -37,7 +38,7 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
         if speed is not None:
             return speed
     fastest, own = policy.card.env.commands.max_forward, top_speed(policy)
-    return fastest if own >= FOLLOWED * fastest else round(own, 2)
+    return round(own, 2) if BEYOND[0] <= own / fastest < BEYOND[1] else fastest
 
 
 def top_speed(policy: Policy) -> float:

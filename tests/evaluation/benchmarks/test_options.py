@@ -19,6 +19,7 @@ from bp2_rl.simulation.schedule import Ramp
         ({}, 7.5),
         ({"judged": {"speed": 6.0}}, 7.5),
         ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
+        ({"judged": {"speed": 0.004}}, 7.5),  # it only stands
         ({"judged": {"speed": 0.0}}, 7.5),  # all launches fell
     ],
 )
