@@ -1,7 +1,7 @@
 """PPO as one pure function over one state: `train_step(TrainState) -> (TrainState, metrics)`.
 
-Networks, loss, advantage estimation and running statistics are Brax's; the loop is ours because Brax's cannot
-resume exactly, gives every device the same randomisation, and normalises advantages per device.
+Networks, loss and running statistics are Brax's; the loop is ours because Brax's cannot resume exactly, gives every
+device the same randomisation, and normalises advantages per device.
 
 The program is written for global arrays on a 1-D device mesh with the axis `robots`; one device is the same
 code. Physics and policy run in a `shard_map` (robots never talk to each other); the SGD part is partitioned by
@@ -30,6 +30,7 @@ from jaxtyping import Array
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.fleet import Fleet
+from bp2_rl.learning.loss import ppo_loss
 from bp2_rl.learning.networks import make_networks, mirrors_of, reflect
 from bp2_rl.settings.ppo import MAX_BLOCKS, PPOConfig
 
@@ -62,18 +63,7 @@ class PPO:
     """The learner for one environment.
 
     A train step lets every robot act for T steps (`unroll`), and then descends the loss on minibatches of what came of
-    it (`improve`). With rewards r, values V, episodes that ended (e = 1; 0 else) and log probabilities l and l_old of
-    the actions under the policy and under the one that acted, Brax computes, backwards in time,
-
-        delta_t = r_t + gamma (1 - e_t) V_t+1 - V_t
-        v_t - V_t = delta_t + gamma lambda (1 - e_t) (v_t+1 - V_t+1)          the critic's targets (GAE)
-        A_t = r_t + gamma (1 - e_t) v_t+1 - V_t                               normalised over a minibatch
-        rho_t = exp(l_t - l_old_t)
-        loss = -mean min(rho A, clip(rho, 1 - epsilon, 1 + epsilon) A) + c_v/2 mean (v - V)^2 - c_e mean entropy
-
-    v - V, delta and A are 0 at a step at which the time limit cut an episode short. gamma is `discounting`, lambda
-    `gae_lambda`, epsilon `clipping`, c_v `value_coefficient` and c_e `entropy_cost`,
-    which may decay (`entropy_decay`).
+    it (`improve`).
 
     Args:
         env: any `brax.envs.Env`; where its observation is a dictionary, the policy sees `state` and the critic
@@ -265,27 +255,23 @@ class PPO:
     ) -> tuple[losses.PPONetworkParams, optax.OptState, dict[str, Array]]:
         """Take all epochs of gradient steps on one unroll; return parameters, optimiser and mean metrics after them."""
 
-        def minibatch_step(carry: tuple[Any, Any], batch: tuple[Transition, Array]) -> tuple[tuple[Any, Any], Any]:
+        def minibatch_step(carry: tuple[Any, Any], minibatch: Transition) -> tuple[tuple[Any, Any], Any]:
             params, optimizer = carry
-            return self.gradient_step(state.replace(params=params, optimizer=optimizer), *batch)
+            return self.gradient_step(state.replace(params=params, optimizer=optimizer), minibatch)
 
         def epoch(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], Any]:
-            return jax.lax.scan(minibatch_step, carry, self.epoch_minibatches(data, key))
+            return jax.lax.scan(minibatch_step, carry, self.shuffle(data, key))
 
         keys = jax.random.split(key, self.config.num_epochs)
         (params, optimizer), metrics = jax.lax.scan(epoch, (state.params, state.optimizer), keys)
         return params, optimizer, {f"loss/{name}": jnp.mean(value) for name, value in metrics.items()}
 
-    def gradient_step(
-        self, state: TrainState, minibatch: Transition, key: Array
-    ) -> tuple[tuple[Any, Any], dict[str, Array]]:
+    def gradient_step(self, state: TrainState, minibatch: Transition) -> tuple[tuple[Any, Any], dict[str, Array]]:
         """Take one gradient step; return (parameters, optimiser) after it, and the metrics of the step."""
         config, step = self.config, state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
-        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(
-            params, state.normalizer, minibatch, key, step
-        )
+        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, state.normalizer, minibatch, step)
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -306,33 +292,14 @@ class PPO:
         params: losses.PPONetworkParams,
         normalizer: running_statistics.RunningStatisticsState,
         data: Transition,
-        key: Array,
         step: Array | int = 0,
     ) -> tuple[Array, dict[str, Array]]:
-        """Brax's PPO loss with this learner's hyperparameters in train step `step`; `data` has axes (robot, time)."""
-        config = self.config
-        compute_loss: Any = losses.compute_ppo_loss  # annotated as if it took and gave floats
-        return compute_loss(
-            params,
-            normalizer,
-            data,
-            key,
-            ppo_network=self.network,
-            entropy_cost=config.entropy_cost / (1.0 + step / config.entropy_decay),
-            discounting=config.discounting,
-            reward_scaling=config.reward_scaling,
-            gae_lambda=config.gae_lambda,
-            clipping_epsilon=config.clipping,
-            vf_coefficient=config.value_coefficient,
-        )
-
-    def epoch_minibatches(self, data: Transition, key: Array) -> tuple[Transition, Array]:
-        """Return the minibatches of an epoch, and a key for each."""
-        key_shuffle, key_loss = jax.random.split(key)
-        return self.shuffle(data, key_shuffle), jax.random.split(key_loss, self.config.num_minibatches)
+        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time)."""
+        entropy_cost = self.config.entropy_cost / (1.0 + step / self.config.entropy_decay)
+        return ppo_loss(self.network, self.config, params, normalizer, data, entropy_cost)
 
     def shuffle(self, data: Any, key: Array) -> Any:
-        """Shuffle robots within blocks, and give every minibatch an equal share of each block."""
+        """Return an epoch's minibatches: robots shuffled within blocks, of which each minibatch has equal shares."""
         config = self.config
         blocks, size = config.shuffle_blocks, config.num_envs // config.shuffle_blocks
         keys = jax.random.split(key, blocks)

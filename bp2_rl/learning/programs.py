@@ -22,17 +22,21 @@ from bp2_rl.base.serialization import config_hash, package_versions
 from bp2_rl.learning.ppo import PPO, Programs
 from bp2_rl.settings.training import TrainConfig
 
+PALLAS = [export.DisabledSafetyCheck.custom_call(name) for name in ("__gpu$xla.gpu.triton", "triton_kernel_call_ffi")]
+"""Calls of Pallas' kernels on a GPU. JAX does not promise that another version of it knows them; the key has its
+version."""
+
 
 def use_kept(learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: Path) -> None:
     """Let a run's learner compute with the traced programs in `folder`; where they are not there, trace and keep them.
 
-    Only where JAX computes on a CPU, and in one process. A damaged file is traced anew. The folder is trusted, like
-    that of JAX's own cache: its programs are run.
+    Only in one process. A damaged file is traced anew. The folder is trusted, like that of JAX's own cache: its
+    programs are run.
 
     `config` has the run's settings, `robot` is its model, for which the settings may only name a file. Where the folder
     cannot be written, nothing is kept.
     """
-    if learner.mesh.devices.flat[0].platform != "cpu" or jax.process_count() > 1:
+    if jax.process_count() > 1:
         return
     key, newest = _key(learner, config, robot)
     path = folder / f"{key[:32]}.programs"
@@ -80,7 +84,7 @@ def _trace(learner: PPO) -> dict[str, Any]:
 
     def traced(program: Callable[..., Any], out_shardings: Any, argument: Any) -> bytes:
         jitted = jax.jit(program, out_shardings=out_shardings)
-        return bytes(export.export(jitted)(argument).serialize())
+        return bytes(export.export(jitted, disabled_checks=PALLAS)(argument).serialize())
 
     return {
         "shape": (tree, [(leaf.shape, leaf.dtype) for leaf in leaves]),
