@@ -40,6 +40,7 @@ class JudgedLaunch:
 
     acceleration: float  # m/s2, at which the command rises; in a training with gentler launches as in those
     hold: float  # s
+    noise_seed: int | None = None  # of the sensors' noise, as strong as in training; None: no noise
     share: float = 1.0  # of the fastest command of the training
     friction: float = 1.0  # factor
     mass: float = 1.0  # factor
@@ -66,12 +67,12 @@ class JudgedLaunch:
 
 
 JUDGED_LAUNCHES = (
-    JudgedLaunch(acceleration=3.0, hold=HELD),
-    JudgedLaunch(acceleration=6.0, hold=1.0),
-    JudgedLaunch(acceleration=3.0, hold=1.0, friction=0.75, mass=1.05, latency=0.005),
+    JudgedLaunch(acceleration=3.0, hold=HELD, noise_seed=1),
+    JudgedLaunch(acceleration=6.0, hold=1.0, noise_seed=2),
+    JudgedLaunch(acceleration=3.0, hold=1.0, noise_seed=3, friction=0.75, mass=1.05, latency=0.005),
 )
 """The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
-has a friction of 0.6."""
+has a friction of 0.6. No benchmark launches like these, so that none reports what a policy was chosen by."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +97,7 @@ def measure_launches(
 
     Where `kept` names a file, the last `length` seconds of the first launch are saved there.
     """
-    requests = [RunRequest(one.ramp(env), one.robot(env.hardware)) for one in launches]
+    requests = [RunRequest(one.ramp(env), one.robot(env.hardware), noise_seed=one.noise_seed) for one in launches]
     first, *_ = runs = list(simulate(policy, requests, env))
     if kept is not None:
         with contextlib.suppress(OSError):  # the results do not depend on it

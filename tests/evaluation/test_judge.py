@@ -76,6 +76,15 @@ def test_no_launch_is_steeper_than_those_of_the_training():
     assert [one.ramp(steep).acceleration for one in JUDGED_LAUNCHES] == [3.0, 6.0, 3.0]
 
 
+def test_a_launch_may_have_noisy_sensors(shipped):
+    env = dataclasses.replace(shipped.card.env, commands=CommandConfig(max_forward=1.0))
+    launches = [JudgedLaunch(acceleration=3.0, hold=0.5, noise_seed=seed) for seed in (None, 1, 2, 1)]
+    clean, one, other, again = (judging.measure_launches(shipped, env, [launch])[0].best_speed for launch in launches)
+    assert one == again
+    assert len({clean, one, other}) == 3
+    assert {launch.noise_seed for launch in JUDGED_LAUNCHES} == {1, 2, 3}
+
+
 def test_a_launch_may_be_of_a_worse_robot():
     robot = JudgedLaunch(3.0, 1.0, friction=0.75, mass=1.05, latency=0.005).robot(BUILT)
     assert robot.friction == pytest.approx(0.6)
