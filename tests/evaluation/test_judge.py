@@ -38,7 +38,7 @@ def slower(shipped):
 
 def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
     kept = tmp_path / "kept.npz"
-    launches = [JudgedLaunch(acceleration=3.0, hold=0.5), JUDGED_LAUNCHES[1]]
+    launches = [JudgedLaunch(acceleration=3.0, hold=0.5), JudgedLaunch(acceleration=6.0, hold=1.0)]
     launched, _ = judging.measure_launches(slower, slower.card.env, launches, kept, 1.5)
     setup = Setup(robot="ideal", speed=6.0, acceleration=3.0, hold=0.5)
     result = topspeed(slower, ramp_to_topspeed(slower, setup), setup).metrics
@@ -78,7 +78,7 @@ def test_no_launch_is_steeper_than_those_of_the_training():
 
 def test_a_launch_may_have_noisy_sensors(shipped):
     env = dataclasses.replace(shipped.card.env, commands=CommandConfig(max_forward=1.0))
-    launches = [JudgedLaunch(acceleration=3.0, hold=0.5, noise_seed=seed) for seed in (None, 1, 2, 1)]
+    launches = [JudgedLaunch(acceleration=3.0, hold=1.5, noise_seed=seed) for seed in (None, 1, 2, 1)]
     clean, one, other, again = (judging.measure_launches(shipped, env, [launch])[0].best_speed for launch in launches)
     assert one == again
     assert len({clean, one, other}) == 3
