@@ -1,5 +1,6 @@
 """`bp2 bench`: how fast training is on this machine."""
 
+import contextlib
 import dataclasses
 import sys
 from collections.abc import Sequence
@@ -47,8 +48,9 @@ class BenchArguments(Bounded, path="--"):
     """measure over robots on one device, and over devices with as many robots each and in all; draw a picture"""
     max_robots: Size | None = None
     """with --scaling: the most robots to try; by default 8 times the preset's"""
-    peer: Literal["brax"] | None = None
-    """also run stock Brax's acting loop on the same environment and networks, one device"""
+    peer: Literal["brax", "playground"] | None = None
+    """brax: also run stock Brax's acting loop on the same environment and networks, one device. playground: also train
+    MuJoCo Playground's Go1 as Playground does, one device"""
     startup: bool = False
     """also time fresh processes up to their first policy, with an empty compilation cache and with a full one"""
     profile: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -85,8 +87,8 @@ def _bench(argv: list[str]) -> None:
 
 
 def import_jax(argv: list[str]) -> None:
-    """Import JAX and MuJoCo as a training with this command line does."""
-    with unused_warp_left_out(read_named(argv)):
+    """Import JAX and MuJoCo as a training with this command line does, or as Playground, which may want Warp."""
+    with contextlib.nullcontext() if "playground" in argv else unused_warp_left_out(read_named(argv)):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     use_processors(read_named(argv))  # after MJX, which keeps XLA to one thread
 

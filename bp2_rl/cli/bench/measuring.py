@@ -27,6 +27,7 @@ from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import make_policy
 from bp2_rl.learning.run import make_learner
 from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
+from bp2_rl.tools.throughput.playground import measure_playground
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
@@ -56,10 +57,13 @@ def bench(argv: list[str]) -> None:
     if arguments.startup:  # before this process takes the devices' memory
         cold, warm = time_startup(argv, console)
         report = dataclasses.replace(report, cold_start=cold, warm_start=warm)
+    if arguments.peer == "playground":  # first, as it may refuse
+        rate = measure_playground(arguments.robots[0] if arguments.robots else None)
+        report = dataclasses.replace(report, playground=rate)
     for case in measure_all(arguments, sizes, console):
         report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
         save_config(folder / NUMBERS, report)
-    if arguments.peer is not None:
+    if arguments.peer == "brax":
         case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
         report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)

@@ -13,6 +13,7 @@ from bp2_rl.base.plotting import INK, LEG_COLORS, WIDTH, styled
 from bp2_rl.learning.monitor import count
 from bp2_rl.settings.training import TrainConfig
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
+from bp2_rl.tools.throughput.playground import PlaygroundRate
 
 NUMBERS, PICTURE = "bench.json", "scaling.png"
 DRAWN: tuple[PartName, ...] = ("physics", "environment", "acting", "training")
@@ -43,6 +44,7 @@ class Bench:
     seconds: float  # of timed calls, for each part
     cases: tuple[Case, ...] = ()
     peer: Case | None = None  # our acting loop and stock Brax's, one device each
+    playground: PlaygroundRate | None = None
     cold_start: Startup | None = None  # nothing compiled before
     warm_start: Startup | None = None  # everything in the cache on disk
     host_peak_bytes: int | None = None  # of this process since it began
@@ -114,7 +116,18 @@ def remarks(bench: Bench) -> list[str]:
     ratio = peer_ratio(bench)
     if ratio is not None:
         lines.append(f"the learner acts {ratio:.2f} times as fast as stock Brax")
-    return lines
+    return lines + _beside_playground(bench)
+
+
+def _beside_playground(bench: Bench) -> list[str]:
+    """Return how fast Playground trains, and how many times as fast we do on one device, if that is known."""
+    theirs = bench.playground
+    if theirs is None:
+        return []
+    rate = theirs.control_steps_per_second
+    line = f"MuJoCo Playground's Go1, MJX {theirs.impl}, {theirs.robots} robots: {count(rate)} control steps/s"
+    ours = max((case.rate("training") or 0.0 for case in bench.cases if case.devices == 1), default=0.0)
+    return [f"{line}; ours are {ours / rate:.2f} times as many" if ours else line]
 
 
 def peer_ratio(bench: Bench) -> float | None:

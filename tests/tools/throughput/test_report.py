@@ -10,6 +10,7 @@ from rich.console import Console
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.settings.presets import preset
 from bp2_rl.tools.throughput.measure import Case, PartName, PartTiming
+from bp2_rl.tools.throughput.playground import PlaygroundRate
 from bp2_rl.tools.throughput.report import Bench, Startup, peer_ratio, print_table, remarks, scaling_figure
 
 BASE = preset("imitation", "gpu").ppo.num_envs
@@ -120,6 +121,14 @@ def test_the_remarks_say_what_the_table_does_not():
         "warm start: imported 5.0 s, traced 6.0 s, compiled 9.0 s, first step 18.0 s, first policy 18.2 s "
         "after the process began",
     ]
+
+
+def test_playgrounds_training_is_compared_with_ours_on_one_device():
+    theirs = PlaygroundRate("jax", 64, 12_800, 50.0)
+    line = "MuJoCo Playground's Go1, MJX jax, 64 robots: 50 control steps/s"
+    assert line in remarks(bench(case(64, 2, training=900.0), playground=theirs))
+    beside = bench(case(64, 1, training=200.0), case(64, 2, training=900.0), playground=theirs)
+    assert f"{line}; ours are 4.00 times as many" in remarks(beside)
 
 
 def test_the_peer_is_a_ratio_of_acting_loops():

@@ -1,0 +1,107 @@
+"""How fast MuJoCo Playground trains its Go1, with its own settings and Brax's learner: a peer of our training."""
+
+import contextlib
+import dataclasses
+import functools
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Generator
+from typing import Any
+from unittest import mock
+
+import jax
+import jax.numpy as jnp
+from brax.training.agents.ppo import networks
+from brax.training.agents.ppo import train as ppo_train
+
+from bp2_rl.base.errors import UserError, not_installed
+
+TASK = "Go1JoystickFlatTerrain"
+TRAIN_STEPS = 5  # between two looks at the clock
+LOOKS = 4  # before the second one programs compile
+
+
+@dataclasses.dataclass(frozen=True)
+class PlaygroundRate:
+    """What was timed, on one device."""
+
+    impl: str  # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
+    robots: int
+    control_steps: int  # that were timed, all robots together
+    control_steps_per_second: float
+
+
+def measure_playground(robots: int | None = None) -> PlaygroundRate:
+    """Train Playground's Go1 for a while.
+
+    What Playground resets between evaluations is left out, as are the evaluations.
+
+    Args:
+        robots: how many, a multiple of Playground's 32 minibatches; by default Playground's own number, 8192.
+
+    Raises:
+        UserError: Playground is not installed, or the robots are no such multiple.
+    """
+    try:
+        from mujoco_playground import locomotion, wrapper
+        from mujoco_playground.config.locomotion_params import brax_ppo_config
+    except ImportError as missing:
+        raise not_installed("--peer playground", "playground", "playground") from missing
+    settings = brax_ppo_config(TASK).to_dict()
+    robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
+    if robots % batches:
+        raise UserError(f"--robots {robots}: Playground's learner needs a multiple of its {batches} minibatches")
+    warp = jax.default_backend() == "gpu" and sys.modules.get("warp")
+    impl = str(locomotion.get_default_config(TASK).impl) if warp else "jax"
+    steps = TRAIN_STEPS * robots * settings["unroll_length"]
+    settings |= {
+        "num_envs": robots, "batch_size": robots // batches, "num_evals": LOOKS + 1, "num_resets_per_eval": 0,
+        "num_timesteps": LOOKS * steps,
+        "network_factory": functools.partial(networks.make_ppo_networks, **settings["network_factory"]),
+    }  # fmt: skip
+    randomise: Any = locomotion.get_domain_randomizer(TASK)  # Brax annotates its own systems
+    clock: list[float] = []
+    with _removed_from_jax():
+        ppo_train.train(
+            _make_env(impl), **settings, wrap_env_fn=wrapper.wrap_for_brax_training, max_devices_per_host=1,
+            randomization_fn=randomise, run_evals=False,
+            progress_fn=lambda *_: clock.append(time.perf_counter()),
+        )  # fmt: skip
+    return PlaygroundRate(impl, robots, 2 * steps, 2 * steps / (clock[-1] - clock[-3]))
+
+
+def _make_env(impl: str) -> Any:
+    """Playground's environment without the meshes, which are only looked at: they would have to be downloaded."""
+    from mujoco_playground._src import mjx_env
+    from mujoco_playground._src.locomotion.go1 import base, go1_constants, joystick
+
+    def assets() -> dict[str, bytes]:
+        found: dict[str, bytes] = {}
+        mjx_env.update_assets(found, go1_constants.ROOT_PATH / "xmls", "*.xml")
+        mjx_env.update_assets(found, go1_constants.ROOT_PATH / "xmls" / "assets")
+        return {name: without_meshes(text) if name.endswith(".xml") else text for name, text in found.items()}
+
+    with mock.patch.object(base, "get_assets", assets):
+        return joystick.Joystick("flat_terrain", config_overrides={"impl": impl})
+
+
+def without_meshes(mjcf: bytes) -> bytes:
+    """Return an MJCF file without its meshes and the geoms that show them."""
+    root = ET.fromstring(mjcf)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag == "mesh" or (child.tag == "geom" and "mesh" in child.attrib):
+                parent.remove(child)
+    return ET.tostring(root)
+
+
+@contextlib.contextmanager
+def _removed_from_jax() -> Generator[None]:
+    """Brax calls a function that JAX has removed."""
+
+    def device_put_replicated(tree: Any, devices: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (len(devices), *jnp.shape(x))), tree)
+
+    with mock.patch.object(jax, "device_put_replicated", device_put_replicated, create=True):
+        yield

@@ -1,0 +1,65 @@
+"""The peer's rate: from the times at which Brax's learner reports, of Playground's Go1 without what is only seen."""
+
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from bp2_rl.base.errors import UserError
+from bp2_rl.tools.throughput import playground
+
+
+def test_the_go1_has_its_masses_and_contacts_without_its_meshes():
+    model = playground._make_env("jax").mj_model
+    from mujoco_playground._src.locomotion.go1 import go1_constants
+
+    root = ET.parse(go1_constants.ROOT_PATH / "xmls" / "go1_mjx_feetonly.xml").getroot()
+    masses = [float(inertial.get("mass", "nan")) for inertial in root.iter("inertial")]
+    assert (model.nq, model.nv, model.nu, model.nmesh) == (19, 18, 12, 0)
+    assert model.body_mass.sum() == pytest.approx(sum(masses))
+    assert {"FR", "FL", "RR", "RL"} <= {model.geom(i).name for i in range(model.ngeom)}
+
+
+def test_what_is_only_seen_goes():
+    text = (
+        b"<mujoco><asset><mesh file='a.stl'/><texture/></asset><body><geom mesh='a'/><geom size='1'/></body></mujoco>"
+    )
+    assert [element.tag for element in ET.fromstring(playground.without_meshes(text)).iter()] == [
+        "mujoco", "asset", "texture", "body", "geom"
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def learner(monkeypatch):
+    """Brax's learner as one that reports at set times; what it was asked for."""
+    asked, now = {}, iter((100.0, 130.0, 140.0, 150.0))
+
+    def train(environment, *, progress_fn, **settings):
+        asked.update(settings)
+        for look in range(settings["num_evals"] - 1):
+            progress_fn(look, {})
+
+    monkeypatch.setattr(playground.ppo_train, "train", train)
+    monkeypatch.setattr(playground, "_make_env", lambda impl: None)
+    monkeypatch.setattr(playground.time, "perf_counter", lambda: next(now))
+    return asked
+
+
+def test_the_first_two_spans_compile_and_are_not_timed(learner):
+    rate = playground.measure_playground(64)
+    # Two spans of 10 s, five train steps each of 64 robots for 20 control steps.
+    assert rate.control_steps == 2 * 5 * 64 * 20
+    assert rate.control_steps_per_second == pytest.approx(rate.control_steps / 20.0)
+    assert learner["batch_size"] * learner["num_minibatches"] == learner["num_envs"] == rate.robots == 64
+    assert learner["num_timesteps"] == 4 * 5 * 64 * 20
+    assert learner["num_updates_per_batch"] == 4
+
+
+def test_playgrounds_own_number_of_robots_is_the_default(learner):
+    assert playground.measure_playground().robots == learner["num_envs"] == 8192
+    assert learner["batch_size"] == 256
+
+
+def test_robots_that_do_not_fill_the_minibatches_are_refused(learner):
+    with pytest.raises(UserError, match="--robots 63: Playground's learner needs a multiple of its 32 minibatches"):
+        playground.measure_playground(63)
+    assert not learner
