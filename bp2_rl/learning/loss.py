@@ -1,4 +1,4 @@
-"""PPO's loss: Brax's, number for number, in a form that a GPU computes in few pieces."""
+"""PPO's loss: the same function as Brax's, to rounding, in a form that a GPU computes in few pieces."""
 
 from typing import Any
 
@@ -78,8 +78,8 @@ def targets_and_advantages(
 ) -> tuple[Float[Array, "robots times"], Float[Array, "robots times"]]:
     """Return the critic's targets v and the advantages A, through which no gradient flows.
 
-    As Brax's `compute_gae`, but written out step by step: a `lax.scan` is a launch of several kernels a step, for each
-    minibatch, which on a GPU was a sixth of a training.
+    As Brax's `compute_gae`, but without its loop, which launches several kernels for each time step of each minibatch:
+    on a GPU that took a sixth of a training.
     """
     values = jax.lax.stop_gradient(values)
     truncation = data.extras["state_extras"]["truncation"]

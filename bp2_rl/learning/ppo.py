@@ -1,7 +1,7 @@
 """PPO as one pure function over one state: `train_step(TrainState) -> (TrainState, metrics)`.
 
-Networks, loss and running statistics are Brax's; the loop is ours because Brax's cannot resume exactly, gives every
-device the same randomisation, and normalises advantages per device.
+Networks and running statistics are Brax's, and so is the loss, but for rounding; the loop is ours because Brax's cannot
+resume exactly, gives every device the same randomisation, and normalises advantages per device.
 
 The program is written for global arrays on a 1-D device mesh with the axis `robots`; one device is the same
 code. Physics and policy run in a `shard_map` (robots never talk to each other); the SGD part is partitioned by

@@ -30,14 +30,15 @@ version."""
 def use_kept(learner: PPO, config: TrainConfig, robot: mujoco.MjModel, folder: Path) -> None:
     """Let a run's learner compute with the traced programs in `folder`; where they are not there, trace and keep them.
 
-    Only in one process, and of accelerators only on a single one: more of them were not tried. A damaged file is traced
-    anew. The folder is trusted, like that of JAX's own cache: its programs are run.
+    Only in one process, and of accelerators only on a single one: more of them were not tried. Not with MJX-Warp, whose
+    programs call into their own process. A damaged file is traced anew. The folder is trusted, like that of JAX's own
+    cache: its programs are run.
 
     `config` has the run's settings, `robot` is its model, for which the settings may only name a file. Where the folder
     cannot be written, nothing is kept.
     """
     several = learner.mesh.size > 1 and learner.mesh.devices.flat[0].platform != "cpu"
-    if several or jax.process_count() > 1:
+    if several or jax.process_count() > 1 or config.impl == "warp":
         return
     key, newest = _key(learner, config, robot)
     path = folder / f"{key[:32]}.programs"

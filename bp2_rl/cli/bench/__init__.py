@@ -29,7 +29,7 @@ class BenchArguments(Bounded, path="--"):
 
     Examples:
         bp2 bench                               # this machine, its preset
-        bp2 bench --preset cpu --robots 1024
+        bp2 bench --preset cpu
     """
 
     preset: Preset | Literal["auto"] = "auto"
@@ -88,9 +88,11 @@ def _bench(argv: list[str]) -> None:
 
 def import_jax(argv: list[str]) -> None:
     """Import JAX and MuJoCo as a training with this command line does, or as Playground, which may want Warp."""
-    with contextlib.nullcontext() if "playground" in argv else unused_warp_left_out(read_named(argv)):
+    playground = "--peer playground" in " ".join(argv).replace("=", " ")
+    with contextlib.nullcontext() if playground else unused_warp_left_out(read_named(argv)):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
-    use_processors(read_named(argv))  # after MJX, which keeps XLA to one thread
+    if not playground:  # whose MJX may hang where XLA has more than one thread, to which importing MJX keeps it
+        use_processors(read_named(argv))
 
 
 def parse(argv: list[str]) -> BenchArguments:

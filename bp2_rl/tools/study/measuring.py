@@ -74,7 +74,8 @@ def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
     for share in LADDER:
         if best >= share * env.commands.max_forward:
             break  # a slower command makes no faster run
-        [launch] = measure_launches(policy, env, [dataclasses.replace(JUDGED_LAUNCHES[0], share=share)])
+        asked = dataclasses.replace(JUDGED_LAUNCHES[0], share=share, noise_seed=None)
+        [launch] = measure_launches(policy, env, [asked])
         falls += launch.fell
         best = max(best, launch.best_speed)
     cruise = _cruise(policy, CRUISE)
