@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import jax
 import pytest
@@ -13,7 +14,8 @@ from bp2_rl.base.serialization import load_config
 from bp2_rl.cli import bench as command
 from bp2_rl.cli import train
 from bp2_rl.cli.bench import measuring
-from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, Case
+from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, Case, PartTiming
+from bp2_rl.tools.throughput.playground import PlaygroundRate
 from bp2_rl.tools.throughput.report import Bench
 
 SMALL = [
@@ -87,6 +89,50 @@ def test_the_peer_runs_beside_the_learner(whole):
     assert {(m.robots, m.devices) for m in report.peer.measurements} == {(16, 1)}
     ours, theirs = (m.control_steps_per_second for m in report.peer.measurements)
     assert f"acts {ours / theirs:.2f} times as fast as stock Brax" in whole[1]
+
+
+@pytest.mark.parametrize(
+    ("argv", "measured"),
+    [
+        (["--robots", "16", "32", "--parts", "training"], [16, 32]),  # of these the first is compared
+        (["--robots", "16", "--parts", "resets"], [16, 16]),  # training is measured, though not asked for
+        (["--parts", "resets"], [16, 16]),
+    ],
+)
+def test_playground_is_compared_with_a_training_of_as_many_robots_on_one_device(
+    argv, measured, tmp_path, monkeypatch, capsys
+):
+    asked, rows = [], []
+
+    def theirs(settings, seconds):
+        asked.append((settings["num_envs"], seconds))
+        return PlaygroundRate("jax", settings["num_envs"], 0.02, 12_800, 50.0)
+
+    def ours(arguments, size, parts, console):
+        rows.append(size[0])
+        robots, devices = size
+        rate = 10.0 * robots
+        timed = PartTiming(parts[0], robots, devices, rate, rate, 1.0, 1.0, 0.0, 3, 0, 1.0, 1.0, False, None, None)
+        return Case(robots, devices, (timed,))
+
+    monkeypatch.setattr(measuring, "playground_settings", lambda robots: {"num_envs": robots or 16})
+    monkeypatch.setattr(measuring, "measure_playground", theirs)
+    monkeypatch.setattr(measuring, "_measure", ours)
+    assert command.main([*SMALL, "--peer", "playground", *argv, "--out", str(tmp_path)]) == 0
+    assert asked == [(16, 0.02)]
+    assert rows == measured
+    report = load_config(Bench, tmp_path / "bench.json")
+    assert report.peer is not None
+    assert (report.peer.robots, report.peer.devices, report.peer.rate("training")) == (16, 1, 160.0)
+    assert "50 control steps/s of 20 ms; ours, 16 robots, make 3.20 times as many, of 5 ms" in capsys.readouterr().out
+
+
+def test_without_playground_a_bench_is_one_line_and_status_2(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mujoco_playground.config.locomotion_params", None)
+    assert command.main([*SMALL, "--peer", "playground", "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: --peer playground needs the package playground")
+    assert error.count("\n") == 1
 
 
 def test_the_second_start_finds_what_the_first_compiled(whole):

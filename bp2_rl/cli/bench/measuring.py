@@ -27,7 +27,7 @@ from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import make_policy
 from bp2_rl.learning.run import make_learner
 from bp2_rl.tools.throughput.measure import OUT_OF_MEMORY, BenchOptions, Case, PartName, measure_case
-from bp2_rl.tools.throughput.playground import measure_playground
+from bp2_rl.tools.throughput.playground import measure_playground, playground_settings
 from bp2_rl.tools.throughput.report import (
     NUMBERS,
     PICTURE,
@@ -51,20 +51,22 @@ def bench(argv: list[str]) -> None:
     if not arguments.startup:  # whose training refuses by itself
         require_accelerator(arguments.preset)
     sizes = list(choose_sizes(arguments))
+    robots = arguments.main_robots if arguments.robots else None
+    theirs = playground_settings(robots) if arguments.peer == "playground" else None
     folder = arguments.out or Path("reports") / f"bench-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     console, report = Console(), describe(arguments)
     _open(folder, report)
     if arguments.startup:  # before this process takes the devices' memory
         cold, warm = time_startup(argv, console)
         report = dataclasses.replace(report, cold_start=cold, warm_start=warm)
-    if arguments.peer == "playground":  # first, as it may refuse
-        rate = measure_playground(arguments.robots[0] if arguments.robots else None)
-        report = dataclasses.replace(report, playground=rate)
+    if theirs:
+        _tell(console, "MuJoCo Playground's training compiles, for a minute or more")
+        report = dataclasses.replace(report, playground=measure_playground(theirs, arguments.seconds))
     for case in measure_all(arguments, sizes, console):
         report = dataclasses.replace(report, cases=(*report.cases, case), host_peak_bytes=_host_peak())
         save_config(folder / NUMBERS, report)
-    if arguments.peer == "brax":
-        case = _measure(arguments, (arguments.main_robots, 1), ("acting", "brax"), console)
+    if arguments.peer is not None:
+        case = _measure_peer(arguments, report.cases, console)
         report = dataclasses.replace(report, peer=case, host_peak_bytes=_host_peak())
     save_config(folder / NUMBERS, report)
     print_table(report, console)
@@ -135,6 +137,15 @@ def _measure(arguments: BenchArguments, size: tuple[int, int], parts: Sequence[P
     if case.error:
         _tell(console, f"{describe_size(case)}: {case.error}")
     return case
+
+
+def _measure_peer(arguments: BenchArguments, cases: Sequence[Case], console: Console) -> Case:
+    """Measure ours on one device, and stock Brax's; a training measured before is not measured again."""
+    alone = (arguments.main_robots, 1)
+    if arguments.peer == "brax":
+        return _measure(arguments, alone, ("acting", "brax"), console)
+    known = (case for case in cases if (case.robots, case.devices) == alone and case.rate("training"))
+    return next(known, None) or _measure(arguments, alone, ("training",), console)
 
 
 def make_env(arguments: BenchArguments, robots: int) -> BP2Env:

@@ -16,10 +16,10 @@ from brax.training.agents.ppo import networks
 from brax.training.agents.ppo import train as ppo_train
 
 from bp2_rl.base.errors import UserError, not_installed
+from bp2_rl.tools.throughput.measure import MOST, WARM_UP
 
 TASK = "Go1JoystickFlatTerrain"
 TRAIN_STEPS = 5  # between two looks at the clock
-LOOKS = 4  # before the second one programs compile
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +28,17 @@ class PlaygroundRate:
 
     impl: str  # of MJX: Playground's choice, but `jax` without an NVIDIA GPU or without Warp
     robots: int
+    control_period: float  # s, of simulated time
     control_steps: int  # that were timed, all robots together
     control_steps_per_second: float
 
 
-def measure_playground(robots: int | None = None) -> PlaygroundRate:
-    """Train Playground's Go1 for a while.
+class _TimedEnoughError(Exception):
+    """Ends Brax's training, which wants to know its length before its speed is known."""
 
-    What Playground resets between evaluations is left out, as are the evaluations.
+
+def playground_settings(robots: int | None = None) -> dict[str, Any]:
+    """Return Playground's own settings of Brax's PPO, for so many robots.
 
     Args:
         robots: how many, a multiple of Playground's 32 minibatches; by default Playground's own number, 8192.
@@ -44,7 +47,6 @@ def measure_playground(robots: int | None = None) -> PlaygroundRate:
         UserError: Playground is not installed, or the robots are no such multiple.
     """
     try:
-        from mujoco_playground import locomotion, wrapper
         from mujoco_playground.config.locomotion_params import brax_ppo_config
     except ImportError as missing:
         raise not_installed("--peer playground", "playground", "playground") from missing
@@ -52,23 +54,40 @@ def measure_playground(robots: int | None = None) -> PlaygroundRate:
     robots, batches = robots or settings["num_envs"], settings["num_minibatches"]
     if robots % batches:
         raise UserError(f"--robots {robots}: Playground's learner needs a multiple of its {batches} minibatches")
+    return settings | {"num_envs": robots, "batch_size": robots // batches}
+
+
+def measure_playground(settings: dict[str, Any], seconds: float) -> PlaygroundRate:
+    """Train Playground's Go1 with those settings for so many seconds, in at least two spans of `TRAIN_STEPS`.
+
+    What Playground resets between evaluations is left out, as are the evaluations.
+    """
+    from mujoco_playground import locomotion, wrapper
+
+    own: Any = locomotion.get_default_config(TASK)
     warp = jax.default_backend() == "gpu" and sys.modules.get("warp")
-    impl = str(locomotion.get_default_config(TASK).impl) if warp else "jax"
+    impl = str(own.impl) if warp else "jax"
+    robots = settings["num_envs"]
     steps = TRAIN_STEPS * robots * settings["unroll_length"]
     settings |= {
-        "num_envs": robots, "batch_size": robots // batches, "num_evals": LOOKS + 1, "num_resets_per_eval": 0,
-        "num_timesteps": LOOKS * steps,
+        "num_evals": MOST + 1, "num_resets_per_eval": 0, "num_timesteps": MOST * steps,
         "network_factory": functools.partial(networks.make_ppo_networks, **settings["network_factory"]),
     }  # fmt: skip
     randomise: Any = locomotion.get_domain_randomizer(TASK)  # Brax annotates its own systems
     clock: list[float] = []
-    with _removed_from_jax():
+
+    def look(*_: Any) -> None:
+        clock.append(time.perf_counter())
+        if len(clock) >= WARM_UP + 2 and clock[-1] - clock[WARM_UP - 1] >= seconds:
+            raise _TimedEnoughError
+
+    with _removed_from_jax(), contextlib.suppress(_TimedEnoughError):
         ppo_train.train(
             _make_env(impl), **settings, wrap_env_fn=wrapper.wrap_for_brax_training, max_devices_per_host=1,
-            randomization_fn=randomise, run_evals=False,
-            progress_fn=lambda *_: clock.append(time.perf_counter()),
+            randomization_fn=randomise, run_evals=False, progress_fn=look,
         )  # fmt: skip
-    return PlaygroundRate(impl, robots, 2 * steps, 2 * steps / (clock[-1] - clock[-3]))
+    timed = (len(clock) - WARM_UP) * steps
+    return PlaygroundRate(impl, robots, own.ctrl_dt, timed, timed / (clock[-1] - clock[WARM_UP - 1]))
 
 
 def _make_env(impl: str) -> Any:

@@ -43,7 +43,7 @@ class Bench:
     config: TrainConfig
     seconds: float  # of timed calls, for each part
     cases: tuple[Case, ...] = ()
-    peer: Case | None = None  # our acting loop and stock Brax's, one device each
+    peer: Case | None = None  # on one device our acting loop and stock Brax's or, beside Playground, our training
     playground: PlaygroundRate | None = None
     cold_start: Startup | None = None  # nothing compiled before
     warm_start: Startup | None = None  # everything in the cache on disk
@@ -113,28 +113,24 @@ def remarks(bench: Bench) -> list[str]:
         if start is not None:
             moments = (f"{moment.replace('_', ' ')} {s:.1f} s" for moment, s in dataclasses.asdict(start).items())
             lines.append(f"{name} start: {', '.join(moments)} after the process began")
-    ratio = peer_ratio(bench)
-    if ratio is not None:
+    ratio, theirs = peer_ratio(bench), bench.playground
+    if theirs is not None:
+        rate = f"{count(theirs.control_steps_per_second)} control steps/s of {1000 * theirs.control_period:g} ms"
+        lines.append(f"MuJoCo Playground's Go1, MJX {theirs.impl}, {theirs.robots} robots: {rate}")
+        if bench.peer is not None and ratio is not None:
+            lines[-1] += f"; ours, {bench.peer.robots} robots, make {ratio:.2f} times as many, of 5 ms"
+    elif ratio is not None:
         lines.append(f"the learner acts {ratio:.2f} times as fast as stock Brax")
-    return lines + _beside_playground(bench)
-
-
-def _beside_playground(bench: Bench) -> list[str]:
-    """Return how fast Playground trains, and how many times as fast we do on one device, if that is known."""
-    theirs = bench.playground
-    if theirs is None:
-        return []
-    rate = theirs.control_steps_per_second
-    line = f"MuJoCo Playground's Go1, MJX {theirs.impl}, {theirs.robots} robots: {count(rate)} control steps/s"
-    ours = max((case.rate("training") or 0.0 for case in bench.cases if case.devices == 1), default=0.0)
-    return [f"{line}; ours are {ours / rate:.2f} times as many" if ours else line]
+    return lines
 
 
 def peer_ratio(bench: Bench) -> float | None:
-    """How many times as fast as stock Brax the learner acts; None where that was not measured."""
+    """How many times as fast as stock Brax we act, or as Playground we train; None where that was not measured."""
     if bench.peer is None:
         return None
     ours, theirs = bench.peer.rate("acting"), bench.peer.rate("brax")
+    if bench.playground is not None:
+        ours, theirs = bench.peer.rate("training"), bench.playground.control_steps_per_second
     return ours / theirs if ours and theirs else None
 
 
@@ -156,7 +152,7 @@ def _memory(bench: Bench) -> list[str]:
 
 
 def _cases(bench: Bench) -> tuple[Case, ...]:
-    return bench.cases if bench.peer is None else (*bench.cases, bench.peer)
+    return bench.cases if bench.peer is None or bench.peer in bench.cases else (*bench.cases, bench.peer)
 
 
 def describe_size(case: Case) -> str:

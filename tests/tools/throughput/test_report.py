@@ -124,11 +124,14 @@ def test_the_remarks_say_what_the_table_does_not():
 
 
 def test_playgrounds_training_is_compared_with_ours_on_one_device():
-    theirs = PlaygroundRate("jax", 64, 12_800, 50.0)
-    line = "MuJoCo Playground's Go1, MJX jax, 64 robots: 50 control steps/s"
-    assert line in remarks(bench(case(64, 2, training=900.0), playground=theirs))
-    beside = bench(case(64, 1, training=200.0), case(64, 2, training=900.0), playground=theirs)
-    assert f"{line}; ours are 4.00 times as many" in remarks(beside)
+    theirs = PlaygroundRate("jax", 64, 0.02, 12_800, 50.0)
+    line = "MuJoCo Playground's Go1, MJX jax, 64 robots: 50 control steps/s of 20 ms"
+    larger, ours = case(128, 1, training=900.0), case(64, 1, training=200.0)
+    assert line in remarks(bench(larger, playground=theirs))
+    beside = bench(ours, larger, peer=ours, playground=theirs)
+    assert peer_ratio(beside) == pytest.approx(4.0)
+    assert f"{line}; ours, 64 robots, make 4.00 times as many, of 5 ms" in remarks(beside)
+    assert show(beside).count("training     64") == 1  # what is a case of its own is not shown twice
 
 
 def test_the_peer_is_a_ratio_of_acting_loops():
