@@ -12,6 +12,7 @@ import numpy as np
 
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.learning.policy import Policy
+from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.trajectory import Trajectory
 
@@ -43,12 +44,15 @@ def in_parallel(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Se
     return _share_out(functools.partial(_run_all, run), policy, tasks, shares)
 
 
-def simulate_all(measure: Callable[[One, Trajectory], Result], policy: Policy, requests: Sequence[One]) -> list[Result]:
+def simulate_all(
+    measure: Callable[[One, Trajectory], Result], policy: Policy, requests: Sequence[One], backend: Backend = "mujoco"
+) -> list[Result]:
     """Return `measure(request, its run)` of every request, run side by side on all processors.
 
     `measure` and all else must be picklable.
     """
-    return _share_out(functools.partial(_measure_all, measure), policy, requests, shares_of(requests, processors()))
+    run = functools.partial(_measure_all, measure, backend)
+    return _share_out(run, policy, requests, shares_of(requests, processors()))
 
 
 def shares_of(requests: Sequence[RunRequest], workers: int) -> list[list[int]]:
@@ -97,9 +101,11 @@ def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures
 _unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
 
 
-def _measure_all(measure: Callable[[One, Trajectory], Result], pickled: bytes, requests: Sequence[One]) -> list[Result]:
-    policy = _unpickled(pickled)
-    return [measure(one, run) for one, run in zip(requests, simulate(policy, requests), strict=True)]
+def _measure_all(
+    measure: Callable[[One, Trajectory], Result], backend: Backend, pickled: bytes, requests: Sequence[One]
+) -> list[Result]:
+    runs = simulate(_unpickled(pickled), requests, backend=backend)
+    return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
 
 
 def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:

@@ -25,6 +25,7 @@ from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation.backend import TITLES, Backend
+from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.laws import SIZES
 from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.policy_runner import ActionFunction, PolicyRunner
@@ -66,10 +67,13 @@ class RunRequest(Bounded):
     """how the physics is computed; samples are taken each ms, and the start is the same, whatever the numerics"""
     watch: Watch | None = None
     name: str = "policy"
+    drawn: Draw | None = None
+    """what chance makes of the robot; None: it is as designed"""
 
     def robot(self, config: EnvConfig) -> RobotSetup:
         """Return the robot of this run, under a policy that was trained in an environment."""
-        return dataclasses.replace(RobotSetup.of(config, self.hardware), world=self.world, numerics=self.numerics)
+        robot = RobotSetup.of(config, self.hardware)
+        return dataclasses.replace(robot, world=self.world, numerics=self.numerics, drawn=self.drawn)
 
 
 def rollout(
@@ -194,7 +198,7 @@ def _simulate(
         policy,
         config,
         operators=[request.operator for request in requests],
-        latencies=[robot.config.hardware.losses.latency for robot in robots],
+        latencies=[robot.latency for robot in robots],
         commands=scheduled[:, 0],
         noise=config.randomization if noise else None,
     )

@@ -23,6 +23,7 @@ from bp2_rl.robot.model import foot_forces, let_converge, load_model
 from bp2_rl.settings.env import EnvConfig
 from bp2_rl.simulation import laws
 from bp2_rl.simulation.backend import Backend, DrakeContact
+from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.world import LEVEL, World
 
 DT = conventions.PHYSICS_STEP
@@ -72,6 +73,7 @@ class RobotSetup:
     config: EnvConfig
     world: World = LEVEL
     numerics: Numerics = CONVERGED
+    drawn: Draw | None = None  # what chance makes of the hardware
 
     @classmethod
     def of(cls, config: EnvConfig, hardware: HardwareSpec | None) -> "RobotSetup":
@@ -83,7 +85,25 @@ class RobotSetup:
         model = load_model(self.config.hardware, visual=False, weighed=True, scene=self.world.scene())
         self.world.tilt(model)
         self.numerics.apply(model)
+        if self.drawn:
+            self.drawn.change_model(model, self.config.hardware)
         return model
+
+    def motors(self) -> Actuator:
+        """Return the robot's motors."""
+        motors = motors_of(self.config)
+        return self.drawn.motors(motors, self.config.hardware) if self.drawn else motors
+
+    def resistance(self) -> Resistance | None:
+        """Return what resists the robot's motion; None where nothing does."""
+        resistance = Resistance.from_hardware(self.config.hardware)
+        return self.drawn.resistance(resistance, self.config.hardware) if self.drawn and resistance else resistance
+
+    @property
+    def latency(self) -> float:
+        """From an observation to the joint target it leads to, s."""
+        hardware = self.config.hardware
+        return float(self.drawn.values(hardware).latency) if self.drawn else hardware.losses.latency
 
 
 class Simulator:
@@ -112,8 +132,8 @@ class Simulator:
     def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
         self.models = [robot.model() for robot in robots] if models is None else list(models)
         self.data = [mujoco.MjData(model) for model in self.models]
-        self.motors = [motors_of(robot.config) for robot in robots]
-        self._resistance = [Resistance.from_hardware(robot.config.hardware) for robot in robots]
+        self.motors = [robot.motors() for robot in robots]
+        self._resistance = [robot.resistance() for robot in robots]
         self._periods = [robot.numerics.period for robot in robots]
         self._updates = np.array([robot.numerics.updates for robot in robots])
         self._steps = [robot.numerics.steps // robot.numerics.updates for robot in robots]
@@ -250,12 +270,10 @@ class Simulator:
 def settled(robots: Sequence[RobotSetup], engine: type[Simulator] = Simulator) -> Simulator:
     """Return a simulator whose robots stand at rest on their feet at the origin.
 
-    Each kind of robot is settled once in a process, by C MuJoCo with the usual numerics; `engine` then takes it over.
+    Each kind of robot is settled once in a process, by C MuJoCo with the usual numerics, as it was designed; `engine`
+    then takes it over.
     """
-    kinds = [
-        (dataclasses.replace(one, world=dataclasses.replace(one.world, pushes=()), numerics=CONVERGED), SETTLING_TIME)
-        for one in robots
-    ]
+    kinds = [(RobotSetup(one.config, dataclasses.replace(one.world, pushes=())), SETTLING_TIME) for one in robots]
     new = [kind for kind in dict.fromkeys(kinds) if kind not in _stands]
     if new:
         settling = Simulator([robot for robot, _ in new])

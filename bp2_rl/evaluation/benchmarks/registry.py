@@ -42,7 +42,7 @@ BENCHMARKS = {
     "robustness": Benchmark(
         ramp_to_robustness,
         robustness,
-        ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator"),
+        ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "drake"),
     ),
     "manoeuvres": Benchmark(ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),

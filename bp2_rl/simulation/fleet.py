@@ -1,0 +1,118 @@
+"""One policy on many robots, each drawn as in training, all under the same command schedule."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from bp2_rl.learning.policy import Policy
+from bp2_rl.robot import conventions
+from bp2_rl.robot.clearance import clearance
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.settings.env import RandomizationConfig
+from bp2_rl.simulation.backend import Backend
+from bp2_rl.simulation.draw import Draw
+from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
+from bp2_rl.simulation.parallel import simulate_all
+from bp2_rl.simulation.rollout import RunRequest, sampled_commands
+from bp2_rl.simulation.schedule import Schedule
+from bp2_rl.simulation.simulator import CONVERGED, Numerics
+from bp2_rl.simulation.trajectory import Trajectory
+from bp2_rl.simulation.world import World
+
+EACH = slice(None, None, conventions.SUBSTEPS)  # the milliseconds at which control steps begin
+
+
+@dataclasses.dataclass(frozen=True)
+class FleetRun:
+    """What N robots did, sampled at the beginning of each of T control steps; 0 after a robot's fall."""
+
+    time: Float[np.ndarray, " T"]  # s
+    command: Float[np.ndarray, " T"]  # m/s, scheduled forward speed
+    speed: Float[np.ndarray, "T N"]  # m/s, forward in the heading frame
+    offset: Float[np.ndarray, "T N"]  # m, to the left of the line through the start
+    fell_at: Float[np.ndarray, " N"]  # s; inf for robots that did not fall
+    leg_room: Float[np.ndarray, " N"]  # m, least between legs or of a leg and the trunk, before a fall
+    robots: dict[str, Float[np.ndarray, " N"]]  # what was drawn: friction, latency (s), mass (kg), strength
+    steady_from: float  # s, from when the command is held
+
+
+@dataclasses.dataclass(frozen=True)
+class _RobotRun:
+    """What one of them did, before its fall."""
+
+    speed: Float[np.ndarray, " K"]
+    offset: Float[np.ndarray, " K"]
+    fell_at: float
+    leg_room: float
+    mass: float
+
+
+def run_fleet(
+    policy: Policy,
+    schedule: Schedule,
+    hardware: HardwareSpec,
+    ranges: RandomizationConfig,
+    *,
+    robots: int,
+    seed: int = 0,
+    operator: HeadingHold = HEADING_HOLD,
+    numerics: Numerics = CONVERGED,
+    backend: Backend = "mujoco",
+) -> FleetRun:
+    """Run many robots from a standing start, each with its own draw.
+
+    Args:
+        policy: what all run by; `ranges` take the place of what it was trained with.
+        schedule: the command that all are given.
+        hardware: the robot around which they are drawn.
+        ranges: from what they are drawn.
+        robots: how many.
+        seed: of everything that is drawn.
+        operator: the outer loop that keeps each robot on its line.
+        numerics: how the physics is computed.
+        backend: the simulator.
+    """
+    draws = [Draw(ranges, seed, number) for number in range(robots)]
+    requests = [
+        RunRequest(
+            schedule, hardware, operator, World(pushes=draw.pushes(schedule.duration)),
+            noise_seed=draw.noise_seed, numerics=numerics, drawn=draw,
+        )
+        for draw in draws
+    ]  # fmt: skip
+    card = policy.card
+    noisy = dataclasses.replace(card, env=dataclasses.replace(card.env, randomization=ranges))
+    runs = simulate_all(_robot_run, dataclasses.replace(policy, card=noisy), requests, backend)
+    commands = sampled_commands(schedule)[:-1, 0]
+    speed, offset = np.zeros((2, len(commands), robots))
+    for number, run in enumerate(runs):
+        speed[: len(run.speed), number], offset[: len(run.offset), number] = run.speed, run.offset
+    drawn = [draw.values(hardware) for draw in draws]
+    return FleetRun(
+        time=conventions.CONTROL_STEP * np.arange(len(commands)),
+        command=commands,
+        speed=speed,
+        offset=offset,
+        fell_at=np.array([run.fell_at for run in runs]),
+        leg_room=np.array([run.leg_room for run in runs]),
+        robots={
+            "friction": np.array([float(one.friction) for one in drawn]),
+            "latency": np.array([float(one.latency) for one in drawn]),
+            "mass": np.array([run.mass for run in runs]),
+            "strength": np.array([float(np.min(one.strength)) for one in drawn]),
+        },
+        steady_from=schedule.steady_from,
+    )
+
+
+def _robot_run(_: RunRequest, run: Trajectory) -> _RobotRun:
+    room = clearance(run.joint_position[EACH].reshape(-1, 4, 3), run.spring_compression[EACH], run.hardware)
+    return _RobotRun(
+        speed=run.ground_velocity[EACH, 0],
+        offset=run.qpos[EACH, 1],
+        fell_at=math.inf if run.fell_at is None else run.fell_at,
+        leg_room=float(np.min(room.least)),
+        mass=run.mass,
+    )
