@@ -62,8 +62,10 @@ class Draw:
         return tuple(Push(float(time), *map(float, kick)) for time, kick in zip(times, kicks, strict=True))
 
     @property
-    def noise_seed(self) -> int:
-        """Of the sensors' noise."""
+    def noise_seed(self) -> int | None:
+        """Of the sensors' noise; None where nothing is drawn."""
+        if not self.ranges.enabled:
+            return None
         return int(np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0])
 
 

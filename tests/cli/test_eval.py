@@ -151,7 +151,7 @@ def test_help_explains_every_flag(capsys):
         (["--operator.limit", "-1"], ("--operator.limit", "-1")),
         (["--backend", "bullet"], ("--backend takes drake, mjx or mujoco; got bullet",)),
         (["--drake.stiffness", "1e5"], ("--drake.* is of --backend drake; got --backend mujoco",)),
-        (["--benchmark", "robustness", "--backend", "drake"], ("--backend drake runs topspeed and sprint",)),
+        (["--benchmark", "robustness", "--backend", "mjx"], ("--backend mjx runs topspeed and sprint",)),
         (["--backend", "drake", "--drake.solver", "newton"], ("--drake.solver", "newton")),
         (["--backend", "drake", "--drake.dissipation", "-1"], ("--drake.dissipation", "-1")),
         (["--speed", "-3"], ("--speed", "-3")),

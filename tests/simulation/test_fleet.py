@@ -1,77 +1,76 @@
-"""A fleet of randomised robots, beside the run of a single one."""
+"""A fleet of drawn robots, beside the run of a single one."""
 
 import dataclasses
 
-import jax
 import numpy as np
 import pytest
-from runs import kick, no_action, run_one
+from runs import run_one
 
-from bp2_rl.env.bp2_env import BP2Env
-from bp2_rl.env.controller import Controller
+from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot import bp2
-from bp2_rl.settings.env import EnvConfig, RandomizationConfig
-from bp2_rl.simulation import policy_runner, simulator
-from bp2_rl.simulation.batch import rollout_batch
+from bp2_rl.robot.hardware import BUILT
+from bp2_rl.settings.env import RandomizationConfig
+from bp2_rl.simulation import fleet as module
+from bp2_rl.simulation.fleet import run_fleet
+from bp2_rl.simulation.rollout import simulate
 from bp2_rl.simulation.schedule import Ramp
 
-TROTTING = EnvConfig()  # the action is added to the reference motion
 SCHEDULE = Ramp(1.0, hold=0.2)
 NOMINAL = RandomizationConfig(enabled=False)
 
 
-@pytest.fixture
-def alone(monkeypatch):
-    """The run of a single robot that starts as the fleet's first: at the keyframe, not settled, at a drawn phase."""
-    config = dataclasses.replace(TROTTING, randomization=NOMINAL)
-    phase = jax.jit(BP2Env(config).reset)(jax.random.split(jax.random.PRNGKey(0), 1)[0]).pipeline_state.controller.phase
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """No workers: they would compile everything anew."""
 
-    class OutOfPhase(Controller):
-        def init(self, phase=phase):
-            return super().init(phase)
+    def simulate_all(measure, policy, requests, backend):
+        return [measure(*pair) for pair in zip(requests, simulate(policy, requests, backend=backend), strict=True)]
 
-    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)
-    monkeypatch.setattr(policy_runner, "Controller", OutOfPhase)
-    return run_one(no_action, SCHEDULE, TROTTING)
-
-
-def test_a_robot_as_designed_runs_as_it_does_alone(alone):
-    fleet = rollout_batch(no_action, SCHEDULE, TROTTING, robots=1, randomization=NOMINAL)
-    after = slice(5, None, 5)  # a fleet's samples are those at the end of each control step
-    steps = len(alone.time[after])
-    np.testing.assert_allclose(fleet.time[:steps], alone.time[after])
-    # Both are C MuJoCo: what is left is the float32 in which the environment hands states on, 1e-6 of each in 0.6 s.
-    np.testing.assert_allclose(fleet.speed[:steps, 0], alone.ground_velocity[after, 0], atol=1e-5)
-    np.testing.assert_allclose(fleet.offset[:steps, 0], alone.qpos[after, 1], atol=1e-6)
-    np.testing.assert_array_equal(fleet.fell_at, np.inf)
-    assert fleet.steady_from == pytest.approx(1.0 / 2.4)
-    np.testing.assert_allclose(fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time])
-    assert {name: float(values[0]) for name, values in fleet.robots.items()} == pytest.approx(
-        {"friction": bp2.FOOT_FRICTION, "latency": 0.0, "mass": alone.mass, "strength": 1.0}
-    )
+    monkeypatch.setattr(module, "simulate_all", simulate_all)
 
 
 @pytest.fixture(scope="module")
-def falling():
-    """Twelve robots as they are drawn, under a policy that throws them over."""
-    return rollout_batch(kick, Ramp(3.0, hold=0.25), TROTTING, robots=12, seed=3)
+def policy():
+    return load_policy("built")
 
 
-def test_fallen_robots_are_known_by_the_time_of_their_fall(falling):
-    down = falling.fell_at < np.inf
-    assert np.sum(down) >= 6
-    assert np.all(falling.fell_at[down] <= falling.time[-1])
-    assert len(set(falling.fell_at[down])) > 1  # each falls by itself
+def test_a_robot_as_designed_runs_as_it_does_alone(policy):
+    fleet = run_fleet(policy, SCHEDULE, BUILT, NOMINAL, robots=2)
+    alone = run_one(policy, SCHEDULE, policy.card.env, hardware=BUILT)
+    each = slice(None, None, 5)  # what is drawn is of float32, even if it is as designed
+    for robot in range(2):
+        np.testing.assert_allclose(fleet.speed[: len(alone.time[each]), robot], alone.ground_velocity[each, 0], atol=1e-5)
+        np.testing.assert_allclose(fleet.offset[: len(alone.time[each]), robot], alone.qpos[each, 1], atol=1e-6)
+    np.testing.assert_allclose(fleet.time[: len(alone.time[each])], alone.time[each])
+    assert len(fleet.time) == round(SCHEDULE.duration / 0.005)
+    assert fleet.steady_from == pytest.approx(1.0 / 2.4)
+    np.testing.assert_allclose(fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time], atol=1e-12)
+    assert {name: float(values[1]) for name, values in fleet.robots.items()} == pytest.approx(
+        {"friction": BUILT.friction, "latency": BUILT.losses.latency, "mass": alone.mass, "strength": 1.0}
+    )
 
 
-def test_robots_are_drawn_from_the_ranges_of_training(falling):
-    drawn = RandomizationConfig()
-    for name, low, high in (
-        ("friction", *(bp2.FOOT_FRICTION * factor for factor in drawn.friction)),
-        ("latency", *drawn.latency),
-        ("mass", *(bp2.TOTAL_MASS * factor for factor in drawn.mass)),
-        ("strength", *drawn.strength),
-    ):
-        values = falling.robots[name]
-        assert np.all((low - 1e-6 <= values) & (values <= high + 1e-6)), name
-        assert np.unique(values).size == 12, name
+def test_fallen_robots_are_known_by_the_time_of_their_fall(policy):
+    drawn = RandomizationConfig(push_velocity=5.0, push_interval=0.1)
+    fleet = run_fleet(policy, SCHEDULE, BUILT, drawn, robots=6, seed=3)
+    down = fleet.fell_at < np.inf
+    assert np.sum(down) >= 3
+    assert np.all(fleet.fell_at[down] <= fleet.time[-1])
+    assert len(set(fleet.fell_at[down])) > 1  # each falls by itself
+    for robot in np.flatnonzero(down):
+        assert np.all(fleet.speed[fleet.time > fleet.fell_at[robot], robot] == 0.0)
+    low, high = (bp2.TOTAL_MASS * factor for factor in drawn.mass)
+    assert np.all((low < fleet.robots["mass"]) & (fleet.robots["mass"] < high))
+
+
+def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(policy, monkeypatch):
+    asked = []
+    monkeypatch.setattr(module, "simulate_all", lambda measure, policy, requests, backend: asked.append(
+        (policy.card.env.randomization, [request.noise_seed for request in requests], backend)) or [
+            module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0) for _ in requests])  # fmt: skip
+    ranges = dataclasses.replace(RandomizationConfig(), joint_velocity_noise=0.7)
+    run_fleet(policy, SCHEDULE, BUILT, ranges, robots=3, backend="drake")
+    [(drawn, seeds, backend)] = asked
+    assert drawn == ranges
+    assert len(set(seeds)) == 3
+    assert backend == "drake"

@@ -209,7 +209,7 @@ def fleet_rows(metrics: RobustnessMetrics) -> tuple[Row, ...]:
         Row("Worst off the line", show(m.greatest_offset, ".2f", "m"), "greatest of the upright"),
         Row("First fall", show(m.fallen_at[0] if m.fallen_at else None, ".2f", "s"), "after the start"),
         Row("Last fall", show(m.fallen_at[-1] if m.fallen_at else None, ".2f", "s"), "after the start"),
-        Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.1f} mm deep at most"),
+        Row("Legs touch", f"{m.legs_touch}", f"robots, before a fall; {1e3 * m.leg_depth:.0f} mm deep at most"),
     )
 
 

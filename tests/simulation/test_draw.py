@@ -1,0 +1,129 @@
+"""What is drawn of a robot, beside robots that were built so, and from the ranges of training."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from runs import no_action, run_one
+
+from bp2_rl.robot import bp2
+from bp2_rl.robot.hardware import BUILT, IDEAL
+from bp2_rl.robot.model import foot_geom_ids
+from bp2_rl.settings.env import EnvConfig, RandomizationConfig
+from bp2_rl.simulation import simulator
+from bp2_rl.simulation.draw import Draw
+from bp2_rl.simulation.schedule import Ramp
+from bp2_rl.simulation.simulator import RobotSetup
+
+SCHEDULE = Ramp(1.0, hold=0.2)
+RANGES = RandomizationConfig()
+NOTHING = dict.fromkeys(("friction", "mass", "strength", "gains", "losses"), (1.0, 1.0))
+
+
+def exactly(**drawn):
+    """A robot of which just this is drawn, with certainty."""
+    factors = NOTHING | {name: (value, value) for name, value in drawn.items()}
+    return Draw(RandomizationConfig(**{"latency": (0.0, 0.0), **factors}, com_offset=0.0, push_velocity=0.0), 0, 0)
+
+
+def lossier(factor):
+    losses = BUILT.losses
+    return dataclasses.replace(
+        BUILT,
+        losses=dataclasses.replace(
+            losses,
+            latency=0.0,
+            drag_area=losses.drag_area * factor,
+            gear_efficiency=1.0 - factor * (1.0 - losses.gear_efficiency),
+            joint_friction=losses.joint_friction * factor,
+            joint_viscosity=losses.joint_viscosity * factor,
+            spring_friction=losses.spring_friction * factor,
+            current_lag=losses.current_lag * factor,
+            bus_power_out=losses.bus_power_out * factor,
+            bus_power_in=losses.bus_power_in * factor,
+            bus_sag=losses.bus_sag * factor,
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("hardware", "drawn", "built_so", "stiffer"),
+    [
+        (IDEAL, {"mass": 1.1}, dataclasses.replace(IDEAL, mass_scale=1.1), 1.0),
+        (IDEAL, {"friction": 0.3}, dataclasses.replace(IDEAL, friction=0.3 * IDEAL.friction), 1.0),
+        (
+            IDEAL,
+            {"latency": 0.008},
+            dataclasses.replace(IDEAL, losses=dataclasses.replace(IDEAL.losses, latency=0.008)),
+            1.0,
+        ),
+        (IDEAL, {"gains": 1.2}, IDEAL, 1.2),
+        (BUILT, {"losses": 1.5}, lossier(1.5), 1.0),
+    ],
+    ids=("mass", "friction", "latency", "gains", "losses"),
+)
+def test_a_drawn_robot_runs_as_one_built_so(hardware, drawn, built_so, stiffer, monkeypatch):
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)  # a drawn robot starts from the stand of that as designed
+    config = EnvConfig()
+    control = config.control
+    other = dataclasses.replace(
+        config,
+        control=dataclasses.replace(control, stiffness=stiffer * control.stiffness, damping=stiffer * control.damping),
+    )
+    as_drawn = run_one(no_action, SCHEDULE, config, hardware=hardware, drawn=exactly(**drawn))
+    as_built = run_one(no_action, SCHEDULE, other, hardware=built_so)
+    designed = run_one(no_action, SCHEDULE, config, hardware=hardware)
+    apart = np.max(np.abs(as_drawn.qpos - as_built.qpos))
+    assert apart < 1e-6  # factors are drawn in float32
+    assert np.max(np.abs(as_drawn.qpos - designed.qpos)) > 0.05
+    assert as_drawn.mass == pytest.approx(as_built.mass, rel=1e-6)
+
+
+def test_each_is_drawn_from_the_ranges_of_training_and_by_itself():
+    draws = [Draw(RANGES, 3, number) for number in range(40)]
+    drawn = [draw.values(BUILT) for draw in draws]
+    for name in ("mass", "strength", "latency", "losses"):
+        low, high = getattr(RANGES, name)
+        values = np.stack([getattr(one, name) for one in drawn])
+        assert np.all((values >= low - 1e-6) & (values <= high + 1e-6)), name
+        if high > low:
+            assert np.ptp(values) > 0.8 * (high - low), name
+            assert len(np.unique(values)) == values.size, name
+    assert draws[0].values(BUILT) is draws[0].values(BUILT)
+    assert Draw(RANGES, 4, 0).values(BUILT).friction != drawn[0].friction
+    assert len({draw.noise_seed for draw in draws}) == 40
+
+
+def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
+    draw = Draw(RANGES, 0, 0)
+    before = RobotSetup(EnvConfig(hardware=BUILT)).model()
+    after = RobotSetup(EnvConfig(hardware=BUILT), drawn=draw).model()
+    drawn = draw.values(BUILT)
+    np.testing.assert_allclose(after.body_mass, before.body_mass * drawn.mass)
+    feet = [after.geom("floor").id, *foot_geom_ids(after)]
+    np.testing.assert_allclose(after.geom_friction[feet, 0], drawn.friction)
+    others = np.setdiff1d(np.arange(after.ngeom), feet)
+    np.testing.assert_array_equal(after.geom_friction[others], before.geom_friction[others])
+    assert bp2.LEG_FRICTION in after.geom_friction[others, 0]
+    np.testing.assert_allclose(after.body_subtreemass[0], np.sum(after.body_mass))
+
+
+def test_a_weak_robot_has_weak_motors():
+    setup = RobotSetup(EnvConfig(hardware=BUILT), drawn=exactly(strength=0.7))
+    np.testing.assert_allclose(setup.motors().strength, 0.7, rtol=1e-6)
+
+
+def test_pushes_come_as_often_and_as_hard_as_in_training():
+    pushes = [push for number in range(100) for push in Draw(RANGES, 0, number).pushes(20.0)]
+    assert len(pushes) == pytest.approx(100 * 20.0 / RANGES.push_interval, rel=0.15)  # three deviations
+    kicks = np.array([(push.forward, push.left) for push in pushes])
+    assert np.max(np.abs(kicks)) <= RANGES.push_velocity
+    np.testing.assert_allclose(np.std(kicks, axis=0), RANGES.push_velocity / np.sqrt(3.0), rtol=0.1)
+    assert Draw(dataclasses.replace(RANGES, push_velocity=0.0), 0, 0).pushes(20.0) == ()
+
+
+def test_where_nothing_is_drawn_there_is_no_noise_and_no_push():
+    draw = Draw(dataclasses.replace(RANGES, enabled=False), 0, 0)
+    assert draw.pushes(20.0) == ()
+    assert draw.noise_seed is None
+    assert float(draw.values(BUILT).friction) == pytest.approx(BUILT.friction)
