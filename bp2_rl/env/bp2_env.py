@@ -84,10 +84,8 @@ class BP2Env(envs.Env):
         """Return a new episode for the robot of `state`, which keeps its curriculum level."""
         return self._start_episode(rng, state.info["curriculum"])
 
-    def step(
-        self, state: envs.State, action: Float[Array, "12"], *, command: Float[Array, "3"] | None = None
-    ) -> envs.State:
-        """Take one control step (5 ms). Afterwards the robot is under `command`, or else under what training draws."""
+    def step(self, state: envs.State, action: Float[Array, "12"]) -> envs.State:
+        """Take one control step (5 ms)."""
         before: PipelineState = state.pipeline_state  # pyright: ignore[reportAssignmentType]  # Brax names only its own
         rng, key_noise, key_command, key_push = jax.random.split(state.info["rng"], 4)
 
@@ -102,9 +100,7 @@ class BP2Env(envs.Env):
         after = self._average(before, before.replace(physics=physics, controller=controller), outcome)
         terms = rewards.reward_terms(self._reward_inputs(before, after, outcome), self.config, self.rows)
 
-        command_state, level = self._next_command(
-            before.command, state.info["curriculum"], outcome, command, key_command
-        )
+        command_state, level = self._next_command(before.command, state.info["curriculum"], outcome, key_command)
         after, obs = self._observe(after.replace(command=command_state), foot_contact, key_noise)
         return dataclasses.replace(
             state,
@@ -246,18 +242,10 @@ class BP2Env(envs.Env):
         )
 
     def _next_command(
-        self,
-        state: CommandState,
-        level: Float[Array, ""],
-        outcome: StepOutcome,
-        given: Float[Array, "3"] | None,
-        key: Array,
+        self, state: CommandState, level: Float[Array, ""], outcome: StepOutcome, key: Array
     ) -> tuple[CommandState, Float[Array, ""]]:
-        """Return the next command, the one that is `given` or else one that is drawn, and the curriculum level."""
-        if given is not None:
-            state, raised = commands.set_command(state, given, self.config), level
-        else:
-            state, raised = commands.advance(state, level, outcome.motion.velocity[0], key, self.config)
+        """Return the next command and the curriculum level."""
+        state, raised = commands.advance(state, level, outcome.motion.velocity[0], key, self.config)
         lowered = jnp.maximum(level - self.config.curriculum.lower_by, 0.0)
         return state, jnp.where(outcome.fall.happened, lowered, raised)
 

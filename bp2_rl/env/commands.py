@@ -93,11 +93,6 @@ def with_standing_time(key: Array, state: CommandState, standing: Array, config:
     )
 
 
-def set_command(state: CommandState, command: Float[Array, "3"], config: EnvConfig) -> CommandState:
-    """Replace the present command by one that a caller gives, eased, and with no more turn than its speed allows."""
-    return state.replace(current=_turn_limited(eased(state.current, command, config.control), config.commands))
-
-
 def advance(
     state: CommandState, level: Float[Array, ""], forward_velocity: Float[Array, ""], key: Array, config: EnvConfig
 ) -> tuple[CommandState, Float[Array, ""]]:

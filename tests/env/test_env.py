@@ -268,15 +268,6 @@ def test_the_critics_observation_is_laid_out_as_named(start, step, env):
     assert set(np.unique(seen["foot_contact"])) == {0.0, 1.0}
 
 
-def test_a_robot_that_is_told_obeys_at_once_but_for_turns_that_are_too_sharp(start):
-    env = BP2Env(EnvConfig(), impl="kernel")
-    told = jnp.broadcast_to(jnp.array([6.0, 0.0, 2.0]), (ROBOTS, 3))
-    after = jax.jit(jax.vmap(lambda *arguments: env.step(*arguments[:2], command=arguments[2])))(start, ZERO, told)
-    expected = np.tile([6.0, 0.0, env.config.commands.max_turn / 6.0], (ROBOTS, 1))
-    np.testing.assert_allclose(after.pipeline_state.command.current, expected, rtol=1e-6)
-    np.testing.assert_allclose(after.obs["state"][:, :3], expected, rtol=1e-6)
-
-
 def test_latency_delays_the_targets(start, step):
     """With 10 ms of latency, two control steps pass before an action shows in the torque."""
     first_seen = {}

@@ -110,7 +110,7 @@ def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
 
 def test_a_weak_robot_has_weak_motors():
     setup = RobotSetup(EnvConfig(hardware=BUILT), drawn=exactly(strength=0.7))
-    np.testing.assert_allclose(setup.motors().strength, 0.7, rtol=1e-6)
+    np.testing.assert_allclose(np.asarray(setup.motors().strength), 0.7, rtol=1e-6)
 
 
 def test_pushes_come_as_often_and_as_hard_as_in_training():

@@ -37,12 +37,13 @@ def policy():
 def test_a_robot_as_designed_runs_as_it_does_alone(policy):
     fleet = run_fleet(policy, SCHEDULE, BUILT, NOMINAL, robots=2)
     alone = run_one(policy, SCHEDULE, policy.card.env, hardware=BUILT)
-    each = slice(None, None, 5)  # what is drawn is of float32, even if it is as designed
-    for robot in range(2):
-        np.testing.assert_allclose(fleet.speed[: len(alone.time[each]), robot], alone.ground_velocity[each, 0], atol=1e-5)
-        np.testing.assert_allclose(fleet.offset[: len(alone.time[each]), robot], alone.qpos[each, 1], atol=1e-6)
-    np.testing.assert_allclose(fleet.time[: len(alone.time[each])], alone.time[each])
-    assert len(fleet.time) == round(SCHEDULE.duration / 0.005)
+    each = slice(None, None, 5)
+    lasted = len(alone.time[each])
+    for robot in range(2):  # what is drawn is of float32, even where it is as designed
+        np.testing.assert_allclose(fleet.speed[:lasted, robot], alone.ground_velocity[each, 0], atol=1e-5)
+        np.testing.assert_allclose(fleet.offset[:lasted, robot], alone.qpos[each, 1], atol=1e-6)
+    np.testing.assert_allclose(fleet.time[:lasted], alone.time[each])
+    assert len(fleet.time) == np.ceil(SCHEDULE.duration / 0.005)
     assert fleet.steady_from == pytest.approx(1.0 / 2.4)
     np.testing.assert_allclose(fleet.command, [SCHEDULE.command(t)[0] for t in fleet.time], atol=1e-12)
     assert {name: float(values[1]) for name, values in fleet.robots.items()} == pytest.approx(
