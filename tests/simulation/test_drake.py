@@ -11,11 +11,13 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.robot.conventions import GRAVITY
-from bp2_rl.robot.hardware import BUILT, ROBOTS
+from bp2_rl.robot.hardware import BUILT, IDEAL, ROBOTS
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.named import find_robot
-from bp2_rl.settings.env import ControlConfig, EnvConfig
+from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig
+from bp2_rl.simulation import simulator
 from bp2_rl.simulation.backend import DrakeContact
+from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics
@@ -168,6 +170,27 @@ def test_the_policy_that_ships_runs_as_fast_as_in_mujoco():
     assert drake.fell_at is None
     assert drake.metrics.mean_speed == pytest.approx(c.metrics.mean_speed, rel=0.1)
     assert not np.array_equal(drake.qpos, c.qpos)
+
+
+def test_a_drawn_robot_is_drawn_in_drake_too(monkeypatch):
+    monkeypatch.setattr(simulator, "SETTLING_TIME", 0.0)  # a drawn robot starts from the stand of that as designed
+    one = (1.0, 1.0)
+    ranges = RandomizationConfig(
+        friction=one, mass=(1.2, 1.2), com_offset=0.0, strength=one, gains=one, latency=(0.0, 0.0)
+    )
+    schedule = Ramp(1.0, hold=0.1)
+    heavy, heavy_by_chance, designed = simulate(
+        no_action,
+        [
+            RunRequest(schedule, dataclasses.replace(IDEAL, mass_scale=1.2)),
+            RunRequest(schedule, IDEAL, drawn=Draw(ranges, 0, 0)),
+            RunRequest(schedule, IDEAL),
+        ],
+        EnvConfig(),
+        backend="drake",
+    )
+    np.testing.assert_allclose(heavy_by_chance.qpos, heavy.qpos, atol=1e-5)  # factors are drawn in float32
+    assert np.max(np.abs(designed.qpos - heavy.qpos)) > 0.05
 
 
 # --- What is refused -------------------------------------------------------------------------------------------
