@@ -72,7 +72,7 @@ JUDGED_LAUNCHES = (
     JudgedLaunch(acceleration=3.0, hold=1.0, noise_seed=3, friction=0.75, mass=1.05, latency=0.005),
 )
 """The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
-has a friction of 0.6. No benchmark launches like these, so that none reports what a policy was chosen by."""
+has a friction of 0.6. No benchmark launches so by itself: none reports what a policy was chosen by."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,9 +11,6 @@ from jaxtyping import Array, Float
 
 from bp2_rl.settings.ppo import PPOConfig
 
-NORMAL = 1e-8
-"""Added to the advantages' standard deviation."""
-
 
 def ppo_loss(
     network: networks.PPONetworks,
@@ -52,7 +49,7 @@ def ppo_loss(
     output = network.policy_network.apply(normalizer, params.policy, data.observation)
     ratio = jnp.exp(distribution.log_prob(output, acted["raw_action"]) - acted["log_prob"])
     clipped = jnp.clip(ratio, 1.0 - config.clipping, 1.0 + config.clipping)
-    advantages = (advantages - advantages.mean()) / (advantages.std() + NORMAL)
+    advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     now, then = (distribution.create_dist(one) for one in (output, acted["distribution_params"]))
     terms = {
         "policy_loss": -jnp.mean(jnp.minimum(ratio * advantages, clipped * advantages)),

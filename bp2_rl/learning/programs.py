@@ -22,6 +22,8 @@ from bp2_rl.base.serialization import config_hash, package_versions
 from bp2_rl.learning.ppo import PPO, Programs
 from bp2_rl.settings.training import TrainConfig
 
+KEPT = 8
+"""Files in the folder: others were made before."""
 PALLAS = [export.DisabledSafetyCheck.custom_call(name) for name in ("__gpu$xla.gpu.triton", "triton_kernel_call_ffi")]
 """Calls of Pallas' kernels on a GPU. JAX does not promise that another version of it knows them; the key has its
 version."""
@@ -124,5 +126,8 @@ def _write(path: Path, kept: dict[str, Any]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, pickle.dumps(kept))
+        files = sorted(path.parent.glob("*.programs"), key=lambda file: file.stat().st_mtime)
+        for file in files[:-KEPT]:
+            file.unlink()
     except OSError:  # it only costs the tracing next time
         return

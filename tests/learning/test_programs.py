@@ -6,9 +6,11 @@ import os
 import pickle
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import jax
+import numpy as np
 import pytest
 from aim import TINY, Aim, assert_equal
 
@@ -124,6 +126,37 @@ def test_options_of_jax_are_a_part_of_the_key(tmp_path, traced):
     finally:
         jax.config.update("jax_default_matmul_precision", old)
     assert len(traced) == 2
+
+
+@pytest.mark.parametrize("gate", ["warp", "two GPUs", "two processes"])
+def test_what_was_not_tried_is_traced_by_every_run(tmp_path, traced, monkeypatch, gate):
+    config, learner = CONFIG, PPO(Aim(), TINY)
+    if gate == "warp":
+        config = dataclasses.replace(CONFIG, impl="warp")
+    elif gate == "two processes":
+        monkeypatch.setattr(jax, "process_count", lambda: 2)
+    else:
+        gpus = np.array([types.SimpleNamespace(platform="gpu")] * 2)
+        monkeypatch.setattr(learner, "mesh", types.SimpleNamespace(size=2, devices=gpus))
+    own = learner.programs
+    use_kept(learner, config, MODEL, tmp_path)
+    assert learner.programs is own
+    assert traced == list(tmp_path.iterdir()) == []
+
+
+def test_old_files_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(programs, "KEPT", 2)
+    for age, name in enumerate(("newest", "newer", "old", "oldest")):
+        file = tmp_path / f"{name}.programs"
+        programs._write(file, {})
+        os.utime(file, (1e9 - age, 1e9 - age))
+    (tmp_path / "notes.txt").write_text("of somebody else's")
+    use(tmp_path)
+    names = {file.name for file in tmp_path.iterdir()}
+    assert "newest.programs" in names
+    assert {"oldest.programs", "old.programs", "newer.programs"} & names == set()
+    assert len(names) == 3
+    assert "notes.txt" in names
 
 
 def test_edited_sources_are_traced_anew(tmp_path, traced, monkeypatch):
