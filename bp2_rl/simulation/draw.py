@@ -26,13 +26,13 @@ class Draw:
     seed: int  # of the fleet
     number: int  # of the robot in it
 
-    def values(self, hardware: HardwareSpec) -> Randomization:
-        """Return what is drawn, in NumPy; the same for the same robot of the same fleet."""
-        return _drawn(self, hardware)
+    def values(self, hardware: HardwareSpec, bodies: int = 1) -> Randomization:
+        """Return what is drawn, in NumPy, with masses of so many bodies; the same whenever it is asked for."""
+        return _drawn(self, hardware, bodies)
 
     def change_model(self, model: mujoco.MjModel, hardware: HardwareSpec) -> None:
         """Give the model its masses, inertias, trunk's centre of mass, and friction of feet and ground."""
-        drawn = self.values(hardware)
+        drawn = self.values(hardware, model.nbody)
         model.body_mass *= drawn.mass
         model.body_inertia *= drawn.mass[:, None]
         model.body_ipos[model.body("trunk").id] += drawn.com_offset
@@ -70,8 +70,7 @@ class Draw:
 
 
 @functools.lru_cache(maxsize=64)
-def _drawn(draw: Draw, hardware: HardwareSpec) -> Randomization:
-    bodies = hardware.anatomy.nq - 5  # the world, the trunk with its seven coordinates, one for each other coordinate
+def _drawn(draw: Draw, hardware: HardwareSpec, bodies: int) -> Randomization:
     with jax.default_device(jax.devices("cpu")[0]):
         key = jax.random.fold_in(jax.random.PRNGKey(draw.seed), draw.number)
         drawn = randomization.draw(key, draw.ranges, bodies, hardware)

@@ -9,6 +9,7 @@ from runs import no_action, run_one
 from bp2_rl.robot import bp2
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.robot.model import foot_geom_ids
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig, RandomizationConfig
 from bp2_rl.simulation import simulator
 from bp2_rl.simulation.draw import Draw
@@ -81,7 +82,7 @@ def test_a_drawn_robot_runs_as_one_built_so(hardware, drawn, built_so, stiffer, 
 
 def test_each_is_drawn_from_the_ranges_of_training_and_by_itself():
     draws = [Draw(RANGES, 3, number) for number in range(40)]
-    drawn = [draw.values(BUILT) for draw in draws]
+    drawn = [draw.values(BUILT, 18) for draw in draws]
     for name in ("mass", "strength", "latency", "losses"):
         low, high = getattr(RANGES, name)
         values = np.stack([getattr(one, name) for one in drawn])
@@ -89,7 +90,7 @@ def test_each_is_drawn_from_the_ranges_of_training_and_by_itself():
         if high > low:
             assert np.ptp(values) > 0.8 * (high - low), name
             assert len(np.unique(values)) == values.size, name
-    assert draws[0].values(BUILT) is draws[0].values(BUILT)
+    assert draws[0].values(BUILT).latency == drawn[0].latency
     assert Draw(RANGES, 4, 0).values(BUILT).friction != drawn[0].friction
     assert len({draw.noise_seed for draw in draws}) == 40
 
@@ -98,7 +99,7 @@ def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
     draw = Draw(RANGES, 0, 0)
     before = RobotSetup(EnvConfig(hardware=BUILT)).model()
     after = RobotSetup(EnvConfig(hardware=BUILT), drawn=draw).model()
-    drawn = draw.values(BUILT)
+    drawn = draw.values(BUILT, after.nbody)
     np.testing.assert_allclose(after.body_mass, before.body_mass * drawn.mass)
     feet = [after.geom("floor").id, *foot_geom_ids(after)]
     np.testing.assert_allclose(after.geom_friction[feet, 0], drawn.friction)
@@ -106,6 +107,15 @@ def test_the_model_has_what_was_drawn_and_its_legs_keep_their_friction():
     np.testing.assert_array_equal(after.geom_friction[others], before.geom_friction[others])
     assert bp2.LEG_FRICTION in after.geom_friction[others, 0]
     np.testing.assert_allclose(after.body_subtreemass[0], np.sum(after.body_mass))
+
+
+@pytest.mark.parametrize("name", ["go1", "spot"])
+def test_another_robot_is_drawn_too(name):
+    setup = RobotSetup(EnvConfig(hardware=find_robot(name)), drawn=Draw(RANGES, 0, 0))
+    designed = dataclasses.replace(setup, drawn=None).model()
+    masses = setup.model().body_mass[1:] / designed.body_mass[1:]
+    assert len(np.unique(masses)) == designed.nbody - 1
+    assert np.all((masses >= RANGES.mass[0]) & (masses <= RANGES.mass[1]))
 
 
 def test_a_weak_robot_has_weak_motors():
