@@ -63,7 +63,7 @@ class Draw:
 
     @property
     def noise_seed(self) -> int | None:
-        """Of the sensors' noise; None where nothing is drawn."""
+        """Seed of the sensors' noise; None where nothing is drawn."""
         if not self.ranges.enabled:
             return None
         return int(np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0])
