@@ -42,8 +42,8 @@ def docstrings():
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("all", SOURCES, 44_890),
-        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 30_365),
+        ("all", SOURCES, 44_875),
+        ("the core", [path for path in SOURCES if "paper" not in path.relative_to(PACKAGE).parts], 30_350),
     ],
 )
 def test_the_house_does_not_grow_unseen(what, paths, most):

@@ -9,17 +9,12 @@ from jaxtyping import Float
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.clearance import clearance
-from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.draw import Draw
-from bp2_rl.simulation.operator import HEADING_HOLD, HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, sampled_commands
-from bp2_rl.simulation.schedule import Schedule
-from bp2_rl.simulation.simulator import CONVERGED, Numerics
 from bp2_rl.simulation.trajectory import Trajectory
-from bp2_rl.simulation.world import World
 
 EACH = slice(None, None, conventions.SUBSTEPS)  # the milliseconds at which control steps begin
 
@@ -51,37 +46,29 @@ class _RobotRun:
 
 def run_fleet(
     policy: Policy,
-    schedule: Schedule,
-    hardware: HardwareSpec,
+    request: RunRequest,
     ranges: RandomizationConfig,
-    *,
     robots: int,
     seed: int = 0,
-    operator: HeadingHold = HEADING_HOLD,
-    numerics: Numerics = CONVERGED,
     backend: Backend = "mujoco",
 ) -> FleetRun:
     """Run many robots from a standing start, each with its own draw.
 
     Args:
         policy: what all run by; `ranges` take the place of what it was trained with.
-        schedule: the command that all are given.
-        hardware: the robot around which they are drawn.
+        request: the run of the robot around which they are drawn; its own pushes and noise are not used.
         ranges: from what they are drawn.
         robots: how many.
         seed: of everything that is drawn.
-        operator: the outer loop that keeps each robot on its line.
-        numerics: how the physics is computed.
         backend: the simulator.
     """
+    schedule, hardware = request.schedule, request.hardware or policy.card.env.hardware
     draws = [Draw(ranges, seed, number) for number in range(robots)]
+    worlds = [dataclasses.replace(request.world, pushes=draw.pushes(schedule.duration)) for draw in draws]
     requests = [
-        RunRequest(
-            schedule, hardware, operator, World(pushes=draw.pushes(schedule.duration)),
-            noise_seed=draw.noise_seed, numerics=numerics, drawn=draw,
-        )
-        for draw in draws
-    ]  # fmt: skip
+        dataclasses.replace(request, world=world, noise_seed=draw.noise_seed, drawn=draw)
+        for world, draw in zip(worlds, draws, strict=True)
+    ]
     card = policy.card
     noisy = dataclasses.replace(card, env=dataclasses.replace(card.env, randomization=ranges))
     runs = simulate_all(_robot_run, dataclasses.replace(policy, card=noisy), requests, backend)

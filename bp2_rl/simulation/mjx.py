@@ -23,7 +23,7 @@ class MjxSimulator(Simulator):
     are C MuJoCo's for the states and torques, because MJX keeps its own in private fields.
 
     Raises:
-        UserError: a robot has another world than level ground, or other numerics.
+        UserError: a robot has another world than level ground, other numerics, or is drawn.
     """
 
     backend: ClassVar[Backend] = "mjx"
@@ -31,7 +31,7 @@ class MjxSimulator(Simulator):
     def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
         super().__init__(robots, models)
         if any(robot != RobotSetup(robot.config) for robot in robots):
-            raise UserError("MJX runs on level ground without other numerics; use --backend mujoco")
+            raise UserError("MJX runs robots as designed on level ground without other numerics; use --backend mujoco")
         self._throughout[:], self._all_throughout = False, False
         self._physics = [_compiled_step(robot.config.hardware) for robot in robots]
 

@@ -12,10 +12,11 @@ from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation import fleet as module
 from bp2_rl.simulation.fleet import run_fleet
-from bp2_rl.simulation.rollout import simulate
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Ramp
 
 SCHEDULE = Ramp(1.0, hold=0.2)
+REQUEST = RunRequest(SCHEDULE, BUILT)
 NOMINAL = RandomizationConfig(enabled=False)
 
 
@@ -35,7 +36,7 @@ def policy():
 
 
 def test_a_robot_as_designed_runs_as_it_does_alone(policy):
-    fleet = run_fleet(policy, SCHEDULE, BUILT, NOMINAL, robots=2)
+    fleet = run_fleet(policy, REQUEST, NOMINAL, robots=2)
     alone = run_one(policy, SCHEDULE, policy.card.env, hardware=BUILT)
     each = slice(None, None, 5)
     lasted = len(alone.time[each])
@@ -53,7 +54,7 @@ def test_a_robot_as_designed_runs_as_it_does_alone(policy):
 
 def test_fallen_robots_are_known_by_the_time_of_their_fall(policy):
     drawn = RandomizationConfig(push_velocity=5.0, push_interval=0.1)
-    fleet = run_fleet(policy, SCHEDULE, BUILT, drawn, robots=6, seed=3)
+    fleet = run_fleet(policy, REQUEST, drawn, robots=6, seed=3)
     down = fleet.fell_at < np.inf
     assert np.sum(down) >= 3
     assert np.all(fleet.fell_at[down] <= fleet.time[-1])
@@ -70,7 +71,7 @@ def test_the_noise_is_that_of_the_ranges_not_of_the_policys_training(policy, mon
         (policy.card.env.randomization, [request.noise_seed for request in requests], backend)) or [
             module._RobotRun(np.zeros(3), np.zeros(3), 0.015, 0.1, 36.0) for _ in requests])  # fmt: skip
     ranges = dataclasses.replace(RandomizationConfig(), joint_velocity_noise=0.7)
-    run_fleet(policy, SCHEDULE, BUILT, ranges, robots=3, backend="drake")
+    run_fleet(policy, REQUEST, ranges, robots=3, backend="drake")
     [(drawn, seeds, backend)] = asked
     assert drawn == ranges
     assert len(set(seeds)) == 3

@@ -18,7 +18,8 @@ from bp2_rl.robot.conventions import GRAVITY
 from bp2_rl.robot.hardware import HardwareSpec, Losses
 from bp2_rl.robot.kinematics import yaw_of
 from bp2_rl.robot.model import MOTOR_QPOS, MOTOR_QVEL, foot_forces, foot_geom_ids, load_model
-from bp2_rl.settings.env import ControlConfig, EnvConfig, TerminationConfig
+from bp2_rl.settings.env import ControlConfig, EnvConfig, RandomizationConfig, TerminationConfig
+from bp2_rl.simulation.draw import Draw
 from bp2_rl.simulation.metrics import envelope_use, measure
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.rollout import RunRequest, rollout, simulate
@@ -326,9 +327,10 @@ def test_both_simulators_draw_the_same_noise():
     assert np.max(np.abs(runs[1].target[:5] - quiet.target[:5])) > 0.1
 
 
-def test_mjx_refuses_what_it_does_not_run():
-    with pytest.raises(UserError, match="MJX runs on level ground"):
-        run_in_mjx(no_action, SCHEDULE, TROTTING, world=World(slope=0.1))
+@pytest.mark.parametrize("other", [{"world": World(slope=0.1)}, {"drawn": Draw(RandomizationConfig(), 0, 0)}])
+def test_mjx_refuses_what_it_does_not_run(other):
+    with pytest.raises(UserError, match="MJX runs robots as designed on level ground"):
+        run_in_mjx(no_action, SCHEDULE, TROTTING, **other)
 
 
 def test_mjx_keeps_to_the_envelope(trot_in_both):

@@ -30,6 +30,7 @@ from bp2_rl.settings.presets.robots import on_robot
 from bp2_rl.simulation.backend import TITLES
 from bp2_rl.simulation.fleet import FleetRun, run_fleet
 from bp2_rl.simulation.metrics import RIPPLE
+from bp2_rl.simulation.rollout import RunRequest
 from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.simulator import Numerics
 
@@ -84,11 +85,8 @@ def robustness(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Run the fleet and count."""
     robots, seed, robot = setup.robots or NUM_ROBOTS, setup.seed or 0, robot_of(policy, setup)
     drawn = on_robot(EnvConfig(), robot).randomization
-    numerics = Numerics(drake=setup.drake)
-    run = run_fleet(
-        policy, ramp, robot, drawn, robots=robots, seed=seed, operator=setup.operator, numerics=numerics,
-        backend=setup.backend,
-    )  # fmt: skip
+    request = RunRequest(ramp, robot, setup.operator, numerics=Numerics(drake=setup.drake))
+    run = run_fleet(policy, request, drawn, robots, seed, setup.backend)
     metrics = measure_fleet(run)
     said = conditions(policy, describe_ramp(ramp), describe_simulator(setup.backend, robot, setup.drake), setup)
     return Evaluation(

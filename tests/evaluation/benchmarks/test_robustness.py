@@ -125,8 +125,8 @@ def test_the_ranges_are_said_in_words():
 def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, assert_fits, backend):
     asked = {}
 
-    def run_fleet(policy, schedule, hardware, ranges, **rest):
-        asked.update(rest, schedule=schedule, hardware=hardware, ranges=ranges)
+    def run_fleet(policy, request, ranges, robots, seed, backend):
+        asked.update(request=request, ranges=ranges, robots=robots, seed=seed, backend=backend)
         return make_fleet([9.0, 9.5])
 
     monkeypatch.setattr(module, "run_fleet", run_fleet)
@@ -134,10 +134,10 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     if backend == "drake":
         pytest.importorskip("pydrake")
     evaluation = robustness(policy, ramp_to_robustness(policy, setup), setup)
-    ramp = asked["schedule"]
+    ramp = asked["request"].schedule
     assert (ramp.target, ramp.acceleration, ramp.hold) == ((10.74, 0.0, 0.0), 2.4, 15.0)
     assert (asked["robots"], asked["seed"], asked["backend"]) == (200, 0, backend)
-    assert asked["hardware"].solid_legs
+    assert asked["request"].hardware.solid_legs
     assert asked["ranges"] == on_robot(EnvConfig(), BUILT).randomization  # not the policy's own
     assert evaluation.good
     assert evaluation.trajectory is None
@@ -145,7 +145,7 @@ def test_the_fleet_runs_at_the_papers_outdoor_speed(make_policy, monkeypatch, as
     assert_fits(evaluation)
     other = Setup(backend=backend, robots=7, seed=5, speed=8.0, acceleration=2.0, hold=3.0)
     robustness(policy, ramp_to_robustness(policy, other), other)
-    ramp = asked["schedule"]
+    ramp = asked["request"].schedule
     assert (asked["robots"], asked["seed"], ramp.target[0], ramp.acceleration, ramp.hold) == (7, 5, 8.0, 2.0, 3.0)
 
 
