@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import conventions
-from bp2_rl.robot.clearance import clearance
 from bp2_rl.settings.env import RandomizationConfig
 from bp2_rl.simulation.backend import Backend
 from bp2_rl.simulation.draw import Draw
+from bp2_rl.simulation.gait import leg_room
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, sampled_commands
 from bp2_rl.simulation.trajectory import Trajectory
@@ -95,11 +95,10 @@ def run_fleet(
 
 
 def _robot_run(_: RunRequest, run: Trajectory) -> _RobotRun:
-    room = clearance(run.joint_position[EACH].reshape(-1, 4, 3), run.spring_compression[EACH], run.hardware)
     return _RobotRun(
         speed=run.ground_velocity[EACH, 0],
         offset=run.qpos[EACH, 1],
         fell_at=math.inf if run.fell_at is None else run.fell_at,
-        leg_room=float(np.min(room.least)),
+        leg_room=float(np.min(leg_room(run, EACH).least)),
         mass=run.mass,
     )

@@ -65,10 +65,10 @@ def on_stop(run: Trajectory) -> Bool[np.ndarray, "N 4"]:
     return run.spring_compression > run.hardware.spring_travel
 
 
-def leg_room(run: Trajectory) -> Clearance:
-    """How far legs are from each other and from the trunk at every sample, m, each " N"; solid or not."""
-    joints, compression = run.joint_position.reshape(-1, 4, 3), run.spring_compression
-    chunks = (slice(start, start + CHUNK) for start in range(0, len(run), CHUNK))
+def leg_room(run: Trajectory, samples: slice = slice(None)) -> Clearance:
+    """How far legs are from each other and from the trunk at each of the samples, m, each " N"; solid or not."""
+    joints, compression = run.joint_position[samples].reshape(-1, 4, 3), run.spring_compression[samples]
+    chunks = (slice(start, start + CHUNK) for start in range(0, len(joints), CHUNK))
     parts = [clearance(joints[chunk], compression[chunk], run.hardware) for chunk in chunks]
     return Clearance(*(np.concatenate(gaps) for gaps in zip(*parts, strict=True)))
 

@@ -128,8 +128,9 @@ def peer_ratio(bench: Bench) -> float | None:
     """How many times as fast as stock Brax we act, or as Playground we train; None where that was not measured."""
     if bench.peer is None:
         return None
-    ours, theirs = bench.peer.rate("acting"), bench.peer.rate("brax")
-    if bench.playground is not None:
+    if bench.playground is None:
+        ours, theirs = bench.peer.rate("acting"), bench.peer.rate("brax")
+    else:
         ours, theirs = bench.peer.rate("training"), bench.playground.control_steps_per_second
     return ours / theirs if ours and theirs else None
 
