@@ -24,7 +24,9 @@ from bp2_rl.simulation.operator import HeadingHold
 
 DEFAULT_POLICY = "policies/built"
 REGISTRY = "bp2_rl.evaluation.benchmarks.registry"
-BenchmarkName = Literal["topspeed", "sprint", "robustness", "manoeuvres", "convergence", "losses", "sensitivity", "all"]
+BenchmarkName = Literal[
+    "topspeed", "sprint", "robustness", "manoeuvres", "disturbances", "convergence", "losses", "sensitivity", "all"
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,10 +44,11 @@ class EvalConfig:
     """A policy that ships, by its name, or the folder of a policy or of a run."""
     benchmark: BenchmarkName = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
-    robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground. convergence:
-    topspeed under finer physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint
-    on robots other than the one assumed. all: one after the other. `bp2 paper eval` has the deep ones: endurance,
-    mechanism, efficiency, stability."""
+    robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground.
+    disturbances: harder pushes, at all phases of a stride, and rougher ground. convergence: topspeed under finer
+    physics. losses: what each loss costs, alone and together. sensitivity: topspeed and sprint on robots other than
+    the one assumed. all: one after the other. `bp2 paper eval` has the deep ones: endurance, mechanism, efficiency,
+    stability."""
     robot: RobotWish = None
     """built: BP2 with losses and solid legs; ideal: without; by default built, or the policy's own robot where that is
     neither"""

@@ -98,6 +98,7 @@ class SymmetricMLP(linen.Module):
     outputs: Mirror
     layer_sizes: Sequence[int]
     activation: Any
+    dtype: Any  # of the hidden layers' computation
     output_kernel_init: Any = HIDDEN
 
     @linen.compact
@@ -117,9 +118,10 @@ class SymmetricMLP(linen.Module):
                 blocks[f"odd_{i}"] = self.param(f"odd_{i}", init, (given[1], wanted[1]))
             blocks[f"bias_{i}"] = self.param(f"bias_{i}", jax.nn.initializers.zeros, (wanted[0],))
         *hidden, (weight, bias) = _assemble(blocks, first, last)
+        x = x.astype(self.dtype)
         for one, offset in hidden:
-            x = self.activation(x @ one + offset)
-        return x @ weight + bias
+            x = self.activation(x @ one.astype(self.dtype) + offset.astype(self.dtype))
+        return x.astype(weight.dtype) @ weight + bias
 
 
 def _assemble(blocks: Mapping[str, Any], first: Bases, last: Bases) -> list[tuple[Any, Any]]:
@@ -154,12 +156,15 @@ class SymmetricPolicy(linen.Module):
     outputs: Mirror
     layer_sizes: Sequence[int]
     activation: Any
+    dtype: Any
     initial_std: float
 
     @linen.compact
     def __call__(self, x: Float[Array, "*batch inputs"]) -> tuple[Array, Array]:
         """(Mean, standard deviation), each of shape (*batch, outputs)."""
-        mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, self.activation, FIRST_OUTPUTS())(x)
+        mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, self.activation, self.dtype, FIRST_OUTPUTS())(
+            x
+        )
         pairs = np.unique(np.minimum(self.outputs.order, np.arange(len(self.outputs.order))), return_inverse=True)[1]
         constant = jax.nn.initializers.constant(np.log(self.initial_std))
         log_std = self.param("log_std", constant, (int(pairs.max()) + 1,))
@@ -168,9 +173,9 @@ class SymmetricPolicy(linen.Module):
 
 def _symmetric_networks(mirrors: Mapping[str, Mirror], config: PPOConfig) -> networks.PPONetworks:
     seen = CRITIC if CRITIC in mirrors else POLICY
-    activation = ACTIVATIONS[config.activation]
-    actor = SymmetricPolicy(mirrors[POLICY], mirrors["action"], config.policy_layers, activation, config.initial_std)
-    critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, activation)
+    how = (ACTIVATIONS[config.activation], jnp.dtype(config.dtype))
+    actor = SymmetricPolicy(mirrors[POLICY], mirrors["action"], config.policy_layers, *how, config.initial_std)
+    critic = SymmetricMLP(mirrors[seen], Mirror((0,), (1,)), config.value_layers, *how)
 
     def network(module: linen.Module, key: str, finish: Any) -> brax_networks.FeedForwardNetwork:
         def apply(statistics: Any, params: Any, observation: Mapping[str, Array]) -> Any:

@@ -14,17 +14,18 @@ from bp2_rl.robot.kinematics import yaw_of
 
 LENGTH, BREADTH = 130.0, 12.0  # m, of the rough ground: from 5 m behind the start, to both sides of it
 BEHIND = 5.0  # m
-GRID = 0.1  # m, between the points whose heights are drawn
 EVEN = 1.0  # m, around the start: there it is even
 
 
 @dataclasses.dataclass(frozen=True)
 class Push(Bounded, path="push."):
-    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in the frame of its heading."""
+    """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in the frame of its heading, and
+    its yaw rate by `turn` (rad/s)."""
 
     time: Annotated[float, Within(0.0, 600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
     left: Annotated[float, Within(-10.0, 10.0)]  # m/s
+    turn: Annotated[float, Within(-10.0, 10.0)] = 0.0  # rad/s, to the left
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +35,13 @@ class World(Bounded, path="world."):
     `slope` is in rad, positive where the ground rises ahead; `roughness` in m, from the lowest point to the highest.
 
     On a slope the floor stays the plane z = 0 and gravity tilts: heights, falls and speeds are those over the slope,
-    and sensors are told where the true vertical is. Rough ground is a field of heights drawn evenly, at points `GRID`
+    and sensors are told where the true vertical is. Rough ground is a field of heights drawn evenly, at points `cell`
     apart, and straight between them.
     """
 
     slope: Annotated[float, Within(-0.5, 0.5)] = 0.0  # rad, by which the ground rises along x
     roughness: Annotated[float, Within(0.0, 0.2)] = 0.0  # m, from the lowest point to the highest
+    cell: Annotated[float, Within(0.05, 1.0)] = 0.1  # m, between the points of rough ground whose heights are drawn
     seed: Annotated[int, Within(0, 2**32 - 1)] = 0  # of the rough ground
     pushes: tuple[Push, ...] = ()
 
@@ -56,11 +58,11 @@ class World(Bounded, path="world."):
         """Shove the robot if it is to be shoved at the beginning of this ms."""
         for push in self.pushes:
             if round(push.time / conventions.PHYSICS_STEP) == step:
-                shove(data, push.forward, push.left)
+                shove(data, push.forward, push.left, push.turn)
 
     def heights(self) -> Float[np.ndarray, "rows columns"]:
         """Heights of the rough ground, m: rows along y from the right, columns along x from behind."""
-        rows, columns = (round(size / GRID) + 1 for size in (BREADTH, LENGTH))
+        rows, columns = (round(size / self.cell) + 1 for size in (BREADTH, LENGTH))
         drawn = np.random.default_rng(self.seed).uniform(size=(rows, columns))
         share = (drawn - drawn.min()) / (drawn.max() - drawn.min()) - 0.5
         y, x = np.linspace(-BREADTH / 2, BREADTH / 2, rows), np.linspace(-BEHIND, LENGTH - BEHIND, columns)
@@ -85,11 +87,16 @@ class World(Bounded, path="world."):
 LEVEL = World()
 
 
-def shove(data: mujoco.MjData, forward: float, left: float) -> None:
-    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading."""
+def shove(data: mujoco.MjData, forward: float, left: float, turn: float = 0.0) -> None:
+    """Let the whole robot's velocity jump by so many m/s, in the frame of its heading, and its yaw rate by rad/s."""
     yaw = yaw_of(data.qpos[3:7])
     cos, sin = np.cos(yaw), np.sin(yaw)
     data.qvel[:2] += (cos * forward - sin * left, sin * forward + cos * left)
+    if turn:
+        to_trunk, spin = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(to_trunk, data.qpos[3:7])
+        mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, turn]), to_trunk)
+        data.qvel[3:6] += spin
 
 
 def sensed_pose(

@@ -102,6 +102,28 @@ def test_without_symmetry_the_networks_are_braxs():
     assert {"MLP_0", "Dense_0"} <= set(params["params"])
 
 
+def test_half_the_bits_compute_the_same_but_for_rounding(symmetric):
+    """bfloat16 keeps 8 bits of a number: 2 to 4 of a thousand, of what the hidden layers hold."""
+    _, statistics, actor, critic, observation = symmetric
+    half = make_networks(Shapes(), dataclasses.replace(CONFIG, dtype="bfloat16"))
+    whole = symmetric[0]
+    for name, params in (("policy_network", actor), ("value_network", critic)):
+        exact, rounded = (
+            jax.tree.leaves(getattr(networks, name).apply(statistics, params, observation))[0]
+            for networks in (whole, half)
+        )
+        assert rounded.dtype == jnp.float32
+        error = np.linalg.norm(rounded - exact) / np.linalg.norm(exact)
+        assert 1e-4 < error < 1e-2
+    fresh = half.policy_network.init(jax.random.PRNGKey(0))
+    assert {leaf.dtype for leaf in jax.tree.leaves(fresh)} == {jnp.dtype("float32")}
+
+
+def test_half_the_bits_are_of_symmetric_networks_alone():
+    with pytest.raises(UserError, match=r"ppo\.dtype bfloat16 needs ppo\.symmetric"):
+        PPOConfig(symmetric=False, dtype="bfloat16")
+
+
 def test_layers_of_odd_width_are_refused():
     with pytest.raises(UserError, match="policy_layers must be even"):
         PPOConfig(policy_layers=(32, 15), symmetric=True)

@@ -20,7 +20,7 @@ from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.schedule import Course, Ramp
 from bp2_rl.simulation.simulator import RobotSetup, Simulator, settled
-from bp2_rl.simulation.world import BEHIND, GRID, LEVEL, Push, World, sensed_pose
+from bp2_rl.simulation.world import BEHIND, LEVEL, Push, World, sensed_pose
 
 STANDING = EnvConfig(control=ControlConfig(mode="absolute"))
 TROTTING = EnvConfig()
@@ -67,19 +67,21 @@ def test_sensors_on_a_slope_know_the_true_vertical():
 # --- Rough ground ------------------------------------------------------------------------------------------------
 
 
-def test_rough_ground_has_the_heights_that_it_says():
+@pytest.mark.parametrize("cell", [0.1, 0.4])
+def test_rough_ground_has_the_heights_that_it_says(cell):
     """Found from above, with MuJoCo's rays, at points of the grid and half-way between them."""
-    world = World(roughness=0.03, seed=1)
+    world = World(roughness=0.03, cell=cell, seed=1)
     heights = world.heights()
     assert (heights.min(), heights.max()) == pytest.approx((-0.015, 0.015))
     simulator = Simulator([RobotSetup(STANDING, world)])
     model, data = simulator.models[0], simulator.data[0]
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
-    row = heights.shape[0] // 2 + 20  # 2 m to the left
-    for column in (0, 30, 777, 1250):
+    row = heights.shape[0] // 2 + round(2.0 / cell)  # 2 m to the left
+    for place in (0.0, 4.0, 76.0, 124.0):
+        column = round(place / cell)
         for between in (0.0, 0.5):
-            start = np.array([(column + between) * GRID - BEHIND, 2.0, 1.0])
+            start = np.array([(column + between) * cell - BEHIND, 2.0, 1.0])
             hit = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, True, -1, np.zeros(1, np.int32))
             expected = (1.0 - between) * heights[row, column] + between * heights[row, column + 1]
             assert 1.0 - hit == pytest.approx(expected, abs=1e-6)  # MuJoCo keeps heights in float32
@@ -118,6 +120,18 @@ def test_a_push_is_a_jump_of_the_velocity_in_the_frame_of_the_heading():
     expected = np.cos(yaw) + 0.5 * np.sin(yaw), np.sin(yaw) - 0.5 * np.cos(yaw)
     np.testing.assert_allclose(jump[:2], expected, rtol=1e-12)
     np.testing.assert_array_equal(jump[2:], 0.0)
+
+
+def test_a_push_turns_the_robot_about_the_vertical_however_its_trunk_tilts():
+    """MuJoCo's free joint has its angular velocity in the trunk's frame."""
+    data = mujoco.MjData(load_model())
+    data.qpos[3:7] = np.array([0.9, 0.3, -0.2, 0.25]) / math.sqrt(1.0025)
+    World(pushes=(Push(0.0, 0.0, 0.0, 0.5),)).push(data, 0)
+    mujoco.mj_forward(load_model(), data)
+    turning = np.zeros(6)
+    mujoco.mj_objectVelocity(load_model(), data, mujoco.mjtObj.mjOBJ_BODY, 1, turning, 0)
+    np.testing.assert_allclose(turning[:3], (0.0, 0.0, 0.5), atol=1e-12)
+    np.testing.assert_array_equal(np.delete(data.qvel, slice(3, 6)), 0.0)
 
 
 def test_a_push_comes_in_the_ms_that_it_says_and_changes_nothing_before():
@@ -159,7 +173,7 @@ def test_a_gyro_strays_by_its_bias_and_leaves_the_rest_of_the_pose():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"slope": 1.0}, {"roughness": -0.01}, {"roughness": math.nan}, {"seed": -1}],
+    [{"slope": 1.0}, {"roughness": -0.01}, {"roughness": math.nan}, {"cell": 0.01}, {"seed": -1}],
 )
 def test_impossible_worlds_are_refused(wrong):
     with pytest.raises(UserError, match=r"world\."):

@@ -8,6 +8,7 @@ from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation.benchmarks.convergence import convergence
 from bp2_rl.evaluation.benchmarks.losses import losses, ramp_to_losses
 from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import manoeuvres
+from bp2_rl.evaluation.benchmarks.manoeuvres.disturbances import disturbances, ramp_to_disturbances
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation
 from bp2_rl.evaluation.benchmarks.robustness import ramp_to_robustness, robustness
@@ -45,6 +46,7 @@ BENCHMARKS = {
         ("backend", "robot", "speed", "acceleration", "hold", "robots", "seed", "operator", "drake"),
     ),
     "manoeuvres": Benchmark(ramp_to_topspeed, manoeuvres, ("robot", "speed", "seed", "operator")),
+    "disturbances": Benchmark(ramp_to_disturbances, disturbances, ("robot", "speed", "seed", "operator")),
     "convergence": Benchmark(ramp_to_topspeed, convergence, ("robot", "speed", "acceleration", "hold", "operator")),
     "losses": Benchmark(ramp_to_losses, losses, ("speed", "acceleration", "hold", "operator")),
     "sensitivity": Benchmark(ramp_to_sensitivity, sensitivity, ("robot", "speed", "acceleration", "hold", "operator")),

@@ -25,7 +25,9 @@ def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
         randomization=RandomizationConfig(friction=ranges_of(robot).friction, losses=ranges_of(robot).losses),
         reward=(PAPER if weights == "paper" else OURS)["imitation"],
     )
-    ppo = PPOConfig(symmetric=True, averaging=0.9, critic_steps=6, desired_kl=0.02, entropy_cost=2e-3)
+    ppo = PPOConfig(
+        symmetric=True, dtype="bfloat16", averaging=0.9, critic_steps=6, desired_kl=0.02, entropy_cost=2e-3
+    )
     return TrainConfig("imitation", env, ppo, RunConfig(steps=40_000_000, judged=60), impl="kernel")
 
 
@@ -45,6 +47,7 @@ def relaxed(weights: Weights, robot: HardwareSpec) -> TrainConfig:
         reward=PAPER["relaxed"] if weights == "paper" else dataclasses.replace(OURS["relaxed"], stand=1.0),
     )
     ppo = PPOConfig(
-        symmetric=True, averaging=0.9, learning_rate=1e-4, desired_kl=0.02, entropy_cost=2e-3, entropy_decay=200.0
-    )
+        symmetric=True, dtype="bfloat16", averaging=0.9, learning_rate=1e-4, desired_kl=0.02, entropy_cost=2e-3,
+        entropy_decay=200.0,
+    )  # fmt: skip
     return TrainConfig("relaxed", env, ppo, RunConfig(steps=100_000_000, judged=60), impl="kernel")

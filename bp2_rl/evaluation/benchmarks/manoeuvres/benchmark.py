@@ -46,17 +46,15 @@ from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
-from bp2_rl.simulation.world import EVEN, GRID
+from bp2_rl.simulation.world import EVEN, World
 
 TILES = "Passed", "Fell", "Hardest stop", "Hardest launch", "Creep", "Nobody steering"
 
 
-@dataclasses.dataclass(frozen=True)
-class ManoeuvreMetrics:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tries:
     """All tries."""
 
-    level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
-    cruise: float  # m/s, of stops and pushes
     passed: int
     fell: int
     outcomes: tuple[ManoeuvreOutcome, ...]
@@ -66,6 +64,19 @@ class ManoeuvreMetrics:
         """By what was tried."""
         return {name: tuple(group) for name, group in itertools.groupby(self.outcomes, key=lambda o: o.group)}
 
+    @property
+    def passes(self) -> dict[str, str]:
+        """How many of each group passed, in words."""
+        return {name: share_of(group) for name, group in self.groups.items()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ManoeuvreMetrics(Tries):
+    """All manoeuvres, and what they were measured by."""
+
+    level_speed: float  # m/s, best 1-s mean at the top speed's command, on level ground
+    cruise: float  # m/s, of stops and pushes
+
 
 def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     """Try them all."""
@@ -74,7 +85,8 @@ def manoeuvres(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     cruise = cruising_speed(policy)
     sizes = sizes_of(robot, top_speed(policy), cruise, policy.card.env.commands)
     asked = all_manoeuvres(ramp, level, robot, setup.operator, setup.seed or 0, sizes)
-    metrics = summarise(level, cruise, simulate_all(outcome_of, policy, asked))
+    tries = summarise(simulate_all(outcome_of, policy, asked))
+    metrics = ManoeuvreMetrics(**vars(tries), level_speed=level, cruise=cruise)
     caption = CAPTION_OF_BP2 if robot.is_bp2 else CAPTION
     said = conditions(policy, describe_schedules(cruise), describe_simulator("mujoco", robot), setup)
     return Evaluation(
@@ -135,7 +147,7 @@ def describe_schedules(cruise: float) -> str:
 
 GROUND = (
     "slope: gravity tilts, the robot's sensors know the true vertical, heights and falls are over the slope; rough "
-    f"ground: heights drawn evenly at points {GRID:g} m apart, straight between them, the figure from lowest to "
+    f"ground: heights drawn evenly at points {World.cell:g} m apart, straight between them, the figure from lowest to "
     f"highest, even for {EVEN:g} m around the start; pushes: the whole robot's velocity jumps, in its heading's frame"
 )
 MEASURES = (
@@ -145,13 +157,18 @@ MEASURES = (
 )
 
 
-def summarise(level_speed: float, cruise: float, outcomes: Sequence[ManoeuvreOutcome]) -> ManoeuvreMetrics:
+def summarise(outcomes: Sequence[ManoeuvreOutcome]) -> Tries:
     """Count."""
     passed, fell = (sum(flags) for flags in zip(*((o.passed, o.fell_at is not None) for o in outcomes), strict=True))
-    return ManoeuvreMetrics(level_speed, cruise, passed, fell, tuple(outcomes))
+    return Tries(passed=passed, fell=fell, outcomes=tuple(outcomes))
 
 
-def verdict(metrics: ManoeuvreMetrics) -> str:
+def share_of(group: Sequence[ManoeuvreOutcome]) -> str:
+    """How many passed, in words."""
+    return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
+
+
+def verdict(metrics: Tries) -> str:
     """The sheet in one sentence."""
     falls = "without a fall" if metrics.fell == 0 else "one fall" if metrics.fell == 1 else f"{metrics.fell} falls"
     return f"{metrics.passed} of {len(metrics.outcomes)} manoeuvres passed, {falls}."
@@ -177,14 +194,11 @@ def manoeuvre_rows(metrics: ManoeuvreMetrics) -> tuple[Row, ...]:
             show(_astray(metrics), ".1f", "m"),
             f"how far the trunk's edge strays within {TRACK:g} m",
         ),
-        *(
-            Row(name, f"{sum(o.passed for o in group)} of {len(group)}", group[0].rule)
-            for name, group in groups.items()
-        ),
+        *(Row(name, share_of(group), group[0].rule) for name, group in groups.items()),
     )
 
 
-def manoeuvre_table(metrics: ManoeuvreMetrics) -> Table:
+def manoeuvre_table(metrics: Tries) -> Table:
     """Every try."""
     head = "Manoeuvre", "Asked", "Did", "Fall", "Passed", "Measured, in SI units"
     return Table(
@@ -200,7 +214,6 @@ def manoeuvre_table(metrics: ManoeuvreMetrics) -> Table:
 
 def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
     """What a policy's card says of them: how many of each passed, and what each try did."""
-    groups = metrics.groups
     return rounded(
         {
             "level_speed": metrics.level_speed,
@@ -209,14 +222,10 @@ def manoeuvre_results(metrics: ManoeuvreMetrics) -> dict[str, object]:
             "fell": metrics.fell,
             "creep": _creep(metrics),
             "astray": _astray(metrics),
-            "passes": {name: _share(group) for name, group in groups.items()},
-            "did": {name: {o.asked: o.did for o in group} for name, group in groups.items()},
+            "passes": metrics.passes,
+            "did": {name: {o.asked: o.did for o in group} for name, group in metrics.groups.items()},
         }
     )
-
-
-def _share(group: Sequence[ManoeuvreOutcome]) -> str:
-    return f"{sum(outcome.passed for outcome in group)} of {len(group)}"
 
 
 def _creep(metrics: ManoeuvreMetrics) -> float | None:

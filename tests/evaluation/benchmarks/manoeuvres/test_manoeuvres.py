@@ -177,8 +177,9 @@ def test_the_hardest_is_the_last_before_the_first_that_fails():
 
 
 def test_falls_and_passes_are_counted():
-    metrics = summarise(10.0, 10.74, [outcome(), outcome(False), outcome(False, fell_at=2.0)])
+    metrics = summarise([outcome(), outcome(False), outcome(False, fell_at=2.0)])
     assert (metrics.passed, metrics.fell) == (1, 1)
+    assert metrics.passes == {"a": "1 of 3"}
     assert verdict(metrics) == "1 of 3 manoeuvres passed, one fall."
 
 
