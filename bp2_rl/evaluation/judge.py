@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import math
 import os
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
 
-AT_A_TIME = 2  # most policies that are judged side by side
+AT_A_TIME = 4  # most policies that are judged side by side
 NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge
 
 
@@ -71,8 +71,9 @@ JUDGED_LAUNCHES = (
     JudgedLaunch(acceleration=6.0, hold=1.0, noise_seed=2),
     JudgedLaunch(acceleration=3.0, hold=1.0, noise_seed=3, friction=0.75, mass=1.05, latency=0.005),
 )
-"""The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
-has a friction of 0.6. No benchmark launches so by itself: none reports what a policy was chosen by."""
+"""The first launch gives a policy's top speed; the others, once the first has ended without a fall, show whether that
+was luck. In the last one the built robot has a friction of 0.6. No benchmark launches so by itself: none reports what a
+policy was chosen by."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +88,9 @@ class LaunchResult:
     def followed(self) -> float:
         """The speed, m/s, less what is beyond the command: too fast is as wrong as too slow."""
         return self.best_speed - 2.0 * max(self.best_speed - self.command, 0.0)
+
+
+LaunchFuture = Future[list[LaunchResult]]
 
 
 def measure_launches(
@@ -112,7 +116,7 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`."""
+    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`, or of the first alone."""
     mean = sum(one.followed for one in launches) / len(launches)
     return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 
@@ -125,7 +129,7 @@ def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]
         env: of the training.
         cache: where JAX keeps compiled programs, if anywhere.
     """
-    count = min(max(processors() - 1, 1), AT_A_TIME * len(JUDGED_LAUNCHES))
+    count = min(max(processors() - 1, 1), 2 * AT_A_TIME)
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
         # The processes end with the thread that submits the first task, so this thread does.
         for _ in range(count):
@@ -134,43 +138,52 @@ def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that runs the launches of a policy in processes.
+    """A `learning.exports.Judge` that runs the launches of a policy in `count` processes.
 
-    Each launch has a process of its own where there are so many; else one process takes all of them at once, which
-    costs it half of what they cost one by one.
+    Launches that follow the first one have a process each; a single process takes them at once, which costs less than
+    one by one.
     """
 
     def __init__(self, pool: ProcessPoolExecutor, count: int):
-        self._pool, self.places = pool, max(count // len(JUDGED_LAUNCHES), 1)
-        self._tasks = [[one] for one in JUDGED_LAUNCHES] if count >= len(JUDGED_LAUNCHES) else [list(JUDGED_LAUNCHES)]
+        self._pool, self.places = pool, max(count // 2, 1)
+        first, *others = JUDGED_LAUNCHES
+        self._first, self._others = [first], [others] if count == 1 else [[one] for one in others]
 
     def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
         """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
-        tasks = enumerate(self._tasks)
-        return PendingLaunches(
-            [self._pool.submit(_launch, policy, task, None if i else kept, length) for i, task in tasks]
-        )
+        first = self._pool.submit(_launch, policy, self._first, kept, length)
+        return PendingLaunches(first, lambda: [self._pool.submit(_launch, policy, some) for some in self._others])
 
 
 class PendingLaunches:
-    """A `learning.exports.PendingResult` of launches in other processes."""
+    """A `learning.exports.PendingResult` of launches in other processes.
 
-    def __init__(self, launches: Sequence[Future[list[LaunchResult]]]):
-        self._launches = launches
+    Args:
+        first: the first launch.
+        others: submits the others; called once the first has ended without a fall.
+    """
+
+    def __init__(self, first: LaunchFuture, others: Callable[[], Sequence[LaunchFuture]]):
+        self._first, self._submit_others = first, others
+
+    @functools.cached_property
+    def _others(self) -> Sequence[LaunchFuture]:
+        [first] = self._first.result()
+        return [] if first.fell else self._submit_others()
 
     def speed(self) -> float:
         """Return the speed of the first launch, m/s, once it is known; 0 until then."""
-        first = self._launches[0]
+        first = self._first
         known = first.done() and not first.cancelled() and not first.exception()
         return first.result()[0].best_speed if known else 0.0
 
     def done(self) -> bool:
-        """Return whether all launches have ended."""
-        return all(one.done() for one in self._launches)
+        """Return whether all launches have ended; raise whatever kept one from it."""
+        return self._first.done() and all(one.done() for one in self._others)
 
     def result(self) -> JudgeResult:
         """Return the judge's result."""
-        return combine([launch for one in self._launches for launch in one.result()])
+        return combine([launch for one in (self._first, *self._others) for launch in one.result()])
 
 
 # --- In the workers ---------------------------------------------------------------------------------------------

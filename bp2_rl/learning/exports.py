@@ -27,14 +27,15 @@ class JudgeResult:
 
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
-    launches: int
+    launches: int  # one, where the first ended so
     mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off:
     # the better policy has more
 
     def __str__(self) -> str:
         """Return the result in words."""
         speed = [f"{self.speed:.1f} m/s"] if self.speed or not self.falls else []
-        falls = [f"{self.falls} of {self.launches} launches fell"] if self.falls else []
+        count = f"{self.falls} of {self.launches} launches " if self.launches > 1 else ""
+        falls = [f"{count}fell"] if self.falls else []
         return ", ".join(speed + falls)
 
 
@@ -47,7 +48,7 @@ class PendingResult(Protocol):
         ...
 
     def done(self) -> bool:
-        """Return whether the result is there, or there will be none."""
+        """Return whether the result is there; raise whatever kept the judge from it."""
         ...
 
     def result(self) -> JudgeResult:
@@ -125,14 +126,13 @@ class ExportedPolicies:
     def collect(self) -> None:
         """Take in the results that are there."""
         for steps, pending in list(self._pending.items()):
-            if not pending.done() or self._judge is None:
-                continue
-            del self._pending[steps]
             try:
-                result = pending.result()
+                result = pending.result() if self._judge is not None and pending.done() else None
             except Exception as error:
                 self._go_on_without_judge(error)
-            else:
+                return
+            if result is not None:
+                del self._pending[steps]
                 self._add_result(steps, result)
 
     def wait(self, enough: Callable[[], bool]) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import multiprocessing
 import time
+from concurrent.futures import Future
 
 import jax.numpy as jnp
 import pytest
@@ -112,7 +113,7 @@ def wait_for(pending):
 
 @pytest.mark.parametrize("processes", [2, 4])
 def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_policy, monkeypatch, processes):
-    """One process takes all launches at once, three take one each: the results are the same."""
+    """One process takes the others at once, several take one each: the results are the same."""
     monkeypatch.setattr(judging, "processors", lambda: processes)
     policy, before = load_policy(slow_policy), multiprocessing.active_children()
     with judging.open_judge(policy.card.env, None) as judge:
@@ -133,6 +134,19 @@ def test_a_result_comes_from_other_processes_which_end_with_the_judge(slow_polic
     assert not any(worker.is_alive() for worker in workers)
 
 
+def test_a_policy_that_falls_in_its_first_launch_is_launched_no_more():
+    def never():
+        raise AssertionError("launched again")
+
+    first = Future()
+    pending = judging.PendingLaunches(first, never)
+    assert not pending.done()
+    first.set_result([LaunchResult(fell=True, best_speed=0.0)])
+    assert pending.done()
+    assert pending.result() == JudgeResult(0.0, 1, 1, 0.0)
+    assert str(pending.result()) == "fell"
+
+
 def test_a_judge_whose_process_is_killed_says_so(slow_policy):
     before = multiprocessing.active_children()
     with judging.open_judge(load_policy(slow_policy).card.env, None) as judge:
@@ -140,9 +154,8 @@ def test_a_judge_whose_process_is_killed_says_so(slow_policy):
         for worker in multiprocessing.active_children():
             if worker not in before:
                 worker.kill()
-        wait_for(pending)
-        assert pending.speed() == 0.0
         with pytest.raises(RuntimeError, match="terminated abruptly"):
-            pending.result()
+            wait_for(pending)
+        assert pending.speed() == 0.0
         with pytest.raises(RuntimeError):
             judge.submit(slow_policy)

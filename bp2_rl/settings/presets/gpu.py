@@ -25,9 +25,7 @@ def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
         randomization=RandomizationConfig(friction=ranges_of(robot).friction, losses=ranges_of(robot).losses),
         reward=(PAPER if weights == "paper" else OURS)["imitation"],
     )
-    ppo = PPOConfig(
-        symmetric=True, dtype="bfloat16", averaging=0.9, critic_steps=6, desired_kl=0.02, entropy_cost=2e-3
-    )
+    ppo = PPOConfig(symmetric=True, dtype="bfloat16", averaging=0.9, critic_steps=6, desired_kl=0.02, entropy_cost=2e-3)
     return TrainConfig("imitation", env, ppo, RunConfig(steps=40_000_000, judged=60), impl="kernel")
 
 
