@@ -34,9 +34,12 @@ class JudgeResult:
     def __str__(self) -> str:
         """Return the result in words."""
         speed = [f"{self.speed:.1f} m/s"] if self.speed or not self.falls else []
-        count = f"{self.falls} of {self.launches} launches " if self.launches > 1 else ""
-        falls = [f"{count}fell"] if self.falls else []
-        return ", ".join(speed + falls)
+        return ", ".join(speed + ([self.fallen] if self.falls else []))
+
+    @property
+    def fallen(self) -> str:
+        """Return how many launches fell, in words."""
+        return f"{self.falls} of {self.launches} launches fell" if self.launches > 1 else "fell in its first launch"
 
 
 @runtime_checkable

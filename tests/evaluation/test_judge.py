@@ -144,7 +144,7 @@ def test_a_policy_that_falls_in_its_first_launch_is_launched_no_more():
     first.set_result([LaunchResult(fell=True, best_speed=0.0)])
     assert pending.done()
     assert pending.result() == JudgeResult(0.0, 1, 1, 0.0)
-    assert str(pending.result()) == "fell"
+    assert str(pending.result()) == "fell in its first launch"
 
 
 def test_a_judge_whose_process_is_killed_says_so(slow_policy):

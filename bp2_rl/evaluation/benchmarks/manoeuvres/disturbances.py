@@ -53,7 +53,10 @@ def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
     stride = 1.0 / (calm.metrics.stride_frequency or math.inf)
     asked = all_disturbances(speed, stride, robot, setup.operator, setup.seed or 0)
     tries = summarise(simulate_all(outcome_of, policy, asked))
-    told = f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there"
+    told = (
+        f"commands rise to {speed:g} m/s at {COMMAND_ACCELERATION:g} m/s²; pushes after {STEADY:g} s there, of "
+        f"{SHOVE * robot.size.speed:.3g} m/s and {TURN * robot.size.rate:.3g} rad/s"
+    )
     said = conditions(policy, told, describe_simulator("mujoco", robot), setup)
     return Evaluation(
         benchmark="disturbances",
@@ -123,7 +126,7 @@ def _rows(tries: Tries) -> tuple[Row, ...]:
     pushes, grounds = ([o for o in tries.outcomes if o.group.startswith("Push") is push] for push in (True, False))
     return (
         Row("Without a fall", f"{tries.passed} of {len(tries.outcomes)}", "of all"),
-        Row("Pushes", share_of(pushes), f"of {SHOVE:g} m/s and {TURN:g} rad/s times the robot's size"),
+        Row("Pushes", share_of(pushes), f"at {PHASES} phases of a stride, from {len(ARROWS)} sides"),
         Row("Rough ground", share_of(grounds), f"{CROSSING:g} s at the speed"),
         *(Row(name, passes, RULE) for name, passes in tries.passes.items()),
     )
