@@ -42,7 +42,7 @@ class EvalConfig:
 
     run: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY_OR_RUN")] = None
     """A policy that ships, by its name, or the folder of a policy or of a run."""
-    benchmark: BenchmarkName = "topspeed"
+    benchmark: Annotated[BenchmarkName, tyro.conf.arg(metavar="NAME")] = "topspeed"
     """topspeed: ramp to the top speed and hold it. sprint: 100 m from a standing start. robustness: many randomised
     robots at 10.74 m/s. manoeuvres: braking, launches, turns, slow motion, standing, pushes, bad ground.
     disturbances: harder pushes, at all phases of a stride, and rougher ground. convergence: topspeed under finer
