@@ -15,15 +15,8 @@ from bp2_rl.evaluation.benchmarks.conditions import (
     robot_of,
 )
 from bp2_rl.evaluation.benchmarks.manoeuvres import rules
-from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import (
-    GROUND,
-    Tries,
-    manoeuvre_table,
-    outcome_of,
-    share_of,
-    summarise,
-)
-from bp2_rl.evaluation.benchmarks.manoeuvres.figure import CAPTION, manoeuvres_figure
+from bp2_rl.evaluation.benchmarks.manoeuvres.benchmark import Tries, manoeuvre_table, outcome_of, share_of, summarise
+from bp2_rl.evaluation.benchmarks.manoeuvres.figure import manoeuvres_figure
 from bp2_rl.evaluation.benchmarks.manoeuvres.tasks import AFTER_PUSH, ARROWS, STEADY, Make, Manoeuvre, run_up
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.outcome import Evaluation, Picture, Row, rounded
@@ -34,7 +27,7 @@ from bp2_rl.simulation.operator import HeadingHold
 from bp2_rl.simulation.parallel import simulate_all
 from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import COMMAND_ACCELERATION, Course, Ramp
-from bp2_rl.simulation.world import Push, World
+from bp2_rl.simulation.world import EVEN, Push, World
 
 PHASES = 8  # of a stride
 SHOVE, TURN = 1.5, 0.5  # m/s and rad/s of BP2
@@ -43,6 +36,14 @@ CELLS = 0.1, 0.2, 0.4  # m of BP2
 SEEDS = 5  # grounds of each cell
 CROSSING = 6.0  # s, over rough ground at the speed
 RULE = "no fall; shown: off the line"
+GROUND = (
+    "rough ground: heights drawn evenly at points, straight between them, the figure from lowest to highest, even for "
+    f"{EVEN:g} m around the start; pushes: the whole robot's velocity and yaw rate jump, in its heading's frame"
+)
+CAPTION = (
+    "A row a phase of the stride, or a kind of ground; a cell a try: where the push goes, ahead is up, and how far the "
+    "robot went off its line. Red: it fell."
+)
 
 
 def disturbances(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
