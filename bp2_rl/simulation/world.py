@@ -22,7 +22,7 @@ class Push(Bounded, path="push."):
     """At `time` (s) the whole robot's velocity jumps by `forward` and `left` (m/s), in the frame of its heading, and
     its yaw rate by `turn` (rad/s)."""
 
-    time: Annotated[float, Within(0.0, 600.0)]  # s
+    time: Annotated[float, Within(0.0, 3600.0)]  # s
     forward: Annotated[float, Within(-10.0, 10.0)]  # m/s
     left: Annotated[float, Within(-10.0, 10.0)]  # m/s
     turn: Annotated[float, Within(-10.0, 10.0)] = 0.0  # rad/s, to the left
