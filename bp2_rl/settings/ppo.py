@@ -45,7 +45,7 @@ class PPOConfig:
     policy_layers: Layers = (512, 256, 128)
     value_layers: Layers = (512, 256, 128)
     activation: Activation = "swish"
-    dtype: Dtype = "float32"  # of the hidden layers' computation in symmetric networks; weights are float32
+    dtype: Dtype = "float32"  # of the hidden layers' computation in symmetric networks; others are Brax's, of float32
     initial_std: Scale = 0.3
     symmetric: bool = False  # networks that are left-right symmetric by construction; layers are of even width then
 
@@ -57,8 +57,6 @@ class PPOConfig:
                 raise UserError(f"ppo.{name} must name one layer or more")
             if self.symmetric and any(width % 2 for width in getattr(self, name)):
                 raise UserError(f"ppo.{name} must be even where ppo.symmetric is on: units come in mirrored pairs")
-        if self.dtype != "float32" and not self.symmetric:
-            raise UserError(f"ppo.dtype {self.dtype} needs ppo.symmetric: other networks are Brax's, of float32")
         if self.desired_kl is not None and self.max_learning_rate < self.learning_rate:
             raise UserError(
                 f"ppo.max_learning_rate ({self.max_learning_rate:g}) must be at least ppo.learning_rate "

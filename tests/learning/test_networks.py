@@ -119,11 +119,6 @@ def test_half_the_bits_compute_the_same_but_for_rounding(symmetric):
     assert {leaf.dtype for leaf in jax.tree.leaves(fresh)} == {jnp.dtype("float32")}
 
 
-def test_half_the_bits_are_of_symmetric_networks_alone():
-    with pytest.raises(UserError, match=r"ppo\.dtype bfloat16 needs ppo\.symmetric"):
-        PPOConfig(symmetric=False, dtype="bfloat16")
-
-
 def test_layers_of_odd_width_are_refused():
     with pytest.raises(UserError, match="policy_layers must be even"):
         PPOConfig(policy_layers=(32, 15), symmetric=True)
