@@ -162,9 +162,8 @@ class SymmetricPolicy(linen.Module):
     @linen.compact
     def __call__(self, x: Float[Array, "*batch inputs"]) -> tuple[Array, Array]:
         """(Mean, standard deviation), each of shape (*batch, outputs)."""
-        mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, self.activation, self.dtype, FIRST_OUTPUTS())(
-            x
-        )
+        how = (self.activation, self.dtype, FIRST_OUTPUTS())
+        mean = SymmetricMLP(self.inputs, self.outputs, self.layer_sizes, *how)(x)
         pairs = np.unique(np.minimum(self.outputs.order, np.arange(len(self.outputs.order))), return_inverse=True)[1]
         constant = jax.nn.initializers.constant(np.log(self.initial_std))
         log_std = self.param("log_std", constant, (int(pairs.max()) + 1,))
