@@ -22,7 +22,7 @@ def trained(tmp_path_factory):
             "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}",
         }
         runs.append(subprocess.Popen([sys.executable, aim.__file__, str(folder / f"{devices}.npz")], env=environment))
-    assert [run.wait() for run in runs] == [0, 0]
+    assert [run.wait(timeout=240) for run in runs] == [0, 0]
     results = {devices: dict(np.load(folder / f"{devices}.npz")) for devices in (1, 4)}
     assert [int(result["devices"]) for result in results.values()] == [1, 4]
     return results

@@ -1,5 +1,6 @@
 """Training processes that are killed, asked to stop or run out of disk: nothing that was kept is lost or changed."""
 
+import contextlib
 import json
 import os
 import random
@@ -33,8 +34,18 @@ def begin(*arguments, pause=0.0):
     )
 
 
+@contextlib.contextmanager
+def running(*arguments, pause=0.0):
+    """The process, killed at the end: a failed test must not wait until it has trained."""
+    with begin(*arguments, pause=pause) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 def finish(*arguments):
-    with begin(*arguments) as process:
+    with running(*arguments) as process:
         _, error = process.communicate(timeout=120)
     assert process.returncode == 0, error
 
@@ -90,7 +101,7 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
     arguments, kills = [*new, "--out", run], pytestconfig.getoption("--kills")
     for kill in range(kills):
         saved = latest_step(run) or 0
-        with begin(*arguments, pause=0.04) as process:
+        with running(*arguments, pause=0.04) as process:
             wait_for(lambda before=saved: (latest_step(run) or 0) > before, process)
             if kill % 2:
                 time.sleep(moments.uniform(0.0, 0.3))
@@ -113,7 +124,7 @@ def test_a_run_killed_at_any_moment_resumes_to_the_uninterrupted_one(uninterrupt
 )
 def test_a_run_stopped_before_its_first_checkpoint_leaves_nothing(number, line, new, tmp_path):
     run = tmp_path / "runs" / "run"
-    with begin(*new, "--out", run, pause=2.0) as process:
+    with running(*new, "--out", run, pause=2.0) as process:
         wait_for((run / "config.json").exists, process)
         process.send_signal(number)
         _, error = process.communicate(timeout=60)
@@ -125,7 +136,7 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
     run = tmp_path / "run"
     arguments, saved = [*new, "--out", run], 0
     for number, status in ((signal.SIGTERM, 143), (signal.SIGINT, 130)):
-        with begin(*arguments, pause=0.04) as process:
+        with running(*arguments, pause=0.04) as process:
             wait_for(lambda before=saved: (latest_step(run) or 0) > before, process)
             process.send_signal(number)
             _, error = process.communicate(timeout=60)
@@ -141,7 +152,7 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
 
 def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
     run = tmp_path / "run"
-    with begin(*new, "--out", run, pause=60) as process:
+    with running(*new, "--out", run, pause=60) as process:
         wait_for(lambda: (run / "log.txt").exists() and "command" in (run / "log.txt").read_text(), process)
         time.sleep(1)  # into the first train step
         for _ in range(2):
@@ -155,7 +166,7 @@ def test_a_second_ctrl_c_quits_at_once(new, tmp_path):
 
 def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(uninterrupted, new, tmp_path):
     run = tmp_path / "run"
-    with begin(*new, "--out", run, pause=60) as process:
+    with running(*new, "--out", run, pause=60) as process:
         wait_for(lambda: latest_step(run) == 0, process)
         start_again = begin(*new, "--out", run)
         also = begin("--resume", run)
@@ -175,7 +186,7 @@ def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(
 
 def test_a_run_whose_folder_is_deleted_ends_and_leaves_no_other(new, tmp_path):
     run = tmp_path / "run"
-    with begin(*new, "--out", run, pause=0.04) as process:
+    with running(*new, "--out", run, pause=0.04) as process:
         wait_for(lambda: (latest_step(run) or 0) > 0, process)
         run.rename(tmp_path / "moved")
         _, error = process.communicate(timeout=60)
