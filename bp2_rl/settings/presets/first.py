@@ -14,7 +14,7 @@ from bp2_rl.settings.presets.robots import ranges_of
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.settings.training import RunConfig, Stage, TrainConfig, Weights
 
-RUN = RunConfig(steps=1_900_000, logs=30, checkpoints=5, judged=6)
+RUN = RunConfig(steps=2_400_000, logs=40, checkpoints=4, judged=4)
 
 
 def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
