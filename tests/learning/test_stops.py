@@ -175,8 +175,6 @@ def test_of_two_processes_that_resume_a_run_one_does_and_the_other_says_why_not(
             assert other.returncode == 2
             assert why in error
             assert error.count("\n") == 1
-        process.kill()
-        process.communicate()
     both = [begin("--resume", run, pause=0.1) for _ in range(2)]
     errors = [process.communicate(timeout=120)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]
