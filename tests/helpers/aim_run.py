@@ -1,21 +1,38 @@
 """`train.py` as a program of its own, on a stand-in for the robot that compiles in seconds."""
 
+import os
+import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
 from aim import StandIn
 
 from bp2_rl.base import files
-from bp2_rl.cli import train as command
+from bp2_rl.cli import train
 from bp2_rl.learning import run
 from bp2_rl.learning.checkpoint import CHECKPOINTS
 from bp2_rl.learning.ppo import PPO
 
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
 SMALL = [
     "--preset", "smoke", "--ppo.num-envs", "16", "--ppo.unroll-length", "4", "--ppo.num-minibatches", "2",
     "--ppo.policy-layers", "16", "--ppo.value-layers", "16",
 ]  # fmt: skip
+
+
+def command(*arguments, pause=0.0):
+    """What starts a process of it; `pause` is for `main`."""
+    return [sys.executable, __file__, str(pause), *map(str, arguments)]
+
+
+def begin(*arguments, pause=0.0, cwd=None, **environment):
+    """Start a process of it, with pipes for what it prints."""
+    return subprocess.Popen(
+        command(*arguments, pause=pause), cwd=cwd, env={**ENVIRONMENT, "COLUMNS": "200", **environment},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
 
 
 def slowly(function, seconds, *args):
@@ -41,7 +58,7 @@ def main(argv: list[str]) -> int:
     pause = float(argv[0])
     run.make_learner = make_learner
     files.sync = partial(sync_slowly, files.sync, min(pause, 0.05))
-    return command.main(argv[1:])
+    return train.main(argv[1:])
 
 
 if __name__ == "__main__":

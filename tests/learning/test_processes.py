@@ -1,31 +1,21 @@
 """Two processes train as one does: they meet, save, stop and go on together, or end with a line that says why."""
 
 import contextlib
-import os
 import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import aim_run
 import numpy as np
 import pytest
+from aim_run import begin
 
 CHATTER = ("[Gloo]", "Failed to import")
-ROOT = Path(__file__).parents[2]
 STEPS = 20
 NEW = [*aim_run.SMALL, "--run.steps", str(STEPS * 16 * 4), "--run.checkpoints", "2", "--run.logs", str(STEPS)]
-
-
-def begin(*arguments, pause=0.0, cwd=None, **environment):
-    command = [sys.executable, aim_run.__file__, str(pause), *map(str, arguments)]
-    return subprocess.Popen(
-        command, cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
 
 
 def membership(process, port, patience=60):
@@ -157,7 +147,7 @@ assert len(arrays) > 100 and all(x.is_fully_addressable for x in arrays)
     both = [
         subprocess.Popen(
             [sys.executable, "-c", program, str(port), str(process)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+            env=aim_run.ENVIRONMENT, text=True,
         )
         for process in (0, 1)
     ]  # fmt: skip

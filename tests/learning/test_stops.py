@@ -2,36 +2,22 @@
 
 import contextlib
 import json
-import os
 import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import aim_run
 import numpy as np
 import pytest
+from aim_run import begin
 
 from bp2_rl.learning.checkpoint import latest_step
 from bp2_rl.learning.policy import load_policy
 
-ROOT = Path(__file__).parents[2]
 CLOCKS = ("wall_time", "steps_per_second")
 PER_STEP = 16 * 4  # control steps
-
-
-def command(*arguments, pause=0.0):
-    return [sys.executable, aim_run.__file__, str(pause), *map(str, arguments)]
-
-
-def begin(*arguments, pause=0.0):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-    return subprocess.Popen(
-        command(*arguments, pause=pause), env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
 
 
 @contextlib.contextmanager
@@ -207,10 +193,10 @@ def test_a_full_disk_stops_the_run_with_its_last_good_checkpoint(new, total, tmp
     script = (
         'mount -t tmpfs -o size=200k t "$0"; copy="$1"; shift; "$@"; status=$?; cp -r "$0/run" "$copy"; exit $status'
     )
-    arguments = command(*new, "--out", disk / "run")
+    arguments = aim_run.command(*new, "--out", disk / "run")
     done = subprocess.run(
         ["unshare", "-rm", "sh", "-c", script, disk, copy, *arguments],
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
+        env=aim_run.ENVIRONMENT, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 1
     kept = latest_step(copy)
