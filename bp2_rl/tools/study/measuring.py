@@ -10,15 +10,10 @@ from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.env.observations import layout_of
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, measure_launches
 from bp2_rl.learning.exports import POLICIES
-from bp2_rl.learning.monitor import LOG
 from bp2_rl.learning.policy import Policy, load_policy
 from bp2_rl.robot import conventions
-from bp2_rl.simulation.metrics import HELD, RunMetrics, measure
-from bp2_rl.simulation.rollout import RunRequest, simulate
-from bp2_rl.simulation.schedule import Ramp
 
 MEASURED = "measured.json"
-CRUISE = 10.0  # m/s, at which the cost of transport is measured
 LADDER = (1.0, 0.8, 0.6)  # commands under which a policy is launched, shares of the training's fastest
 
 
@@ -28,11 +23,8 @@ class PolicyMeasurement:
 
     control_steps: int  # of all its training, the stages before included
     weights_sha256: str  # of the policy
-    wall_time: float | None  # s, from the beginning of the stage's run, compilation included; None if it was resumed
     top_speed: float  # m/s, best of the launches under LADDER; 0 if all fell
     falls: int  # launches that ended in a fall
-    cruise_speed: float  # m/s, mean under the command that should make it CRUISE; 0 unless held
-    cruise_cost: float | None  # electrical cost of transport there; None unless held within 10 % of CRUISE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,14 +38,13 @@ class _Measured:
 def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
     """Measure each saved policy of a run in order, and write `MEASURED` beside them; measure no policy twice."""
     known = {one.weights_sha256: one for one in read_measurements(run_dir)}
-    resumed = _was_resumed(run_dir)
     result: list[PolicyMeasurement] = []
     names = (name for name in folder_names(run_dir / POLICIES) if name.isdecimal())
     for name in sorted(names, key=int):
         policy = load_policy(run_dir / POLICIES / name, layout_of=layout_of)
         measurement = known.get(policy.card.weights_sha256)
         if measurement is None:
-            measurement = _measure(policy, None if resumed else policy.card.results.get("wall_time"))
+            measurement = _measure(policy)
             jax.clear_caches()  # each policy is a program of its own
         result.append(measurement)
     save_config(run_dir / MEASURED, _Measured(LADDER, tuple(result)))
@@ -69,7 +60,7 @@ def read_measurements(run_dir: Path) -> list[PolicyMeasurement]:
     return list(measured.policies) if measured.ladder == LADDER else []
 
 
-def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
+def _measure(policy: Policy) -> PolicyMeasurement:
     env, best, falls = policy.card.env, 0.0, 0
     for share in LADDER:
         if best >= share * env.commands.max_forward:
@@ -78,30 +69,9 @@ def _measure(policy: Policy, wall_time: float | None) -> PolicyMeasurement:
         [launch] = measure_launches(policy, env, [asked])
         falls += launch.fell
         best = max(best, launch.best_speed)
-    cruise = _cruise(policy, CRUISE)
-    if cruise.fell_at is None and cruise.mean_speed > 0.5 * CRUISE:
-        cruise = _cruise(policy, CRUISE**2 / cruise.mean_speed)  # correct for a robot slower or faster than commanded
-    cruising = cruise.fell_at is None and abs(cruise.mean_speed - CRUISE) <= 0.1 * CRUISE
     return PolicyMeasurement(
         control_steps=policy.card.physics_steps // conventions.SUBSTEPS,
         weights_sha256=policy.card.weights_sha256,
-        wall_time=wall_time,
         top_speed=best,
         falls=falls,
-        cruise_speed=cruise.mean_speed if cruise.fell_at is None else 0.0,
-        cruise_cost=cruise.electrical_cost_of_transport if cruising else None,
     )
-
-
-def _cruise(policy: Policy, speed: float) -> RunMetrics:
-    """Run a policy at a commanded speed, m/s, at most the fastest command of its training."""
-    env = policy.card.env
-    ramp = Ramp((min(speed, env.commands.max_forward), 0.0, 0.0), hold=HELD).under(env.control)
-    [run] = simulate(policy, [RunRequest(ramp)])
-    return measure(run)
-
-
-def _was_resumed(run_dir: Path) -> bool:
-    """Return whether more than one process trained a run."""
-    log = run_dir / LOG
-    return log.is_file() and " resumed at step " in log.read_text()

@@ -1,6 +1,7 @@
 """What came out of a study: each variant over its seeds, and the table of them."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from bp2_rl.tools.study.plan import VARIANTS, Training
 
 GOAL = bp2.OUTDOOR_TOP_SPEED  # m/s
 RESAMPLES = 10_000
+BASELINE = "ours"
+"""The variant that the others are compared with."""
 
 
 Stages = tuple[list[PolicyMeasurement], list[PolicyMeasurement]]
@@ -29,11 +32,7 @@ class Outcome:
     seeds: tuple[int, ...]  # those that were trained and judged to the end
     top_speeds: tuple[float, ...]  # m/s, of the last policies, by seed
     imitation_top_speeds: tuple[float, ...]  # m/s, of the policies that the relaxed stage began with
-    best_imitation_top_speeds: tuple[float, ...]  # m/s, of the fastest ones before it
-    cruise_costs: tuple[float | None, ...]
-    imitation_cruise_costs: tuple[float | None, ...]
     steps_to_goal: tuple[int | None, ...]  # control steps of the first saved policy that reaches GOAL
-    seconds_to_goal: tuple[float | None, ...]  # s of wall time until it was saved
     top_speed: float  # m/s, interquartile mean over seeds
     top_speed_interval: tuple[float, float]  # m/s, bootstrap, 95 %
 
@@ -44,18 +43,12 @@ def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
     if not stages:
         return None
     final = np.array([second[-1].top_speed for _, second in stages.values()])
-    goals = [_goal(*both) for both in stages.values()]
-    firsts = [first for first, _ in stages.values()]
     return Outcome(
         variant=variant,
         seeds=tuple(stages),
         top_speeds=tuple(final.tolist()),
-        imitation_top_speeds=tuple(first[-1].top_speed for first in firsts),
-        best_imitation_top_speeds=tuple(max(j.top_speed for j in first) for first in firsts),
-        cruise_costs=tuple(second[-1].cruise_cost for _, second in stages.values()),
-        imitation_cruise_costs=tuple(first[-1].cruise_cost for first in firsts),
-        steps_to_goal=tuple(steps for steps, _ in goals),
-        seconds_to_goal=tuple(seconds for _, seconds in goals),
+        imitation_top_speeds=tuple(first[-1].top_speed for first, _ in stages.values()),
+        steps_to_goal=tuple(_steps_to_goal(first + second) for first, second in stages.values()),
         top_speed=float(interquartile_mean(final)),
         top_speed_interval=bootstrap_interval(final),
     )
@@ -74,14 +67,8 @@ def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, S
     return {seed: both for seed, both in stages.items() if all(both)}
 
 
-def _goal(first: list[PolicyMeasurement], second: list[PolicyMeasurement]) -> tuple[int | None, float | None]:
-    """(control steps, wall time) of the first policy of a run and its sequel that reaches GOAL."""
-    whole = first[-1].wall_time
-    for measurement, before in [(j, 0.0) for j in first] + [(j, whole) for j in second]:
-        if measurement.top_speed >= GOAL:
-            here = measurement.wall_time
-            return measurement.control_steps, None if here is None or before is None else before + here
-    return None, None
+def _steps_to_goal(policies: list[PolicyMeasurement]) -> int | None:
+    return next((policy.control_steps for policy in policies if policy.top_speed >= GOAL), None)
 
 
 def interquartile_mean(values: Float[np.ndarray, "n ..."]) -> Float[Any, "..."]:
@@ -96,28 +83,36 @@ def bootstrap_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def difference_interval(values: Sequence[float], others: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of the difference of two means, by Welch's t-test; infinite where the values do not tell how far
+    they scatter."""
+    if min(len(values), len(others)) < 2 or len({*values, *others}) < 3:
+        return -math.inf, math.inf
+    low, high = stats.ttest_ind(values, others, equal_var=False).confidence_interval()
+    return float(low), float(high)
+
+
 def table(outcomes: Sequence[Outcome]) -> str:
     """The outcomes in Markdown."""
+    recipe = next((o.top_speeds for o in outcomes if o.variant == BASELINE), ())
     head = (
-        "variant", "seeds", "top speed [m/s]", "95 %", "by seed", "after imitation", "best of imitation",
-        "cost at 10 m/s", "after imitation", f"M steps to {GOAL} m/s", f"s to {GOAL} m/s",
+        "variant", "seeds", "top speed [m/s]", "95 %", f"minus {BASELINE}, 95 %", "by seed", "after imitation",
+        f"M steps to {GOAL} m/s",
     )  # fmt: skip
     lines = [head, ("---", *("---:",) * (len(head) - 1))]
     for o in outcomes:
         low, high = o.top_speed_interval
+        less, more = difference_interval(o.top_speeds, () if o.variant == BASELINE else recipe)
         lines.append(
             (
                 o.variant,
                 ", ".join(map(str, o.seeds)),
                 f"{o.top_speed:.2f}",
                 f"{low:.2f}-{high:.2f}",
+                f"{less:+.2f} to {more:+.2f}" if math.isfinite(less + more) else "-",
                 _each(o.top_speeds, "{:.2f}"),
                 _each(o.imitation_top_speeds, "{:.2f}"),
-                _each(o.best_imitation_top_speeds, "{:.2f}"),
-                _each(o.cruise_costs, "{:.2f}"),
-                _each(o.imitation_cruise_costs, "{:.2f}"),
                 _each([None if s is None else s / 1e6 for s in o.steps_to_goal], "{:.0f}"),
-                _each(o.seconds_to_goal, "{:.0f}"),
             )
         )
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
