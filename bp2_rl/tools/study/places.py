@@ -20,6 +20,7 @@ from bp2_rl.base.serialization import utc_now
 from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
 from bp2_rl.learning.exports import POLICIES
 from bp2_rl.settings.jobs import JobsConfig
+from bp2_rl.simulation.parallel import compute_here
 
 TRAIN = ("-m", "bp2_rl", "train")
 GRACE = 120
@@ -108,7 +109,7 @@ class Resources:
         """
         here = self.jobs.executor == "here"
         place: Place = Here(self.gpus, lock, self.say) if here else Jobs(self.jobs, folder, self.say)
-        with spawned(self.judges, use_cpu) as measuring, ThreadPoolExecutor(place.slots) as threads:
+        with spawned(self.judges, compute_here) as measuring, ThreadPoolExecutor(place.slots) as threads:
             try:
                 yield place, measuring, threads
             except BaseException:
@@ -126,13 +127,6 @@ def visible_gpus() -> tuple[str, ...]:
         return ()
     listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True).stdout
     return tuple(map(str, range(sum(line.startswith("GPU") for line in listed.splitlines()))))
-
-
-def use_cpu() -> None:
-    """Let JAX compute on the CPU in this process, and leave the GPUs to the trainings."""
-    import jax
-
-    jax.config.update("jax_platforms", "cpu")
 
 
 class Here:
@@ -261,7 +255,7 @@ class Job:
         self._process = None
         from bp2_rl.tools.study.measuring import measure_policies
 
-        use_cpu()
+        compute_here()
         measure_policies(self._run_dir)
         return True
 
