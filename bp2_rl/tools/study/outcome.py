@@ -18,8 +18,6 @@ GOAL = bp2.OUTDOOR_TOP_SPEED  # m/s
 RESAMPLES = 10_000
 BASELINE = "ours"
 """The variant that the others are compared with."""
-
-
 Stages = tuple[list[PolicyMeasurement], list[PolicyMeasurement]]
 """What was measured of the policies of an imitation run and of the relaxed run after it."""
 
@@ -55,7 +53,7 @@ def outcome(folder: Path, variant: str, seeds: Sequence[int]) -> Outcome | None:
 
 
 def both_stages(folder: Path, variant: str, seeds: Sequence[int]) -> dict[int, Stages]:
-    """The read_measurements of a variant's imitation and relaxed runs by seed, where there are both."""
+    """What was measured of a variant's imitation and relaxed runs, by seed, where there are both."""
     origin = VARIANTS[variant].imitation or variant
     stages = {
         seed: (
