@@ -46,7 +46,7 @@ def search(tmp_path, monkeypatch):
         words = next(words for where, words in place.trained if where == run_dir)
         tracking, epochs = (float(words[words.index(f"--{one.flag}") + 1]) for one in SPACE[:2])
         speed = 10.0 - abs(tracking - 3.0) - epochs
-        return [PolicyMeasurement(1, "", None, speed, 0, 0.0, None), PolicyMeasurement(2, "", None, 0.0, 3, 0.0, None)]
+        return [PolicyMeasurement(1, "", speed, 0), PolicyMeasurement(2, "", 0.0, 3)]
 
     def run(trials: int, here: Place, sought: Search = SEARCH) -> list[Trial]:
         nonlocal place
@@ -105,7 +105,7 @@ def test_the_command_ranks_and_says_how_to_train_with_the_best(search, tmp_path,
 
 
 def test_nothing_is_recommended_among_policies_that_all_fall(search, tmp_path, monkeypatch, capsys):
-    fallen = PolicyMeasurement(1, "", None, 0.0, 3, 0.0, None)
+    fallen = PolicyMeasurement(1, "", 0.0, 3)
     monkeypatch.setattr(tuning, "measure_policies", lambda run_dir: [fallen])
     flags = [
         "--search",
