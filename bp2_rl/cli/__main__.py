@@ -12,7 +12,7 @@ COMMANDS = {
     "play": "steer a policy's robot in real time, in a browser or a window",
     "robot": "make a robot file from a model, and look at what it says",
     "trajopt": "find trajectories, verify them, build the library of reference motions",
-    "study": "compare recipes over seeds: the ablation, and the time to 10.74 m/s",
+    "study": "compare recipes over seeds: the ablation, and the control steps to 10.74 m/s",
     "tune": "search for settings with which a policy runs faster, with Optuna",
     "bench": "measure how fast training is on this machine",
     "export": "copy a run's policy, with what was measured of it on its card",
