@@ -21,7 +21,7 @@ class Variant:
 
 
 def _both(meaning: str, *flags: str) -> Variant:
-    """A variant whose flags the relaxed stage does not take from its parent: rewards, and how PPO learns."""
+    """A variant whose flags the relaxed stage does not take from its parent: rewards, how PPO learns, the physics."""
     return Variant(meaning, flags, flags)
 
 
