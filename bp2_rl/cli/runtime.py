@@ -3,6 +3,7 @@
 Import this before anything else of the package.
 """
 
+import concurrent.futures
 import contextlib
 import os
 from pathlib import Path
@@ -32,6 +33,11 @@ def find_backend() -> str:
             f"JAX finds no device of JAX_PLATFORMS={jax.config.values['jax_platforms']}: leave JAX_PLATFORMS away, or, "
             'for NVIDIA, see that nvidia-smi works and pip install -c constraints.txt -e ".[gpu]"'
         ) from error
+
+
+def wake_device() -> None:
+    """Let the device begin beside what is imported meanwhile: a GPU's first operation takes a second."""
+    concurrent.futures.ThreadPoolExecutor(1).submit(jax.numpy.zeros, 1)
 
 
 def require_accelerator(preset: str) -> None:

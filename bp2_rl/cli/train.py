@@ -5,14 +5,15 @@ import contextlib
 import dataclasses
 import datetime
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Annotated, Literal, NamedTuple, TypeVar, cast, get_args
 
 import tyro
 
 from bp2_rl.base.errors import OK, UserError
 from bp2_rl.base.files import require_name
+from bp2_rl.base.imports import left_out
 from bp2_rl.base.serialization import merge
 from bp2_rl.base.workers import end_with_caller, use_all_processors
 from bp2_rl.cli import app, usage
@@ -90,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if status != OK:
         return status
 
-    with unused_warp_left_out(read_named(words)):
+    with unused_left_out(read_named(words)):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     from bp2_rl.learning import cluster
 
@@ -151,10 +152,8 @@ def answer_early(
 def _train(argv: list[str], prog: str) -> None:
     import numpy as np
 
-    from bp2_rl.cli.runtime import find_backend, prepare_jax, require_accelerator
-    from bp2_rl.evaluation import judged_training
+    from bp2_rl.cli.runtime import find_backend, prepare_jax, require_accelerator, wake_device
     from bp2_rl.learning import cluster
-    from bp2_rl.learning.run import replay
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
@@ -163,6 +162,10 @@ def _train(argv: list[str], prog: str) -> None:
     programs = prepare_jax(deterministic=process.deterministic)
     cluster.join(process.cluster)
     find_backend()  # where there is none, every further word to the others would fail
+    wake_device()
+    from bp2_rl.evaluation import judged_training
+    from bp2_rl.learning.run import replay
+
     with cluster.together():
         arguments = _parse(argv, prog)
         tracker = choose_tracker(process.track, arguments.resume) if cluster.is_first() else None
@@ -241,18 +244,9 @@ def use_processors(named: NamedDefaults) -> None:
         use_all_processors()
 
 
-@contextlib.contextmanager
-def unused_warp_left_out(named: NamedDefaults) -> Generator[None]:
-    """Let MJX be imported without Warp, whose import takes seconds, where Warp does not simulate."""
-    if "warp" in sys.modules or _physics(named) == "warp":
-        yield
-        return
-    nothing: Any = None  # Python's way to say that a module cannot be imported
-    sys.modules["warp"] = nothing
-    try:
-        yield
-    finally:
-        del sys.modules["warp"]
+def unused_left_out(named: NamedDefaults) -> contextlib.AbstractContextManager[None]:
+    """Let MJX be imported without NetworkX, and Warp where it does not simulate: each takes a second or more."""
+    return left_out("networkx", *(() if _physics(named) == "warp" else ("warp",)))
 
 
 def _physics(named: NamedDefaults) -> str | None:

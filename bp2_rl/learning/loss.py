@@ -1,5 +1,6 @@
 """PPO's loss: the same function as Brax's, to rounding, in a form that a GPU computes in few pieces."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -19,6 +20,7 @@ def ppo_loss(
     normalizer: Any,
     data: Transition,
     entropy_cost: Array | float,
+    mean: Callable[[Array], Array] = jnp.mean,
 ) -> tuple[Array, dict[str, Array]]:
     """Return the loss of a minibatch, and its terms.
 
@@ -41,6 +43,7 @@ def ppo_loss(
         normalizer: statistics of the observations.
         data: axes (robot, time); of `next_observation` the last one in time alone.
         entropy_cost: c_e.
+        mean: over the minibatch, of which `data` may be one device's part; the loss is that part's.
     """
     values = _values(network, params, normalizer, data)
     targets, advantages = targets_and_advantages(values, data, config)
@@ -49,7 +52,8 @@ def ppo_loss(
     output = network.policy_network.apply(normalizer, params.policy, data.observation)
     ratio = jnp.exp(distribution.log_prob(output, acted["raw_action"]) - acted["log_prob"])
     clipped = jnp.clip(ratio, 1.0 - config.clipping, 1.0 + config.clipping)
-    advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+    advantages -= mean(advantages)
+    advantages /= jnp.sqrt(mean(jnp.square(advantages))) + 1e-8
     now, then = (distribution.create_dist(one) for one in (output, acted["distribution_params"]))
     terms = {
         "policy_loss": -jnp.mean(jnp.minimum(ratio * advantages, clipped * advantages)),

@@ -25,6 +25,7 @@ from brax.training.agents.ppo import losses, networks
 from brax.training.agents.ppo.optimizer import adaptive_kl_learning_rate
 from brax.training.types import Transition
 from flax import struct
+from jax.flatten_util import ravel_pytree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
@@ -271,7 +272,7 @@ class PPO:
         config, step = self.config, state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
-        (_, metrics), gradient = jax.value_and_grad(self.loss, has_aux=True)(params, state.normalizer, minibatch, step)
+        metrics, gradient = self._differentiate(params, state.normalizer, minibatch, step)
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -287,16 +288,35 @@ class PPO:
         }
         return (optax.apply_updates(params, updates), optimizer), metrics
 
+    def _differentiate(self, *inputs: Any) -> tuple[dict[str, Array], Any]:
+        """Return the terms of `loss` and its gradient by the parameters, of a minibatch spread over the mesh."""
+
+        def local(mean: Callable[[Array], Array], *inputs: Any) -> Any:
+            (_, terms), gradient = jax.value_and_grad(self.loss, has_aux=True)(*inputs, mean)
+            return terms, gradient
+
+        def together(*inputs: Any) -> Any:
+            # In one message: on two processors its twenty pieces took a quarter of the time of SGD.
+            message, pieces = ravel_pytree(local(lambda x: jax.lax.pmean(jnp.mean(x), "robots"), *inputs))
+            return pieces(jax.lax.pmean(message, "robots"))
+
+        if self.mesh.size == 1:
+            return local(jnp.mean, *inputs)
+        whole, robots = PartitionSpec(), PartitionSpec("robots")
+        in_specs = (whole, whole, robots, whole)
+        return jax.shard_map(together, mesh=self.mesh, in_specs=in_specs, out_specs=whole, check_vma=False)(*inputs)
+
     def loss(
         self,
         params: losses.PPONetworkParams,
         normalizer: running_statistics.RunningStatisticsState,
         data: Transition,
         step: Array | int = 0,
+        mean: Callable[[Array], Array] = jnp.mean,
     ) -> tuple[Array, dict[str, Array]]:
-        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time)."""
+        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time), `mean` is `ppo_loss`'s."""
         entropy_cost = self.config.entropy_cost / (1.0 + step / self.config.entropy_decay)
-        return ppo_loss(self.network, self.config, params, normalizer, data, entropy_cost)
+        return ppo_loss(self.network, self.config, params, normalizer, data, entropy_cost, mean)
 
     def shuffle(self, data: Any, key: Array) -> Any:
         """Return an epoch's minibatches: robots shuffled within blocks, of which each minibatch has equal shares."""

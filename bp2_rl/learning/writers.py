@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl.base.files import BadFileError, flush, parse_json, write_bytes
+from bp2_rl.base.imports import left_out
 
 METRICS = "metrics.jsonl"
 
@@ -65,10 +66,10 @@ class EventsFile:
     """
 
     def __init__(self, run_dir: Path, start_step: int):
-        # Imported where it is used: on some machines that takes seconds.
-        from tensorboardX.event_file_writer import EventsWriter
-        from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
-        from tensorboardX.summary import scalar
+        with left_out("torch"):  # whose import takes seconds; tensorboardX's graphs import it once more
+            from tensorboardX.event_file_writer import EventsWriter
+            from tensorboardX.proto.event_pb2 import Event, SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+            from tensorboardX.summary import scalar
 
         self._event, self._scalar = Event, scalar
         self._writer = EventsWriter(str(run_dir / "events"), f".{start_step}")

@@ -39,19 +39,25 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monk
     ("code", "unused"),
     [
         (
-            "from bp2_rl.cli.train import read_named, unused_warp_left_out\n"
-            "with unused_warp_left_out(read_named(['--preset', 'gpu'])): from bp2_rl.cli import runtime\n"
-            "from bp2_rl.evaluation import judged_training",
-            {"warp", "matplotlib", "tensorboardX", "casadi", "torch"},
+            "from bp2_rl.cli.train import read_named, unused_left_out\n"
+            "with unused_left_out(read_named(['--preset', 'gpu'])): from bp2_rl.cli import runtime\n"
+            "from bp2_rl.evaluation import judged_training\n"
+            "from bp2_rl.learning.monitor import Monitor; Monitor(Path(sys.argv[1]), 1)",
+            {"warp", "matplotlib", "casadi", "torch", "networkx"},
         ),
         ("import bp2_rl.evaluation.judge", {"warp", "matplotlib", "tensorboardX", "brax", "trimesh", "mujoco.mjx"}),
     ],
 )
-def test_a_training_and_its_judge_import_what_they_use(code, unused):
-    """Each of these takes a second or more of a start."""
-    loaded = subprocess.run(
-        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"], capture_output=True, text=True, check=True
-    ).stdout.split()
+def test_a_training_and_its_judge_import_what_they_use(code, unused, tmp_path):
+    """Each of these takes a second or more of a start, where it is installed: here all are."""
+    for name in ("warp", "torch", "networkx"):
+        (tmp_path / f"{name}.py").touch()
+    program = f"import sys; from pathlib import Path\n{code}\nprint(*sys.modules)"
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    ended = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], env=env, capture_output=True, text=True, check=True
+    )
+    loaded = ended.stdout.split()
     assert "mujoco" in loaded
     assert not unused & set(loaded)
 
@@ -59,7 +65,7 @@ def test_a_training_and_its_judge_import_what_they_use(code, unused):
 @pytest.mark.parametrize(("words", "left_out"), [([], True), (["--impl", "jax"], True), (["--impl=warp"], False)])
 def test_warp_is_left_out_only_where_it_does_not_simulate(words, left_out, monkeypatch):
     monkeypatch.delitem(sys.modules, "warp", raising=False)
-    with train.unused_warp_left_out(train.read_named(words)):
+    with train.unused_left_out(train.read_named(words)):
         assert ("warp" in sys.modules) == left_out
     assert "warp" not in sys.modules
 

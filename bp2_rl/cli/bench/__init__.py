@@ -11,7 +11,7 @@ import tyro
 
 from bp2_rl.base.bounds import Bounded, Within
 from bp2_rl.cli import app
-from bp2_rl.cli.train import answer_early, defaults_here, read_named, unused_warp_left_out, use_processors
+from bp2_rl.cli.train import answer_early, defaults_here, read_named, unused_left_out, use_processors
 from bp2_rl.settings.env import EnvConfig, Impl
 from bp2_rl.settings.ppo import PPOConfig
 from bp2_rl.settings.training import Preset, RobotWish, TrainConfig
@@ -89,7 +89,7 @@ def _bench(argv: list[str]) -> None:
 def import_jax(argv: list[str]) -> None:
     """Import JAX and MuJoCo as a training with this command line does, or as Playground, which may want Warp."""
     playground = "--peer playground" in " ".join(argv).replace("=", " ")
-    with contextlib.nullcontext() if playground else unused_warp_left_out(read_named(argv)):
+    with contextlib.nullcontext() if playground else unused_left_out(read_named(argv)):
         from bp2_rl.cli import runtime  # noqa: F401  # isort: skip  # before all that imports MuJoCo
     if not playground:  # whose MJX may hang where XLA has more than one thread, to which importing MJX keeps it
         use_processors(read_named(argv))

@@ -1,0 +1,19 @@
+"""Imports without what they would import, too, and what is of no use here."""
+
+import contextlib
+import sys
+from collections.abc import Generator
+from typing import Any
+
+
+@contextlib.contextmanager
+def left_out(*names: str) -> Generator[None]:
+    """Let nothing import these modules meanwhile, as if they were not installed; those imported before stay."""
+    unwanted = [name for name in names if name not in sys.modules]
+    nothing: Any = None  # Python's way to say that a module cannot be imported
+    sys.modules.update(dict.fromkeys(unwanted, nothing))
+    try:
+        yield
+    finally:
+        for name in unwanted:
+            del sys.modules[name]
