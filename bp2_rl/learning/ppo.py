@@ -314,7 +314,7 @@ class PPO:
         step: Array | int = 0,
         mean: Callable[[Array], Array] = jnp.mean,
     ) -> tuple[Array, dict[str, Array]]:
-        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time), `mean` is `ppo_loss`'s."""
+        """Return the loss in train step `step`, and its terms; `data` has axes (robot, time); `mean`: of `ppo_loss`."""
         entropy_cost = self.config.entropy_cost / (1.0 + step / self.config.entropy_decay)
         return ppo_loss(self.network, self.config, params, normalizer, data, entropy_cost, mean)
 
