@@ -4,7 +4,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from flax import struct
 from jaxtyping import Array, Float
 
@@ -16,8 +15,6 @@ from bp2_rl.robot.losses import Resistance
 from bp2_rl.settings.env import RandomizationConfig
 
 LOSSES = "air", "gear", "joints", "slides", "lag", "bus", "sag"
-PUSHED = np.array([0, 1, 5])
-"""Of a free joint's velocities: forward, to the left, and about the body's vertical axis."""
 
 
 class Randomization(struct.PyTreeNode):
@@ -75,14 +72,13 @@ def draw(key: Array, config: RandomizationConfig, num_bodies: int, hardware: Har
 
 
 def push(qvel: Float[Array, " nv"], config: RandomizationConfig, key: Array) -> Float[Array, " nv"]:
-    """Return the velocities after a control step's chance of a push, which changes the trunk's speed and yaw rate."""
-    largest = np.array([config.push_velocity, config.push_velocity, config.push_turn])
-    if not config.enabled or not largest.any():
+    """Return the velocities after a control step's chance of a push: now and then the trunk's horizontal one jumps."""
+    if not config.enabled or config.push_velocity == 0.0:
         return qvel
     key_when, key_what = jax.random.split(key)
     now = jax.random.bernoulli(key_when, conventions.CONTROL_STEP / config.push_interval)
-    kick = largest * jax.random.uniform(key_what, largest.shape, minval=-1.0, maxval=1.0)
-    return qvel.at[PUSHED].add(jnp.where(now, kick, 0.0))
+    kick = jax.random.uniform(key_what, (2,), minval=-config.push_velocity, maxval=config.push_velocity)
+    return qvel.at[:2].add(jnp.where(now, kick, 0.0))
 
 
 def randomize_actuator(actuator: Actuator, randomization: Randomization) -> Actuator:

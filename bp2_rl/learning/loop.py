@@ -29,7 +29,7 @@ from bp2_rl.learning.checkpoint import (
 )
 from bp2_rl.learning.exports import POLICIES, POLICY, ExportedPolicies, Judge, judge_results, reaches
 from bp2_rl.learning.log import Log, Unlogged
-from bp2_rl.learning.monitor import Monitor, run_began
+from bp2_rl.learning.monitor import Monitor
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, make_policy
 from bp2_rl.learning.ppo import PPO, TrainState
@@ -215,7 +215,6 @@ class _Loop:
                 "curriculum_level": level,
                 "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
                 "command": shlex.join(sys.argv),
-                "wall_time": round(time.time() - run_began(self._run.run_dir), 1),  # s
             },
         )
         try:

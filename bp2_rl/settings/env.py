@@ -120,8 +120,7 @@ class RandomizationConfig:
     orientation_noise: Amount = 0.01
     angular_velocity_noise: Amount = 0.1  # rad/s
     push_interval: Extent = 4.0  # s, mean time between pushes
-    push_velocity: Amount = 0.5  # m/s, largest sudden change of the trunk's horizontal velocity, on each axis
-    push_turn: Amount = 0.0  # rad/s, and of its yaw rate
+    push_velocity: Amount = 0.5  # m/s, largest sudden change of the trunk's horizontal velocity
 
 
 @dataclasses.dataclass(frozen=True)

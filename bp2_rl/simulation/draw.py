@@ -50,8 +50,7 @@ class Draw:
 
     def pushes(self, duration: float) -> tuple[Push, ...]:
         """Return the pushes within so many seconds: each control step has the same chance of one."""
-        speed, turn = self.ranges.push_velocity, self.ranges.push_turn
-        if not self.ranges.enabled or not (speed or turn):
+        if not self.ranges.enabled or self.ranges.push_velocity == 0.0:
             return ()
         rng = np.random.default_rng((self.seed, self.number))
         steps = np.arange(1, round(duration / conventions.CONTROL_STEP))
@@ -59,10 +58,8 @@ class Draw:
             conventions.CONTROL_STEP
             * steps[rng.uniform(size=len(steps)) < conventions.CONTROL_STEP / self.ranges.push_interval]
         )
-        kicks = rng.uniform(-speed, speed, (len(times), 2))
-        turns = rng.uniform(-turn, turn, (len(times), 1))  # after the others, which a turn does not change
-        kicks = np.concatenate([kicks, turns], axis=1).tolist()
-        return tuple(Push(time, *kick) for time, kick in zip(times.tolist(), kicks, strict=True))
+        kicks = rng.uniform(-self.ranges.push_velocity, self.ranges.push_velocity, (len(times), 2))
+        return tuple(Push(float(time), *map(float, kick)) for time, kick in zip(times, kicks, strict=True))
 
     @property
     def noise_seed(self) -> int | None:

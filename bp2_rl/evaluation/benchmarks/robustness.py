@@ -127,8 +127,8 @@ def describe_randomization(drawn: RandomizationConfig, robot: HardwareSpec) -> s
         f"friction {low:.2f} to {high:.2f}, each body's mass by itself x {_range(drawn.mass)}, trunk's centre of mass "
         f"±{1e3 * drawn.com_offset:.3g} mm, each motor's strength x {_range(drawn.strength)} and gains x "
         f"{_range(drawn.gains)}, latency {1e3 * drawn.latency[0]:g} to {1e3 * drawn.latency[1]:g} ms, each loss "
-        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:.3g} m/s on each axis and "
-        f"{drawn.push_turn:.3g} rad/s, every {drawn.push_interval:g} s in the mean"
+        f"x {_range(drawn.losses)}; pushes of up to {drawn.push_velocity:.3g} m/s on each "
+        f"axis, every {drawn.push_interval:g} s in the mean"
     )
 
 

@@ -75,10 +75,7 @@ def sized(env: EnvConfig) -> EnvConfig:
         curriculum=dataclasses.replace(env.curriculum, start_speed=speed * min(start, env.commands.max_forward)),
         reset=dataclasses.replace(reset, command_error=size.speed * reset.command_error),
         randomization=dataclasses.replace(
-            drawn,
-            com_offset=size.length * drawn.com_offset,
-            push_velocity=size.speed * drawn.push_velocity,
-            push_turn=size.rate * drawn.push_turn,
+            drawn, com_offset=size.length * drawn.com_offset, push_velocity=size.speed * drawn.push_velocity
         ),
         termination=dataclasses.replace(
             end, min_height=size.length * end.min_height, max_overlap=size.length * end.max_overlap
