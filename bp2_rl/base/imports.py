@@ -10,8 +10,8 @@ from typing import Any
 def left_out(*names: str) -> Generator[None]:
     """Let nothing import these modules meanwhile, as if they were not installed; those imported before stay."""
     unwanted = [name for name in names if name not in sys.modules]
-    nothing: Any = None  # Python's way to say that a module cannot be imported
-    sys.modules.update(dict.fromkeys(unwanted, nothing))
+    nothing: dict[str, Any] = dict.fromkeys(unwanted)  # None is Python's way to say that a module cannot be imported
+    sys.modules.update(nothing)
     try:
         yield
     finally:
