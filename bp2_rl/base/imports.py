@@ -1,4 +1,4 @@
-"""Imports without what they would import, too, and what is of no use here."""
+"""Imports that leave out modules of no use here."""
 
 import contextlib
 import sys

@@ -245,7 +245,7 @@ def use_processors(named: NamedDefaults) -> None:
 
 
 def unused_left_out(named: NamedDefaults) -> contextlib.AbstractContextManager[None]:
-    """Let MJX be imported without NetworkX, and Warp where it does not simulate: each takes a second or more."""
+    """Let MJX be imported without NetworkX, and without Warp unless Warp simulates: each takes a second."""
     return left_out("networkx", *(() if _physics(named) == "warp" else ("warp",)))
 
 

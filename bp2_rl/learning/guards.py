@@ -71,13 +71,13 @@ def explain(learner: PPO, state: TrainState) -> str:
     if found := _not_finite(data):
         return f"in the batch (of robots and times): {found}"
 
-    gradient_of = jax.jit(jax.grad(lambda *inputs: learner.loss(*inputs)[0]))
+    gradient_of = jax.jit(learner.differentiate)
     shuffle, gradient_step = jax.jit(learner.shuffle), jax.jit(learner.gradient_step)
     for epoch, key in enumerate(jax.random.split(key_sgd, config.num_epochs), start=1):
         batches = shuffle(data, key)
         for i in range(config.num_minibatches):
             minibatch = jax.tree.map(lambda x, i=i: x[i], batches)
-            gradient = gradient_of(state.params, state.normalizer, minibatch)
+            _, gradient = gradient_of(state.params, state.normalizer, minibatch, state.step)
             (params, optimizer), terms = gradient_step(state, minibatch)
             state = state.replace(params=params, optimizer=optimizer)
             losses = {name: terms[name] for name in LOSSES}

@@ -43,7 +43,7 @@ def ppo_loss(
         normalizer: statistics of the observations.
         data: axes (robot, time); of `next_observation` the last one in time alone.
         entropy_cost: c_e.
-        mean: over the minibatch, of which `data` may be one device's part; the loss is that part's.
+        mean: over the whole minibatch, for the advantages; `data`, and the loss, may be one device's part.
     """
     values = _values(network, params, normalizer, data)
     targets, advantages = targets_and_advantages(values, data, config)

@@ -272,7 +272,7 @@ class PPO:
         config, step = self.config, state.step
         params: Any = state.params  # Optax annotates its trees as arrays
         optimizer: Any = state.optimizer
-        metrics, gradient = self._differentiate(params, state.normalizer, minibatch, step)
+        metrics, gradient = self.differentiate(params, state.normalizer, minibatch, step)
         kl = metrics["kl_mean"]
         if config.critic_steps:
             learns = (step >= config.critic_steps).astype(jnp.float32)
@@ -288,15 +288,15 @@ class PPO:
         }
         return (optax.apply_updates(params, updates), optimizer), metrics
 
-    def _differentiate(self, *inputs: Any) -> tuple[dict[str, Array], Any]:
-        """Return the terms of `loss` and its gradient by the parameters, of a minibatch spread over the mesh."""
+    def differentiate(self, *inputs: Any) -> tuple[dict[str, Array], Any]:
+        """Return the terms of `loss` and its gradient by the parameters; the minibatch is spread over the mesh."""
 
         def local(mean: Callable[[Array], Array], *inputs: Any) -> Any:
             (_, terms), gradient = jax.value_and_grad(self.loss, has_aux=True)(*inputs, mean)
             return terms, gradient
 
         def together(*inputs: Any) -> Any:
-            # In one message: on two processors its twenty pieces took a quarter of the time of SGD.
+            # The gradient in one message: on two processors its twenty pieces took a quarter of SGD's time.
             message, pieces = ravel_pytree(local(lambda x: jax.lax.pmean(jnp.mean(x), "robots"), *inputs))
             return pieces(jax.lax.pmean(message, "robots"))
 

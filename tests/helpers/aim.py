@@ -149,7 +149,7 @@ def main(out: str) -> None:
     keys = jax.random.split(jax.random.PRNGKey(1), TINY.num_envs)
     _, data, _ = jax.jit(learner.unroll)(state.params, state.normalizer, state.fleet, keys)
     unequal = data._replace(reward=data.reward + 10.0 * jnp.arange(TINY.num_envs)[:, None])
-    gradient = jax.jit(jax.grad(lambda params, data: learner.loss(params, state.normalizer, data)[0]))
+    gradient = jax.jit(lambda params, data: learner.differentiate(params, state.normalizer, data, state.step)[1])
 
     def policy_gradient(data: Any) -> np.ndarray:
         return np.asarray(ravel_pytree(gradient(state.params, data).policy)[0])

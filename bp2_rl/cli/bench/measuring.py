@@ -40,7 +40,7 @@ from bp2_rl.tools.throughput.report import (
 )
 
 FIRST_STEP = """import sys; from bp2_rl.cli import bench; bench.import_jax(sys.argv[1:])
-from bp2_rl.cli import runtime; runtime.find_backend(); runtime.wake_device()
+from bp2_rl.cli import runtime; runtime.prepare_jax(); runtime.wake_device()
 from bp2_rl.cli.bench.measuring import first_step; first_step()"""
 """The program whose start `--startup` times."""
 
