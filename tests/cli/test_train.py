@@ -42,6 +42,7 @@ def test_xla_has_all_processors_where_mjx_does_not_simulate(words, threads, monk
             "from bp2_rl.cli.train import read_named, unused_left_out\n"
             "with unused_left_out(read_named(['--preset', 'gpu'])): from bp2_rl.cli import runtime\n"
             "from bp2_rl.evaluation import judged_training\n"
+            "assert 'tensorboardX' not in sys.modules\n"
             "from bp2_rl.learning.monitor import Monitor; Monitor(Path(sys.argv[1]), 1)",
             {"warp", "matplotlib", "casadi", "torch", "networkx"},
         ),

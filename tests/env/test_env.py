@@ -220,6 +220,18 @@ def test_randomisation_reaches_model_and_motors(env):
     assert np.allclose(np.asarray(motors.strength), 0.8)
 
 
+def test_a_push_changes_the_horizontal_velocity_by_at_most_what_was_asked_for():
+    config = RandomizationConfig(push_interval=0.01, push_velocity=0.5)
+    pushed = jax.vmap(lambda key: randomization.push(jnp.zeros(22), config, key))
+    change = np.asarray(pushed(jax.random.split(jax.random.PRNGKey(0), 4000)))
+    pushes = change[np.any(change != 0.0, axis=1)]
+    assert len(pushes) == pytest.approx(4000 * conventions.CONTROL_STEP / 0.01, rel=0.1)  # six deviations
+    largest = np.zeros(22)
+    largest[:2] = 0.5
+    assert np.all(np.abs(pushes) <= largest)
+    np.testing.assert_allclose(np.std(pushes, axis=0), largest / np.sqrt(3.0), rtol=0.05)  # three deviations
+
+
 def test_motors_brake_as_weakly_as_was_drawn():
     """0 is the hardware's braking, 1 as driving, and between them the line ends at the no-load speed over the draw."""
     robot = randomization.nominal(18, BUILT)
