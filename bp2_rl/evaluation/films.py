@@ -7,13 +7,13 @@ other, with the time that everybody else leaves: results never wait for films, a
 import contextlib
 import threading
 from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
 from bp2_rl.base.templates import render
-from bp2_rl.evaluation.judge import JudgeProcesses, PendingLaunches
+from bp2_rl.evaluation.judge import JudgeProcesses
 from bp2_rl.learning.exports import JudgeResult, judge_results
 from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
@@ -54,24 +54,26 @@ class Filmed:
         self._writing = threading.Lock()
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
-    def submit(self, policy: Path) -> "Filming":
+    def submit(self, policy: Path) -> Future[JudgeResult]:
         """See `Judge`; the folder's name is the policy's control steps, and it lies in the run's own."""
         if self._results is None:
             self._run_dir = policy.parent.parent
             self._results = judge_results(self._run_dir, EVER)
-        if self._no_film or not policy.name.isdecimal():
-            return Filming(self, policy, None, self._workers.submit(policy))
+        if not policy.name.isdecimal():  # one that a killed process has set aside
+            return self._workers.submit(policy)
         (self._run_dir / FILMS).mkdir(exist_ok=True)
-        kept = self._run_dir / FILMS / f"{policy.name}.npz"
-        return Filming(self, policy, kept, self._workers.submit(policy, kept, SHOT.length))
+        kept = None if self._no_film else self._run_dir / FILMS / f"{policy.name}.npz"
+        shown: Future[JudgeResult] = Future()
 
-    def take(self, policy: Path, kept: Path | None, result: JudgeResult) -> None:
-        """Show a result, and film what was kept of the launch."""
-        if self._results is not None and policy.name.isdecimal():
-            self._results[int(policy.name)] = result
-            self._show(goes_on=True)
-        if kept is not None:
-            self._camera.submit(self._film, kept)
+        def show(judged: Future[JudgeResult]) -> None:
+            try:
+                self._take(int(policy.name), kept, judged.result())
+                shown.set_result(judged.result())
+            except Exception as error:
+                shown.set_exception(error)
+
+        self._workers.submit(policy, kept, SHOT.length).add_done_callback(show)
+        return shown
 
     def close(self, *, wait: bool) -> None:
         """Film what is left, or leave it; the page's last form."""
@@ -79,6 +81,14 @@ class Filmed:
         for kept in (self._run_dir / FILMS).glob("*.npz") if self._results is not None else ():
             kept.unlink(missing_ok=True)
         self._show(goes_on=False)
+
+    def _take(self, steps: int, kept: Path | None, result: JudgeResult) -> None:
+        """Show a result, and film what was kept of the launch."""
+        with self._writing:
+            self._results = {**(self._results or {}), steps: result}
+        self._show(goes_on=True)
+        if kept is not None:
+            self._camera.submit(self._film, kept)
 
     def _film(self, kept: Path) -> None:
         """In the thread: films are a luxury, and whatever fails here must not stop a training."""
@@ -103,20 +113,6 @@ class Filmed:
         with self._writing, contextlib.suppress(OSError):
             if self._results:
                 write_text(self._run_dir / PAGE, films_page(self._run_dir, self._results, self._no_film, goes_on))
-
-
-class Filming:
-    """A `learning.exports.PendingResult` that hands the result to `Filmed`, too."""
-
-    def __init__(self, filmed: Filmed, policy: Path, kept: Path | None, launching: PendingLaunches):
-        self._filmed, self._policy, self._kept, self._launching = filmed, policy, kept, launching
-        self.speed, self.done = launching.speed, launching.done
-
-    def result(self) -> JudgeResult:
-        """The result."""
-        result = self._launching.result()
-        self._filmed.take(self._policy, self._kept, result)
-        return result
 
 
 def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goes_on: bool) -> str:

@@ -8,17 +8,16 @@ import dataclasses
 import functools
 import math
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
 import jax
-import numpy as np
 
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.env.observations import layout_of
 from bp2_rl.learning.exports import JudgeResult
-from bp2_rl.learning.policy import Policy, load_policy
+from bp2_rl.learning.policy import PolicyCard, blank_policy, load_policy
 from bp2_rl.robot import conventions
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import EnvConfig
@@ -30,7 +29,7 @@ from bp2_rl.simulation.schedule import Ramp
 from bp2_rl.simulation.trajectory import Trajectory
 from bp2_rl.simulation.windows import best_window
 
-AT_A_TIME = 4  # most policies that are judged side by side
+AT_A_TIME = 8  # most policies that are judged side by side
 NICE = 5  # the training gets three times the share; at 19 a training on all processors would starve the judge
 
 
@@ -71,9 +70,8 @@ JUDGED_LAUNCHES = (
     JudgedLaunch(acceleration=6.0, hold=1.0, noise_seed=2),
     JudgedLaunch(acceleration=3.0, hold=1.0, noise_seed=3, friction=0.75, mass=1.05, latency=0.005),
 )
-"""The first launch gives a policy's top speed; the others, once the first has ended without a fall, show whether that
-was luck. In the last one the built robot has a friction of 0.6. No benchmark launches so by itself: none reports what a
-policy was chosen by."""
+"""The first launch gives a policy's top speed; the others show whether that was luck. In the last one the built robot
+has a friction of 0.6. No benchmark launches so by itself: none reports what a policy was chosen by."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,9 +86,6 @@ class LaunchResult:
     def followed(self) -> float:
         """The speed, m/s, less what is beyond the command: too fast is as wrong as too slow."""
         return self.best_speed - 2.0 * max(self.best_speed - self.command, 0.0)
-
-
-LaunchFuture = Future[list[LaunchResult]]
 
 
 def measure_launches(
@@ -116,74 +111,39 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`, or of the first alone."""
+    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`."""
     mean = sum(one.followed for one in launches) / len(launches)
     return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 
 
 @contextlib.contextmanager
-def open_judge(env: EnvConfig, cache: str | None) -> Generator["JudgeProcesses"]:
-    """Start the judge of a training in this environment; launches that still run when the block ends are killed.
+def open_judge(card: PolicyCard, cache: str | None) -> Generator["JudgeProcesses"]:
+    """Start the judge of a training; launches that still run when the block ends are killed.
 
     Args:
-        env: of the training.
+        card: of the training's policies, for whose network the processes compile before there is any.
         cache: where JAX keeps compiled programs, if anywhere.
     """
-    count = min(max(processors() - 1, 1), 2 * AT_A_TIME)
+    count = min(max(processors() - 1, 1), AT_A_TIME)
     with spawned(count, functools.partial(_begin, cache), abandon=True) as pool:
         # The processes end with the thread that submits the first task, so this thread does.
         for _ in range(count):
-            pool.submit(_warm_up, env)
+            pool.submit(_warm_up, card)
         yield JudgeProcesses(pool, count)
 
 
 class JudgeProcesses:
-    """A `learning.exports.Judge` that runs the launches of a policy in `count` processes.
+    """A `learning.exports.Judge` that judges so many policies at a time, each in a process.
 
-    Launches that follow the first one have a process each; a single process takes them at once, which costs less than
-    one by one.
+    A process makes a policy's launches side by side: three take a quarter longer than one.
     """
 
     def __init__(self, pool: ProcessPoolExecutor, count: int):
-        self._pool, self.places = pool, max(count // 2, 1)
-        first, *others = JUDGED_LAUNCHES
-        self._first, self._others = [first], [others] if count == 1 else [[one] for one in others]
+        self._pool, self.places = pool, count
 
-    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> "PendingLaunches":
+    def submit(self, policy: Path, kept: Path | None = None, length: float = 0.0) -> Future[JudgeResult]:
         """Launch the policy in this folder; save the first launch's last `length` seconds in the file `kept`."""
-        first = self._pool.submit(_launch, policy, self._first, kept, length)
-        return PendingLaunches(first, lambda: [self._pool.submit(_launch, policy, some) for some in self._others])
-
-
-class PendingLaunches:
-    """A `learning.exports.PendingResult` of launches in other processes.
-
-    Args:
-        first: the first launch.
-        others: submits the others; called once the first has ended without a fall.
-    """
-
-    def __init__(self, first: LaunchFuture, others: Callable[[], Sequence[LaunchFuture]]):
-        self._first, self._submit_others = first, others
-
-    @functools.cached_property
-    def _others(self) -> Sequence[LaunchFuture]:
-        [first] = self._first.result()
-        return [] if first.fell else self._submit_others()
-
-    def speed(self) -> float:
-        """Return the speed of the first launch, m/s, once it is known; 0 until then."""
-        first = self._first
-        known = first.done() and not first.cancelled() and not first.exception()
-        return first.result()[0].best_speed if known else 0.0
-
-    def done(self) -> bool:
-        """Return whether all launches have ended; raise whatever kept one from it."""
-        return self._first.done() and all(one.done() for one in self._others)
-
-    def result(self) -> JudgeResult:
-        """Return the judge's result."""
-        return combine([launch for one in (self._first, *self._others) for launch in one.result()])
+        return self._pool.submit(_judge, policy, kept, length)
 
 
 # --- In the workers ---------------------------------------------------------------------------------------------
@@ -198,23 +158,12 @@ def _begin(cache: str | None) -> None:
     jax.config.update("jax_compilation_cache_dir", cache)
 
 
-def _warm_up(env: EnvConfig) -> None:
+def _warm_up(card: PolicyCard) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
     brief = [dataclasses.replace(one, hold=conventions.CONTROL_STEP, acceleration=1e3) for one in JUDGED_LAUNCHES]
-    measure_launches(_keep_still, env, brief)
+    measure_launches(blank_policy(card), card.env, brief)
 
 
-def _keep_still(observation: np.ndarray) -> np.ndarray:
-    return 0.0 * observation[..., : conventions.NUM_MOTORS]
-
-
-def _launch(
-    policy: Path, launches: Sequence[JudgedLaunch], kept: Path | None = None, length: float = 0.0
-) -> list[LaunchResult]:
-    loaded = _load(policy)
-    return measure_launches(loaded, loaded.card.env, launches, kept, length)
-
-
-@functools.lru_cache(maxsize=1)
-def _load(policy: Path) -> Policy:
-    return load_policy(policy, layout_of=layout_of)
+def _judge(policy: Path, kept: Path | None, length: float) -> JudgeResult:
+    loaded = load_policy(policy, layout_of=layout_of)
+    return combine(measure_launches(loaded, loaded.card.env, JUDGED_LAUNCHES, kept, length))

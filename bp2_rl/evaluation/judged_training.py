@@ -12,7 +12,7 @@ from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.base.workers import use_all_processors
 from bp2_rl.evaluation.judge import open_judge
-from bp2_rl.learning import cluster, run
+from bp2_rl.learning import cluster, loop, run
 from bp2_rl.learning.exports import Judge
 from bp2_rl.settings.tracking import Tracker
 from bp2_rl.settings.training import TrainConfig, load_run_config
@@ -80,7 +80,8 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
         return
     # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL names; they have no use for one.
     gl_library = os.environ.pop("MUJOCO_GL", None)
-    with open_judge(config.env, jax.config.values["jax_compilation_cache_dir"]) as judge:
+    card = loop.make_card(config, 0, {})
+    with open_judge(card, jax.config.values["jax_compilation_cache_dir"]) as judge:
         if not config.run.films:
             yield judge
             return

@@ -5,6 +5,7 @@ What a policy is, and how one is written and read, is in `policy`."""
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -27,7 +28,7 @@ class JudgeResult:
 
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
-    launches: int  # one, where the first ended so
+    launches: int
     mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off:
     # the better policy has more
 
@@ -39,24 +40,7 @@ class JudgeResult:
     @property
     def fallen(self) -> str:
         """Return how many launches fell, in words."""
-        return f"{self.falls} of {self.launches} launches fell" if self.launches > 1 else "fell in its first launch"
-
-
-@runtime_checkable
-class PendingResult(Protocol):
-    """The result of a policy that is being judged."""
-
-    def speed(self) -> float:
-        """Return the result's speed, m/s, which may be known before the rest of the result; 0 until then."""
-        ...
-
-    def done(self) -> bool:
-        """Return whether the result is there; raise whatever kept the judge from it."""
-        ...
-
-    def result(self) -> JudgeResult:
-        """Return the result; raise whatever kept the judge from it."""
-        ...
+        return f"{self.falls} of {self.launches} launches fell"
 
 
 @runtime_checkable
@@ -65,7 +49,7 @@ class Judge(Protocol):
 
     places: int  # policies that are measured at a time
 
-    def submit(self, policy: Path) -> PendingResult:
+    def submit(self, policy: Path) -> Future[JudgeResult]:
         """Queue the policy in this folder behind those submitted before; return at once."""
         ...
 
@@ -86,7 +70,7 @@ class ExportedPolicies:
 
     def __init__(self, run_dir: Path, monitor: Monitor, judge: Judge | None, until: float | None, kept: int):
         self._run_dir, self._monitor, self._judge, self._until = run_dir, monitor, judge, until
-        self._pending: dict[int, PendingResult] = {}
+        self._pending: dict[int, Future[JudgeResult]] = {}
         self._newest = 0
         self._results = judge_results(run_dir, kept)
         if judge is None:
@@ -109,9 +93,8 @@ class ExportedPolicies:
 
     @property
     def reached(self) -> bool:
-        """Whether a policy has reached the speed that ends the run; the rest of that policy's result may be pending."""
-        speeds = (pending.speed() for pending in self._pending.values())
-        return self._until is not None and (self._confirmed or any(speed >= self._until for speed in speeds))
+        """Whether a policy has reached the speed that ends the run."""
+        return reaches(self._results, self._until)
 
     def export(self, policy: Policy, steps: int, *, newest: bool = True) -> None:
         """Write the policy after so many control steps, and submit it to the judge.
@@ -139,11 +122,10 @@ class ExportedPolicies:
                 self._add_result(steps, result)
 
     def wait(self, enough: Callable[[], bool]) -> None:
-        """Wait until the last result is there, `enough` says so, or a complete result has reached the run's speed."""
-        if self._pending and not self._confirmed and not enough():
-            left = "the rest of a result" if self.reached else f"{len(self._pending)} of the policies are left"
-            self._monitor.note(f"waiting for the judge: {left}")
-        while self._pending and not self._confirmed and not enough():
+        """Wait until the last result is there, `enough` says so, or a policy has reached the run's speed."""
+        if self._pending and not self.reached and not enough():
+            self._monitor.note(f"waiting for the judge: {len(self._pending)} of the policies are left")
+        while self._pending and not self.reached and not enough():
             time.sleep(PAUSE)
             self.collect()
 
@@ -156,21 +138,16 @@ class ExportedPolicies:
 
     def _add_result(self, steps: int, result: JudgeResult) -> None:
         seconds = time.time() - run_began(self._run_dir)
-        best, late = self._best, self._confirmed
+        best, late = self._best, self.reached
         self._results[steps] = result
         self._monitor.add(steps, {f"judged/{name}": value for name, value in dataclasses.asdict(result).items()})
         self._monitor.record(f"judged the policy of {steps:,} control steps: {result}")
         self._show(steps)
         if self._best != best:
             self._choose_best()
-        if self._confirmed and not late:
+        if self.reached and not late:
             when = f"after {steps:,} control steps, known {seconds:.1f} s after the run began"
             self._monitor.note(f"reached {self._until:g} m/s: {result} {when}")
-
-    @property
-    def _confirmed(self) -> bool:
-        """Whether a complete result has reached the speed that ends the run."""
-        return reaches(self._results, self._until)
 
     @property
     def _best(self) -> int | None:

@@ -83,14 +83,9 @@ def train(
             policies.wait(lambda: signals.caught is not None)
         if int(state.step) < done:
             _stop_at_failed(state, config, run_dir)
-        if done < total:
-            reached = loop.reached()  # no longer, where the judge has failed since
-            if signals.caught:
-                name, status = signals.caught.name, 128 + signals.caught
-                raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
-            if not reached:
-                what = f"the judge failed before it had measured the last policy, kept step {done} of {total}"
-                raise RunStopped(f"{what}: {_resume(run_dir)}", status=1)
+        if done < total and signals.caught:
+            name, status = signals.caught.name, 128 + signals.caught
+            raise RunStopped(f"stopped by {name}, kept step {done} of {total}: {_resume(run_dir)}", status)
         minutes = (time.monotonic() - started) / 60
         steps = (done - first) * per_step
         monitor.note(f"done: {steps:,} control steps in {minutes:.1f} min, policy in {run_dir / POLICY}")

@@ -9,6 +9,7 @@ No pickles: a policy from a stranger is safe to load, and one from another proje
 """
 
 import dataclasses
+import functools
 import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -94,13 +95,23 @@ class Policy:
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
                 f"{self.card.observation_size}: {_show_layout(self.card.observation_layout)}"
             )
-        xp = observation.__array_namespace__()
-        activate = _ACTIVATIONS[self.card.activation]
-        hidden = (observation.astype(xp.float32) - self.mean) / self.std
-        for weight, bias in self.layers[:-1]:
-            hidden = activate(xp, hidden @ weight + bias)
-        weight, bias = self.layers[-1]
-        return hidden @ weight + bias
+        return NETWORKS[self.card.activation](self.weights, observation)
+
+    @property
+    def weights(self) -> tuple[Any, Any, Any]:
+        """Mean, standard deviation and layers: all numbers of the network."""
+        return self.mean, self.std, self.layers
+
+
+def _network(
+    activate: Callable[[Any, Any], Any], weights: tuple[Any, Any, Any], observation: Float[Any, "*batch observation"]
+) -> Float[Any, "*batch action"]:
+    xp = observation.__array_namespace__()
+    mean, std, (*layers, (last_weight, last_bias)) = weights
+    hidden = (observation.astype(xp.float32) - mean) / std
+    for weight, bias in layers:
+        hidden = activate(xp, hidden @ weight + bias)
+    return hidden @ last_weight + last_bias
 
 
 # The sigmoid is written with tanh, which cannot overflow.
@@ -110,6 +121,8 @@ _ACTIVATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
     "tanh": lambda xp, x: xp.tanh(x),
     "relu": lambda xp, x: xp.maximum(x, 0.0),
 }
+NETWORKS = {name: functools.partial(_network, activate) for name, activate in _ACTIVATIONS.items()}
+"""(weights, observation) -> action, by the hidden layers' activation."""
 
 
 def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:
@@ -131,6 +144,12 @@ def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: Policy
     policy = Policy(card, _float32(mean), _float32(std), pairs)
     _check_shapes(policy)
     return policy
+
+
+def blank_policy(card: PolicyCard) -> Policy:
+    """Return a policy of this card all of whose actions are zero."""
+    arrays = {name: np.zeros(shape, np.float32) for name, shape in _promised_shapes(card).items()}
+    return _from_arrays(card, {**arrays, "std": arrays["std"] + np.float32(1.0)})
 
 
 def save_policy(directory: Path, policy: Policy) -> Policy:
@@ -183,9 +202,7 @@ def load_policy(
     if layout_of is not None:
         _check_layout(card, layout_of(card.env.control), directory)
     arrays = _read_weights(directory / WEIGHTS, card)
-    count = len(card.hidden_layer_sizes) + 1
-    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(count))
-    policy = Policy(card, arrays["mean"], arrays["std"], layers)
+    policy = _from_arrays(card, arrays)
     _check_numbers(policy, f"{directory / WEIGHTS}")
     return policy
 
@@ -285,6 +302,12 @@ def _check_numbers(policy: Policy, where: str) -> None:
         bound = np.maximum(bound, 1.0) @ np.abs(weight.astype(float)) + np.abs(bias)
         if not (bound < largest).all():
             raise PolicyError(f"{where}: layer_{i}/weight is so large that an action may overflow")
+
+
+def _from_arrays(card: PolicyCard, arrays: Mapping[str, np.ndarray]) -> Policy:
+    count = len(card.hidden_layer_sizes) + 1
+    layers = tuple((arrays[f"layer_{i}/weight"], arrays[f"layer_{i}/bias"]) for i in range(count))
+    return Policy(card, arrays["mean"], arrays["std"], layers)
 
 
 # --- Writing --------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 import concurrent.futures
 import contextlib
 import functools
-import pickle
 from collections.abc import Callable, Generator, Sequence
 from typing import TypeVar
 
@@ -75,7 +74,7 @@ def _work(one: RunRequest) -> float:
 
 
 def _share_out(
-    run_all: Callable[[bytes, list[Task]], list[Result]],
+    run_all: Callable[[Policy, list[Task]], list[Result]],
     policy: Policy,
     tasks: Sequence[Task],
     shares: Sequence[Sequence[int]],
@@ -84,9 +83,8 @@ def _share_out(
     done: dict[int, Result] = {}
     if not tasks:
         return []
-    pickled = pickle.dumps(policy)
     with contextlib.nullcontext(_kept[-1]) if _kept else _workers(len(shares)) as pool:
-        futures = [pool.submit(run_all, pickled, [tasks[i] for i in share]) for share in shares]
+        futures = [pool.submit(run_all, policy, [tasks[i] for i in share]) for share in shares]
         for share, future in zip(shares, futures, strict=True):
             done.update(zip(share, future.result(), strict=True))
     return [done[i] for i in range(len(tasks))]
@@ -97,19 +95,15 @@ def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures
     return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]), abandon=True)
 
 
-# What is compiled for a policy is kept by the policy itself, so a worker must not get it anew with every task.
-_unpickled = functools.lru_cache(maxsize=1)(pickle.loads)
-
-
 def _measure_all(
-    measure: Callable[[One, Trajectory], Result], backend: Backend, pickled: bytes, requests: Sequence[One]
+    measure: Callable[[One, Trajectory], Result], backend: Backend, policy: Policy, requests: Sequence[One]
 ) -> list[Result]:
-    runs = simulate(_unpickled(pickled), requests, backend=backend)
+    runs = simulate(policy, requests, backend=backend)
     return [measure(one, run) for one, run in zip(requests, runs, strict=True)]
 
 
-def _run_all(run: Callable[[Policy, Task], Result], pickled: bytes, tasks: Sequence[Task]) -> list[Result]:
-    return [run(_unpickled(pickled), task) for task in tasks]
+def _run_all(run: Callable[[Policy, Task], Result], policy: Policy, tasks: Sequence[Task]) -> list[Result]:
+    return [run(policy, task) for task in tasks]
 
 
 def compute_here() -> None:

@@ -8,11 +8,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from bp2_rl.env.controller import Controller, ControllerState
 from bp2_rl.env.observations import add_noise, sense
 from bp2_rl.env.physics.interface import newest_active, target_ages
+from bp2_rl.learning.policy import NETWORKS, Policy
 from bp2_rl.reference.interface import Reference
 from bp2_rl.robot import conventions
 from bp2_rl.robot.easing import eased
@@ -48,7 +50,7 @@ class PolicyRunner:
 
     def __init__(
         self,
-        policy: ActionFunction,
+        policy: Policy | ActionFunction,
         config: EnvConfig,
         *,
         operators: Sequence[HeadingHold],
@@ -64,7 +66,8 @@ class PolicyRunner:
         self._behind = np.array([control_steps_behind(latency) for latency in latencies])
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
-            self._control = _compiled_control_step(policy, config, noise)
+            self._policy = jax.device_put(as_argument(policy))
+            self._control = _compiled_control_step(config, noise)
             start = Controller(config).init()
             self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0), start)
         depth = int(np.max(self._behind)) + 1
@@ -111,7 +114,7 @@ class PolicyRunner:
         inputs = (np.asarray(x, np.float32) for x in (self.command, qpos, qvel, asked))
         with jax.default_device(self._device):
             self._state, targets, self.reference, told = self._control(
-                self._state, *(x[self._filled] for x in (*inputs, *drawn))
+                self._policy, self._state, *(x[self._filled] for x in (*inputs, *drawn))
             )
         self.next_command = np.asarray(told)[self._each]
         for issued, new in ((self.position, targets.position), (self.velocity, targets.velocity)):
@@ -129,19 +132,26 @@ def control_steps_behind(latency: float) -> list[int]:
     return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
 
 
-def control_step(
-    policy: ActionFunction, config: EnvConfig, noise: RandomizationConfig | None = None
-) -> Callable[..., Any]:
-    """Return a control step of one robot as a function of arrays, to be compiled.
+def as_argument(policy: Policy | ActionFunction) -> Partial:
+    """Return a policy as an argument of compiled functions: one program serves all policies of a network's size."""
+    if isinstance(policy, Policy):
+        return Partial(NETWORKS[policy.card.activation], policy.weights)
+    return Partial(policy)
 
-    (controller state, command, qpos, qvel, command asked for) -> (controller state, targets, reference, next command).
+
+def control_step(config: EnvConfig, noise: RandomizationConfig | None = None) -> Callable[..., Any]:
+    """Return a control step of one robot as a function of a policy and arrays, to be compiled.
+
+    (policy, controller state, command, qpos, qvel, command asked for) -> (state, targets, reference, next command)
+
     With sensor noise of these deviations two more arguments come last: a random key, and how much of the noise, 0 to 1.
     """
     controller = Controller(config)
 
     def control(
-        state: ControllerState, command: Array, qpos: Array, qvel: Array, asked: Array, *drawn: Array
-    ) -> tuple[Any, ...]:
+        policy: ActionFunction, state: ControllerState, command: Array, qpos: Array, qvel: Array, asked: Array,
+        *drawn: Array,
+    ) -> tuple[Any, ...]:  # fmt: skip
         measured = sense(qpos, qvel)
         if noise is not None:
             key, share = drawn
@@ -155,9 +165,8 @@ def control_step(
     return control
 
 
-# One compilation serves all runs of a policy: a benchmark may need many.
+# One compilation serves all runs: a benchmark may need many.
 @functools.lru_cache(maxsize=8)
-def _compiled_control_step(
-    policy: ActionFunction, config: EnvConfig, noise: RandomizationConfig | None
-) -> Callable[..., Any]:
-    return jax.jit(jax.vmap(control_step(policy, config, noise)))
+def _compiled_control_step(config: EnvConfig, noise: RandomizationConfig | None) -> Callable[..., Any]:
+    control = control_step(config, noise)
+    return jax.jit(lambda policy, *rows: jax.vmap(functools.partial(control, policy))(*rows))

@@ -11,31 +11,26 @@ import pytest
 from bp2_rl.base.errors import UserError
 from bp2_rl.evaluation import films
 from bp2_rl.evaluation.films import FILMS, PAGE, filming
-from bp2_rl.evaluation.judge import JudgeProcesses, LaunchResult, PendingLaunches
-from bp2_rl.learning.exports import Judge, JudgeResult, PendingResult
+from bp2_rl.evaluation.judge import JudgeProcesses
+from bp2_rl.learning.exports import Judge, JudgeResult
 from bp2_rl.settings.training import RunConfig
 from bp2_rl.simulation.film import NoVideo
 
-FAST, FALLEN = LaunchResult(fell=False, best_speed=12.5), LaunchResult(fell=True, best_speed=0.0)
-
-
-def known(launched):
-    future = Future()
-    future.set_result(launched)
-    return future
+FAST, FALLEN = JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 3, 6.0)
 
 
 class Fleet(JudgeProcesses):
-    """JudgeProcesses who know at once what comes of the policies, by their control steps."""
+    """JudgeProcesses that know at once what comes of the policies, by their control steps."""
 
-    def __init__(self, launched):
-        self.launched, self.places = launched, 1
+    def __init__(self, results):
+        self.results, self.places = results, 1
 
     def submit(self, policy, kept=None, length=0.0):
         if kept is not None:
             kept.write_bytes(b"the launch's last seconds")
-        first = known([self.launched[int(policy.name)]])
-        return PendingLaunches(first, lambda: [first, first])
+        future = Future()
+        future.set_result(self.results[int(policy.name)])
+        return future
 
 
 @pytest.fixture
@@ -64,12 +59,11 @@ def page(run_dir):
 def test_the_page_shows_policies_in_order_with_speed_falls_and_film(tmp_path, camera):
     with filming(Fleet({64: FALLEN, 128: FAST}), print) as judge:
         assert isinstance(judge, Judge)
-        assert isinstance(judge.submit(tmp_path / "policies" / "128"), PendingResult)
-        assert hear(judge, tmp_path, 128, 64) == [JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 1, 0.0)]
+        assert hear(judge, tmp_path, 128, 64) == [FAST, FALLEN]
     card = r"<video src=\"(.*?)\" poster=\"(.*?)\".*?<b>(.*?)</b>.*?<span class=\"(\w+)\">(.*?)</span>"
     shown = re.findall(card, page(tmp_path), re.DOTALL)
     assert shown == [
-        ("films/64.mp4", "films/64.jpg", "fell", "bad", "fell in its first launch"),
+        ("films/64.mp4", "films/64.jpg", "fell", "bad", "1 of 3 launches fell"),
         ("films/128.mp4", "films/128.jpg", "12.5 m/s", "good", "no fall"),
     ]
     assert {file.name for file in (tmp_path / FILMS).iterdir()} == {"64.mp4", "128.mp4"}  # nothing else is left

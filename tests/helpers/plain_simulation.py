@@ -1,6 +1,7 @@
 """One robot in C MuJoCo by a plain loop in NumPy, one robot and one law at a time: what the simulator is held to."""
 
 import collections
+import functools
 
 import jax
 import mujoco
@@ -89,7 +90,7 @@ def plain_run(policy, config, request):
     schedule = request.schedule
     behind = control_steps_behind(robot.config.hardware.losses.latency)
     issued = collections.deque([(np.array(STAND_JOINTS), np.zeros(12))] * (max(behind) + 1), maxlen=max(behind) + 1)
-    control, state = jax.jit(control_step(policy, config)), Controller(config).init()
+    control, state = jax.jit(functools.partial(control_step(config), policy)), Controller(config).init()
     told, samples, fell = schedule.command(0.0), collections.defaultdict(list), False
     for k in range(int(np.ceil(schedule.duration / 5e-3 - 1e-9))):
         seen = sensed_pose(data.qpos, robot.world, request.gyro_bias, k * 5e-3)
