@@ -51,7 +51,7 @@ class Filmed:
         self._results: dict[int, JudgeResult] | None = None  # not yet looked for
         self._run_dir = Path()
         self._no_film = ""  # why there are none
-        self._writing = threading.Lock()
+        self._writing, self._closed = threading.RLock(), False
         self._camera = ThreadPoolExecutor(1, thread_name_prefix="films")
 
     def submit(self, policy: Path) -> Future[JudgeResult]:
@@ -61,8 +61,10 @@ class Filmed:
             self._results = judge_results(self._run_dir, EVER)
         if not policy.name.isdecimal():  # one that a killed process has set aside
             return self._workers.submit(policy)
-        (self._run_dir / FILMS).mkdir(exist_ok=True)
-        kept = None if self._no_film else self._run_dir / FILMS / f"{policy.name}.npz"
+        kept = None
+        if not self._no_film:
+            (self._run_dir / FILMS).mkdir(exist_ok=True)
+            kept = self._run_dir / FILMS / f"{policy.name}.npz"
         shown: Future[JudgeResult] = Future()
 
         def show(judged: Future[JudgeResult]) -> None:
@@ -77,6 +79,8 @@ class Filmed:
 
     def close(self, *, wait: bool) -> None:
         """Film what is left, or leave it; the page's last form."""
+        with self._writing:
+            self._closed = True
         self._camera.shutdown(wait=True, cancel_futures=not wait)
         for kept in (self._run_dir / FILMS).glob("*.npz") if self._results is not None else ():
             kept.unlink(missing_ok=True)
@@ -85,10 +89,12 @@ class Filmed:
     def _take(self, steps: int, kept: Path | None, result: JudgeResult) -> None:
         """Show a result, and film what was kept of the launch."""
         with self._writing:
+            if self._closed:  # the training has ended without this result
+                return
             self._results = {**(self._results or {}), steps: result}
-        self._show(goes_on=True)
-        if kept is not None:
-            self._camera.submit(self._film, kept)
+            self._show(goes_on=True)
+            if kept is not None:
+                self._camera.submit(self._film, kept)
 
     def _film(self, kept: Path) -> None:
         """In the thread: films are a luxury, and whatever fails here must not stop a training."""

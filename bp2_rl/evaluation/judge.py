@@ -111,8 +111,11 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`."""
-    mean = sum(one.followed for one in launches) / len(launches)
+    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`.
+
+    A policy that falls in the first launch, the longest, is the worst whatever it does in the others.
+    """
+    mean = 0.0 if launches[0].fell else sum(one.followed for one in launches) / len(launches)
     return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 
 
@@ -160,7 +163,7 @@ def _begin(cache: str | None) -> None:
 
 def _warm_up(card: PolicyCard) -> None:
     """Compile, and settle the standing robots from which all launches begin."""
-    brief = [dataclasses.replace(one, hold=conventions.CONTROL_STEP, acceleration=1e3) for one in JUDGED_LAUNCHES]
+    brief = [dataclasses.replace(one, hold=conventions.CONTROL_STEP, share=1e-3) for one in JUDGED_LAUNCHES]
     measure_launches(blank_policy(card), card.env, brief)
 
 

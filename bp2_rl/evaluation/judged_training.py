@@ -75,12 +75,13 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
     """
     if config.impl == "kernel":
         use_all_processors()
+    with cluster.together():
+        card = loop.make_card(config, 0, {})
     if not (config.run.judged and cluster.is_first()):
         yield None
         return
     # The judge's processes import MuJoCo, which needs the GL library that MUJOCO_GL names; they have no use for one.
     gl_library = os.environ.pop("MUJOCO_GL", None)
-    card = loop.make_card(config, 0, {})
     with open_judge(card, jax.config.values["jax_compilation_cache_dir"]) as judge:
         if not config.run.films:
             yield judge

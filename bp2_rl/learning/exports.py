@@ -29,8 +29,8 @@ class JudgeResult:
     speed: float  # m/s, top speed in the launch that counts; 0 where the robot fell
     falls: int  # launches that ended in a fall
     launches: int
-    mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off:
-    # the better policy has more
+    mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off,
+    # and 0 after a fall in the first: the better policy has more
 
     def __str__(self) -> str:
         """Return the result in words."""
@@ -113,7 +113,7 @@ class ExportedPolicies:
         """Take in the results that are there."""
         for steps, pending in list(self._pending.items()):
             try:
-                result = pending.result() if self._judge is not None and pending.done() else None
+                result = pending.result() if pending.done() else None
             except Exception as error:
                 self._go_on_without_judge(error)
                 return

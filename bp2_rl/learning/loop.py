@@ -147,12 +147,12 @@ class _Loop:
         save_every = max(1, -(-total // lengths.checkpoints))
         judge_every = max(1, -(-total // max(lengths.checkpoints, lengths.judged)))
         log_every = max(1, total // lengths.logs)
-        done, stop = int(state.step), self.reached()
+        done, stop = int(state.step), self._reached()
         while done < total and not stop and not log.not_finite:
             state, metrics = self._run.learner.train_step(state)
             done += 1
             policies.collect()
-            stop = signals.received() or self.reached()
+            stop = signals.received() or self._reached()
             log.add(metrics)
             if done % log_every == 0 or done == total:
                 log.close(done)
@@ -177,7 +177,7 @@ class _Loop:
         saver.save(step, state, to_json(log.unwritten()))
         self._monitor.record(f"saving step {step}")
 
-    def reached(self) -> bool:
+    def _reached(self) -> bool:
         """Return whether a policy has reached the speed that ends the run, on all processes."""
         return self._config.run.until is not None and bool(cluster.largest(self._policies.reached))
 

@@ -95,7 +95,7 @@ class Policy:
                 f"the observation has {observation.shape[-1]} numbers, but this policy reads "
                 f"{self.card.observation_size}: {_show_layout(self.card.observation_layout)}"
             )
-        return NETWORKS[self.card.activation](self.weights, observation)
+        return NETWORKS[self.card.activation](*self.weights, observation)
 
     @property
     def weights(self) -> tuple[Any, Any, Any]:
@@ -104,25 +104,26 @@ class Policy:
 
 
 def _network(
-    activate: Callable[[Any, Any], Any], weights: tuple[Any, Any, Any], observation: Float[Any, "*batch observation"]
+    activate: Callable[[Any, Any], Any], mean: Any, std: Any, layers: Any, observation: Float[Any, "*batch observation"]
 ) -> Float[Any, "*batch action"]:
     xp = observation.__array_namespace__()
-    mean, std, (*layers, (last_weight, last_bias)) = weights
     hidden = (observation.astype(xp.float32) - mean) / std
-    for weight, bias in layers:
+    for weight, bias in layers[:-1]:
         hidden = activate(xp, hidden @ weight + bias)
-    return hidden @ last_weight + last_bias
+    weight, bias = layers[-1]
+    return hidden @ weight + bias
 
 
-# The sigmoid is written with tanh, which cannot overflow.
-_ACTIVATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "swish": lambda xp, x: x * (0.5 * (1.0 + xp.tanh(0.5 * x))),
-    "elu": lambda xp, x: xp.where(x > 0, x, xp.expm1(xp.minimum(x, 0.0))),
-    "tanh": lambda xp, x: xp.tanh(x),
-    "relu": lambda xp, x: xp.maximum(x, 0.0),
+NETWORKS = {
+    name: functools.partial(_network, activate)
+    for name, activate in {
+        "swish": lambda xp, x: x * (0.5 * (1.0 + xp.tanh(0.5 * x))),  # the sigmoid by tanh, which cannot overflow
+        "elu": lambda xp, x: xp.where(x > 0, x, xp.expm1(xp.minimum(x, 0.0))),
+        "tanh": lambda xp, x: xp.tanh(x),
+        "relu": lambda xp, x: xp.maximum(x, 0.0),
+    }.items()
 }
-NETWORKS = {name: functools.partial(_network, activate) for name, activate in _ACTIVATIONS.items()}
-"""(weights, observation) -> action, by the hidden layers' activation."""
+"""(mean, std, layers, observation) -> action, by the hidden layers' activation."""
 
 
 def make_policy(layers: Sequence[tuple[Any, Any]], normalizer: Any, card: PolicyCard) -> Policy:

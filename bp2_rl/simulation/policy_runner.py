@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from bp2_rl.env.controller import Controller, ControllerState
@@ -50,7 +49,7 @@ class PolicyRunner:
 
     def __init__(
         self,
-        policy: Policy | ActionFunction,
+        policy: ActionFunction,
         config: EnvConfig,
         *,
         operators: Sequence[HeadingHold],
@@ -66,8 +65,8 @@ class PolicyRunner:
         self._behind = np.array([control_steps_behind(latency) for latency in latencies])
         self._device = jax.devices("cpu")[0]
         with jax.default_device(self._device):
-            self._policy = jax.device_put(as_argument(policy))
-            self._control = _compiled_control_step(config, noise)
+            function, weights = _apart(policy)
+            self._weights, self._control = jax.device_put(weights), _compiled_control_step(function, config, noise)
             start = Controller(config).init()
             self._state = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[None], len(self._filled), axis=0), start)
         depth = int(np.max(self._behind)) + 1
@@ -114,7 +113,7 @@ class PolicyRunner:
         inputs = (np.asarray(x, np.float32) for x in (self.command, qpos, qvel, asked))
         with jax.default_device(self._device):
             self._state, targets, self.reference, told = self._control(
-                self._policy, self._state, *(x[self._filled] for x in (*inputs, *drawn))
+                self._weights, self._state, *(x[self._filled] for x in (*inputs, *drawn))
             )
         self.next_command = np.asarray(told)[self._each]
         for issued, new in ((self.position, targets.position), (self.velocity, targets.velocity)):
@@ -130,13 +129,6 @@ def control_steps_behind(latency: float) -> list[int]:
     """Return how many control steps ago the target was issued that acts in each ms of a control step."""
     longest = math.ceil(latency / conventions.CONTROL_STEP - 1e-6) + 1
     return [int(newest_active(age, np.array(latency))) for age in target_ages(longest)]
-
-
-def as_argument(policy: Policy | ActionFunction) -> Partial:
-    """Return a policy as an argument of compiled functions: one program serves all policies of a network's size."""
-    if isinstance(policy, Policy):
-        return Partial(NETWORKS[policy.card.activation], policy.weights)
-    return Partial(policy)
 
 
 def control_step(config: EnvConfig, noise: RandomizationConfig | None = None) -> Callable[..., Any]:
@@ -165,8 +157,19 @@ def control_step(config: EnvConfig, noise: RandomizationConfig | None = None) ->
     return control
 
 
-# One compilation serves all runs: a benchmark may need many.
+def _apart(policy: ActionFunction) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """Return a function and the weights that come before its observation; other functions have none."""
+    return (NETWORKS[policy.card.activation], policy.weights) if isinstance(policy, Policy) else (policy, ())
+
+
+# One compilation serves all runs of all policies of a network's size: a training or a benchmark has many.
 @functools.lru_cache(maxsize=8)
-def _compiled_control_step(config: EnvConfig, noise: RandomizationConfig | None) -> Callable[..., Any]:
+def _compiled_control_step(
+    function: Callable[..., Any], config: EnvConfig, noise: RandomizationConfig | None
+) -> Callable[..., Any]:
     control = control_step(config, noise)
-    return jax.jit(lambda policy, *rows: jax.vmap(functools.partial(control, policy))(*rows))
+
+    def all_robots(weights: tuple[Any, ...], *rows: Any) -> tuple[Any, ...]:
+        return jax.vmap(functools.partial(control, functools.partial(function, *weights)))(*rows)
+
+    return jax.jit(all_robots)

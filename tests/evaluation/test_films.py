@@ -20,7 +20,7 @@ FAST, FALLEN = JudgeResult(12.5, 0, 3, 12.5), JudgeResult(0.0, 1, 3, 6.0)
 
 
 class Fleet(JudgeProcesses):
-    """JudgeProcesses that know at once what comes of the policies, by their control steps."""
+    """JudgeProcesses that know what comes of the policies, by their control steps: at once, or as a future says."""
 
     def __init__(self, results):
         self.results, self.places = results, 1
@@ -28,8 +28,11 @@ class Fleet(JudgeProcesses):
     def submit(self, policy, kept=None, length=0.0):
         if kept is not None:
             kept.write_bytes(b"the launch's last seconds")
+        result = self.results[int(policy.name)]
+        if isinstance(result, Future):
+            return result
         future = Future()
-        future.set_result(self.results[int(policy.name)])
+        future.set_result(result)
         return future
 
 
@@ -126,6 +129,26 @@ def test_a_run_whose_folder_is_gone_gets_no_new_one(tmp_path, camera):
     with filming(Fleet({64: FAST}), print) as judge, pytest.raises(FileNotFoundError):
         judge.submit(run_dir / "policies" / "64")
     assert not run_dir.exists()
+
+
+def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera):
+    late = Future()
+    judge = Fleet({64: FAST, 128: late})
+    with filming(judge, print) as filmed:
+        hear(filmed, tmp_path, 64)
+        shown = filmed.submit(tmp_path / "policies" / "128")
+    before = page(tmp_path)
+    threading.Thread(target=late.set_result, args=[FAST]).start()
+    assert shown.result(timeout=10) == FAST
+    assert page(tmp_path) == before
+    assert "128" not in before
+
+
+def test_a_judge_that_fails_is_heard_of(tmp_path, camera):
+    failed = Future()
+    failed.set_exception(RuntimeError("killed"))
+    with filming(Fleet({64: failed}), print) as judge, pytest.raises(RuntimeError, match="killed"):
+        hear(judge, tmp_path, 64)
 
 
 def test_films_need_a_judge():

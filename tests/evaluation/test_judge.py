@@ -16,7 +16,7 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed, topspeed
 from bp2_rl.evaluation.judge import JUDGED_LAUNCHES, JudgedLaunch, LaunchResult
 from bp2_rl.learning.exports import JudgeResult
-from bp2_rl.learning.policy import load_policy, save_policy
+from bp2_rl.learning.policy import NETWORKS, load_policy, save_policy
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.settings.env import CommandConfig, EnvConfig
 from bp2_rl.simulation import policy_runner
@@ -62,6 +62,12 @@ def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():
     assert judging.combine(
         [LaunchResult(False, 9.0), LaunchResult(True, 0.0), LaunchResult(False, 12.0)]
     ) == JudgeResult(9.0, 1, 3, 7.0)
+
+
+def test_a_policy_that_falls_in_the_first_launch_is_the_worst():
+    """It is the longest: no short launch makes up for it."""
+    fell = judging.combine([LaunchResult(True, 0.0), LaunchResult(False, 12.0), LaunchResult(False, 12.0)])
+    assert fell == JudgeResult(0.0, 1, 3, 0.0)
 
 
 def test_a_policy_that_runs_faster_than_told_is_as_bad_as_one_that_runs_slower():
@@ -128,13 +134,14 @@ def test_a_result_comes_from_another_process_which_ends_with_the_judge(slow_poli
 def test_a_judge_compiles_before_the_first_policy(slow_policy):
     """Tracing and compiling a network's control step takes longer than most launches."""
     policy = load_policy(slow_policy)
-    env = policy.card.env
+    compiled = policy_runner._compiled_control_step
+    compiled.cache_clear()
     judging._warm_up(policy.card)
-    control: Any = policy_runner._compiled_control_step(env, env.randomization)
-    warm = control._cache_size()
+    control: Any = compiled(NETWORKS[policy.card.activation], policy.card.env, policy.card.env.randomization)
+    assert control._cache_size() == 1
     judging._judge(slow_policy, None, 0.0)
-    assert control is policy_runner._compiled_control_step(env, env.randomization)
-    assert control._cache_size() == warm == 1
+    assert compiled.cache_info().misses == 1
+    assert control._cache_size() == 1
 
 
 def test_a_judge_whose_process_is_killed_says_so(slow_policy):

@@ -4,13 +4,16 @@ import dataclasses
 import functools
 import os
 import signal
+from typing import Any
 
 import numpy as np
+import pytest
 
+from bp2_rl.learning.policy import NETWORKS
 from bp2_rl.robot.hardware import BUILT, IDEAL
 from bp2_rl.simulation import parallel, policy_runner
 from bp2_rl.simulation.parallel import in_parallel, keep_workers, shares_of, simulate_all
-from bp2_rl.simulation.rollout import RunRequest
+from bp2_rl.simulation.rollout import RunRequest, simulate
 from bp2_rl.simulation.schedule import Course
 from bp2_rl.simulation.simulator import Numerics
 
@@ -50,11 +53,29 @@ def compiled(one, run):
     return os.getpid(), policy_runner._compiled_control_step.cache_info().misses
 
 
-def test_workers_are_kept_with_what_they_have_compiled(make_policy, monkeypatch):
-    monkeypatch.setattr(parallel, "processors", lambda: 1)
+@pytest.fixture
+def zero_policy(make_policy):
     zeros = functools.partial(np.zeros, dtype=np.float32)
     layers = (zeros((47, 4)), zeros(4)), (zeros((4, 12)), zeros(12))
-    policy = dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
+    return dataclasses.replace(make_policy(), mean=zeros(47), std=1.0 + zeros(47), layers=layers)
+
+
+def test_one_program_serves_all_policies_of_a_network(zero_policy):
+    """Another one's weights are arguments of it, and so are the same ones in other arrays."""
+    (first, (weight, bias)), compiled = zero_policy.layers, policy_runner._compiled_control_step
+    compiled.cache_clear()
+    others = [dataclasses.replace(zero_policy, layers=(first, (weight, bias + shift))) for shift in (0.0, 0.1)]
+    runs = [next(simulate(policy, [lasting(0.05)])) for policy in (zero_policy, *others)]
+    control: Any = compiled(NETWORKS[zero_policy.card.activation], zero_policy.card.env, None)
+    assert compiled.cache_info().misses == 1
+    assert control._cache_size() == 1
+    np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
+    assert not np.array_equal(runs[0].qpos, runs[2].qpos)
+
+
+def test_workers_are_kept_with_what_they_have_compiled(zero_policy, monkeypatch):
+    monkeypatch.setattr(parallel, "processors", lambda: 1)
+    policy = zero_policy
     with keep_workers():
         first, then = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
         ran = [simulate_all(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]

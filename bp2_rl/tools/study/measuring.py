@@ -3,8 +3,6 @@
 import dataclasses
 from pathlib import Path
 
-import jax
-
 from bp2_rl.base.folders import folder_names
 from bp2_rl.base.serialization import load_config, save_config
 from bp2_rl.env.observations import layout_of
@@ -45,7 +43,6 @@ def measure_policies(run_dir: Path) -> list[PolicyMeasurement]:
         measurement = known.get(policy.card.weights_sha256)
         if measurement is None:
             measurement = _measure(policy)
-            jax.clear_caches()  # each policy is a program of its own
         result.append(measurement)
     save_config(run_dir / MEASURED, _Measured(LADDER, tuple(result)))
     return result
