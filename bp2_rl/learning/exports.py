@@ -151,8 +151,16 @@ class ExportedPolicies:
 
     @property
     def _best(self) -> int | None:
-        """Return the control steps of the best policy that was judged; of equally good ones the latest."""
-        return max(self._results, key=lambda steps: (self._results[steps].mean, steps), default=None)
+        """Return the control steps of the best policy that was judged, one that ends the run before others.
+
+        Of equally good ones it is the latest.
+        """
+
+        def worth(steps: int) -> tuple[bool, float, int]:
+            result = self._results[steps]
+            return reaches({steps: result}, self._until), result.mean, steps
+
+        return max(self._results, key=worth, default=None)
 
     def _choose_best(self) -> None:
         """Make the best policy the run's own, and write its result on the card."""

@@ -157,6 +157,13 @@ def test_a_run_ends_with_a_save_when_it_is_as_fast_as_it_is_to_be(tmp_path):
     assert latest_step(run) == 5
 
 
+def test_the_policy_that_ends_a_run_is_its_own_though_another_falls_less(tmp_path):
+    results = steady(1, 9, 11, 12, 13, 14, 15, 16)
+    results[3 * PER_STEP] = JudgeResult(11.0, 2, 3, 11.0 / 3)
+    run = training.start(small(until=10.5), tmp_path / "run", judge=Fake(results))
+    assert load_policy(run).card.results["judged"]["control_steps"] == 3 * PER_STEP
+
+
 def test_a_run_that_does_not_get_there_trains_to_its_end(tmp_path):
     run = training.start(small(until=20.0), tmp_path / "run", judge=Fake(steady(*range(STEPS))))
     assert latest_step(run) == STEPS
