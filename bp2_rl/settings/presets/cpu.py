@@ -1,4 +1,4 @@
-"""The preset `cpu`: six minutes on two cores, with 1024 robots in the fused physics kernel."""
+"""The preset `cpu`: ten minutes on two cores, with 1024 robots in the fused physics kernel."""
 
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
@@ -14,7 +14,7 @@ from bp2_rl.settings.presets.robots import ranges_of
 from bp2_rl.settings.reference import CollocationConfig
 from bp2_rl.settings.training import RunConfig, TrainConfig, Weights
 
-RUN = RunConfig(steps=6_000_000, logs=100, checkpoints=6, judged=48)
+RUN = RunConfig(steps=6_000_000, logs=100, checkpoints=6, judged=24)
 
 
 def imitation(weights: Weights, robot: HardwareSpec) -> TrainConfig:
