@@ -1,4 +1,4 @@
-"""The preset `cpu`: ten minutes on two cores, with 1024 robots in the fused physics kernel."""
+"""The preset `cpu`: six minutes on two cores, with 1024 robots in the fused physics kernel."""
 
 from bp2_rl.robot.hardware import HardwareSpec
 from bp2_rl.settings.env import (
