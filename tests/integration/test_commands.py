@@ -50,7 +50,7 @@ def assert_judged_and_filmed(run, printed):
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     judged = {line["step"]: line for line in lines if "judged/speed" in line}
     assert 128 in judged
-    assert judged[128]["judged/launches"] == (3 if judged[128]["judged/speed"] else 1)  # one where that ended in a fall
+    assert judged[128]["judged/launches"] == 3
     assert load_policy(run).card.results["judged"]["control_steps"] in judged
     assert "judged: " in printed
     filmed = {int(film.stem) for film in (run / "films").iterdir() if film.suffix == ".mp4"}
