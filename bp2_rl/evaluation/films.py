@@ -14,7 +14,7 @@ from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import write_text
 from bp2_rl.base.templates import render
 from bp2_rl.evaluation.judge import JudgeProcesses
-from bp2_rl.learning.exports import JudgeResult, judge_results
+from bp2_rl.learning.exports import JudgeResult, best_policy, judge_results
 from bp2_rl.learning.monitor import count
 from bp2_rl.simulation.film import POSTER, NoVideo, Shot, make_video
 
@@ -26,15 +26,18 @@ EVER = 10**18  # control steps
 
 
 @contextlib.contextmanager
-def filming(workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None) -> Generator["Filmed"]:
+def filming(
+    workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None = None, until: float | None = None
+) -> Generator["Filmed"]:
     """The judge who films, too. Films are waited for at the end, but not when the training is stopped.
 
     Args:
         workers: the judge's.
         say: to whom it is told, in one line, where no film can be made.
         gl_library: to film with, or else the first that works.
+        until: the speed, m/s, that ends the run.
     """
-    filmed, finished = Filmed(workers, say, gl_library), False
+    filmed, finished = Filmed(workers, say, gl_library, until), False
     try:
         yield filmed
         finished = True
@@ -45,8 +48,10 @@ def filming(workers: JudgeProcesses, say: Callable[[str], None], gl_library: str
 class Filmed:
     """A `learning.exports.Judge` whose results are followed by films; see `filming`."""
 
-    def __init__(self, workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None):
-        self.places = workers.places
+    def __init__(
+        self, workers: JudgeProcesses, say: Callable[[str], None], gl_library: str | None, until: float | None
+    ):
+        self.places, self._until = workers.places, until
         self._workers, self._say, self._gl_library = workers, say, gl_library
         self._results: dict[int, JudgeResult] | None = None  # not yet looked for
         self._run_dir = Path()
@@ -69,8 +74,9 @@ class Filmed:
 
         def show(judged: Future[JudgeResult]) -> None:
             try:
-                self._take(int(policy.name), kept, judged.result())
-                shown.set_result(judged.result())
+                result = judged.result()
+                self._take(int(policy.name), kept, result)
+                shown.set_result(result)
             except Exception as error:
                 shown.set_exception(error)
 
@@ -89,9 +95,9 @@ class Filmed:
     def _take(self, steps: int, kept: Path | None, result: JudgeResult) -> None:
         """Show a result, and film what was kept of the launch."""
         with self._writing:
-            if self._closed:  # the training has ended without this result
+            if self._closed or self._results is None:  # the training has ended without this result
                 return
-            self._results = {**(self._results or {}), steps: result}
+            self._results[steps] = result
             self._show(goes_on=True)
             if kept is not None:
                 self._camera.submit(self._film, kept)
@@ -118,15 +124,17 @@ class Filmed:
         """Write the page, if its run is there."""
         with self._writing, contextlib.suppress(OSError):
             if self._results:
-                write_text(self._run_dir / PAGE, films_page(self._run_dir, self._results, self._no_film, goes_on))
+                best = best_policy(self._results, self._until)
+                write_text(self._run_dir / PAGE, films_page(self._run_dir, self._results, best, self._no_film, goes_on))
 
 
-def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goes_on: bool) -> str:
+def films_page(run_dir: Path, results: dict[int, JudgeResult], best: int | None, no_film: str, goes_on: bool) -> str:
     """The page of a run, with the films that are there.
 
     Args:
         run_dir: the run's folder.
         results: by the policies' control steps.
+        best: the control steps of the run's own policy.
         no_film: why there are no more films, if there are not.
         goes_on: whether to look for more.
     """
@@ -135,7 +143,7 @@ def films_page(run_dir: Path, results: dict[int, JudgeResult], no_film: str, goe
         "evaluation/films.html",
         name=run_dir.resolve().name,
         results=shown,
-        best=max(shown, key=lambda steps: (shown[steps].mean, steps)),
+        best=best,
         last=max(shown),
         most=max(1.0, *(result.speed for result in shown.values())),
         films={steps: f"{FILMS}/{steps}" for steps in shown if (run_dir / FILMS / f"{steps}.mp4").is_file()},

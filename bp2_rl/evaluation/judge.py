@@ -111,10 +111,7 @@ def _result(run: Trajectory, command: float) -> LaunchResult:
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result for a policy from the results of its `JUDGED_LAUNCHES`.
-
-    A policy that falls in the first launch, the longest, is the worst whatever it does in the others.
-    """
+    """Return the judge's result of a policy's `JUDGED_LAUNCHES`: the worst after a fall in the first, the longest."""
     mean = 0.0 if launches[0].fell else sum(one.followed for one in launches) / len(launches)
     return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
 

@@ -88,5 +88,5 @@ def _judge(config: TrainConfig) -> Generator[Judge | None]:
             return
         from bp2_rl.evaluation.films import filming
 
-        with filming(judge, print, gl_library) as films:
+        with filming(judge, print, gl_library, config.run.until) as films:
             yield films

@@ -151,16 +151,8 @@ class ExportedPolicies:
 
     @property
     def _best(self) -> int | None:
-        """Return the control steps of the best policy that was judged, one that ends the run before others.
-
-        Of equally good ones it is the latest.
-        """
-
-        def worth(steps: int) -> tuple[bool, float, int]:
-            result = self._results[steps]
-            return reaches({steps: result}, self._until), result.mean, steps
-
-        return max(self._results, key=worth, default=None)
+        """Return the control steps of the best policy that was judged."""
+        return best_policy(self._results, self._until)
 
     def _choose_best(self) -> None:
         """Make the best policy the run's own, and write its result on the card."""
@@ -212,6 +204,11 @@ def read_judge_results(run_dir: Path) -> Iterator[tuple[dict[str, Any], JudgeRes
         except (KeyError, TypeError, ValueError):
             continue  # a line of other metrics
         yield record, result
+
+
+def best_policy(results: dict[int, JudgeResult], until: float | None) -> int | None:
+    """Return the control steps of the best policy, the latest of equals; one that ends the run comes before others."""
+    return max(results, key=lambda k: (reaches({k: results[k]}, until), results[k].mean, k), default=None)
 
 
 def reaches(results: dict[int, JudgeResult], until: float | None) -> bool:

@@ -144,6 +144,18 @@ def test_what_the_training_does_not_wait_for_is_not_on_the_page(tmp_path, camera
     assert "128" not in before
 
 
+def test_the_best_on_the_page_is_the_runs_own(tmp_path, camera):
+    """One that ends the run comes before one that falls less, as in `policy/`."""
+    slow, reaching = JudgeResult(9.0, 0, 3, 9.0), JudgeResult(11.0, 2, 3, 4.0)
+    for until, best in ((None, "64"), (10.5, "128")):
+        run_dir = tmp_path / best
+        run_dir.mkdir()
+        with filming(Fleet({64: slow, 128: reaching}), print, until=until) as judge:
+            hear(judge, run_dir, 64, 128)
+        [marked] = re.findall(r"the best at (\d+) control", page(run_dir))
+        assert marked == best
+
+
 def test_a_judge_that_fails_is_heard_of(tmp_path, camera):
     failed = Future()
     failed.set_exception(RuntimeError("killed"))

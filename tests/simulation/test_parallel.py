@@ -75,15 +75,14 @@ def test_one_program_serves_all_policies_of_a_network(zero_policy):
 
 def test_workers_are_kept_with_what_they_have_compiled(zero_policy, monkeypatch):
     monkeypatch.setattr(parallel, "processors", lambda: 1)
-    policy = zero_policy
     with keep_workers():
-        first, then = (in_parallel(where, policy, ("one", "two")) for _ in range(2))
-        ran = [simulate_all(compiled, policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
+        first, then = (in_parallel(where, zero_policy, ("one", "two")) for _ in range(2))
+        ran = [simulate_all(compiled, zero_policy, [lasting(0.01), lasting(0.01)]) for _ in range(2)]
         os.kill(first[0], signal.SIGINT)  # as Ctrl-C does, to all at once
-        assert in_parallel(where, policy, ("three",)) == first[:1]
+        assert in_parallel(where, zero_policy, ("three",)) == first[:1]
     assert first == then == 2 * [first[0]]
     assert ran == 2 * [2 * [(first[0], 1)]]
-    assert in_parallel(where, policy, ("four",)) != first[:1]
+    assert in_parallel(where, zero_policy, ("four",)) != first[:1]
 
 
 def test_requests_that_take_no_time_are_requests(make_policy):
