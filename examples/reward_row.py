@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bp2_rl.cli.runtime import prepare_jax
+from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.env.rewards import ROWS, RewardInputs, Scalar, SharedTerms
 from bp2_rl.settings.env import Impl, RewardConfig
@@ -40,7 +40,7 @@ def weigh(steps: int, robots: int, impl: Impl = "kernel") -> dict[str, float]:
 
 def main() -> None:
     """All rows, the heaviest first."""
-    prepare_jax()
+    keep_compiled()
     for name, mean in sorted(weigh(steps=100, robots=32).items(), key=lambda row: -row[1]):
         print(f"{name:16} {mean:7.4f}")
 

@@ -9,7 +9,6 @@ import dataclasses
 from pathlib import Path
 
 import bp2_rl as bp2
-from bp2_rl.cli.runtime import prepare_jax
 from bp2_rl.learning.writers import read_metrics
 from bp2_rl.settings.training import TrainConfig
 
@@ -30,7 +29,6 @@ def train(config: TrainConfig, folder: Path) -> list[dict[str, float]]:
 
 def main() -> None:
     """Train, and say how the reward and its largest rows came along."""
-    prepare_jax()  # compiled programs are kept from run to run
     folder = Path("runs/slow_trot")
     lines = train(settings(), folder)
     for line in (lines[0], lines[-1]):

@@ -50,6 +50,13 @@ def in_a_process(code, **variables):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
 
 
+@pytest.mark.parametrize("name", ["train", "make", "rollout"])
+def test_importing_a_public_name_prints_nothing(name):
+    code = f"import bp2_rl; bp2_rl.{name}"  # MJX says on import that Warp is missing
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout + done.stderr == ""
+
+
 def test_importing_the_package_sets_nothing_and_takes_a_tenth_of_a_second():
     code = """
 import os, time

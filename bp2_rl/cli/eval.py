@@ -101,7 +101,7 @@ def evaluate(
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
-    from bp2_rl.cli.runtime import find_backend, prepare_jax  # isort: skip
+    from bp2_rl.cli.runtime import find_backend  # isort: skip
 
     from rich.console import Console
 
@@ -116,7 +116,6 @@ def evaluate(
         importlib.import_module("bp2_rl.simulation.drake")  # says how to install it where it is missing
     if config.backend != "mjx":
         compute_here()  # and leave the accelerator to a training that may be running
-    prepare_jax()
     find_backend()
     benchmarks = importlib.import_module(registry).BENCHMARKS
     chosen = choose(config.benchmark, setup, benchmarks)

@@ -59,8 +59,7 @@ def play(config: PlayConfig) -> None:
     # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.
-    from bp2_rl.cli.runtime import prepare_jax  # isort: skip
-
+    from bp2_rl.base.compilation import keep_compiled
     from bp2_rl.env.observations import layout_of
     from bp2_rl.evaluation.benchmarks.conditions import robot_of, title_of
     from bp2_rl.evaluation.benchmarks.options import Setup
@@ -71,7 +70,7 @@ def play(config: PlayConfig) -> None:
 
     compute_here()
     sys.setswitchinterval(1e-3)  # s: else the page's thread may keep the robot waiting for a control step
-    prepare_jax()
+    keep_compiled()
     policy = load_policy(path, layout_of=layout_of)
     robot, (least, most) = robot_of(policy, Setup(robot=config.robot)), wish_limits(policy.card.env.commands)
     if not least.speed <= config.speed <= most.speed:

@@ -1,12 +1,10 @@
-"""JAX as the commands want it: compiled programs cached on disk, and no chatter on import.
+"""JAX as the commands want it: its devices, and no chatter on import.
 
 Import this before anything else of the package.
 """
 
 import concurrent.futures
-import contextlib
 import os
-from pathlib import Path
 
 import jax
 
@@ -50,20 +48,7 @@ def require_accelerator(preset: str) -> None:
         raise UserError("JAX sees no accelerator, and on processors --preset gpu takes days: use --preset cpu")
 
 
-def prepare_jax(*, deterministic: bool = False) -> Path | None:
-    """Call before anything is compiled. The cache is in $BP2_CACHE, else ~/.cache/bp2_rl (or $XDG_CACHE_HOME).
-
-    `deterministic` makes a GPU repeat itself bit for bit, for some speed; a CPU does so anyhow.
-
-    Return the folder where traced programs are kept; None where the cache cannot be written.
-    """
-    if deterministic:  # XLA reads it when the backend starts; of two flags the later one holds
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()
-    default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bp2_rl"
-    cache = Path(os.environ.get("BP2_CACHE") or default)
-    # An unwritable home is no reason not to train; it only costs the compilation next time.
-    with contextlib.suppress(OSError):
-        (cache / "jax").mkdir(parents=True, exist_ok=True)
-        jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))
-        return cache / "programs"
-    return None
+def repeat_bit_for_bit() -> None:
+    """Make a GPU repeat itself bit for bit, for some speed; call it before JAX starts. A CPU does so anyhow."""
+    # Of two flags the later one holds.
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_gpu_deterministic_ops=true".strip()

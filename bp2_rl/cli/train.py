@@ -152,14 +152,17 @@ def answer_early(
 def _train(argv: list[str], prog: str) -> None:
     import numpy as np
 
-    from bp2_rl.cli.runtime import find_backend, prepare_jax, require_accelerator, wake_device
+    from bp2_rl.base.compilation import keep_compiled
+    from bp2_rl.cli.runtime import find_backend, repeat_bit_for_bit, require_accelerator, wake_device
     from bp2_rl.learning import cluster
 
     end_with_caller()
     # First of all: the rest of the command line is read with what JAX says of the machine.
     process = app.parse(ProcessOptions, argv, prog, part=True)
     use_processors(read_named(argv))
-    programs = prepare_jax(deterministic=process.deterministic)
+    if process.deterministic:
+        repeat_bit_for_bit()
+    keep_compiled()
     cluster.join(process.cluster)
     find_backend()  # where there is none, every further word to the others would fail
     wake_device()
@@ -175,7 +178,7 @@ def _train(argv: list[str], prog: str) -> None:
         return
     if arguments.resume is not None:
         with app.failures_into(arguments.resume):
-            judged_training.resume(arguments.resume, tracker=tracker, programs=programs)
+            judged_training.resume(arguments.resume, tracker=tracker)
         return
     require_accelerator(arguments.preset)
     if process.deterministic and arguments.impl == "warp":
@@ -192,7 +195,7 @@ def _train(argv: list[str], prog: str) -> None:
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
-        judged_training.train(config, out, parent=arguments.parent, tracker=tracker, programs=programs)
+        judged_training.train(config, out, parent=arguments.parent, tracker=tracker)
     say(f"see it run: python eval.py {out}")
 
 

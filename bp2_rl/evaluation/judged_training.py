@@ -8,6 +8,9 @@ from typing import get_args
 
 import jax
 
+from bp2_rl.robot import mjx  # noqa: F401  # isort: skip  # before Brax, which imports MJX and lets it print
+
+from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import require_kind, require_one_of
 from bp2_rl.base.files import require_name
 from bp2_rl.base.workers import use_all_processors
@@ -24,18 +27,17 @@ def train(
     *,
     parent: Path | str | None = None,
     tracker: Tracker | None = None,
-    programs: Path | None = None,
 ) -> Path:
     """Train a new run in the folder `run_dir`; return the folder.
 
-    A training in the fused kernel takes all processors, where JAX has not computed anything yet.
+    A training in the fused kernel takes all processors, where JAX has not computed anything yet. What is compiled is
+    kept on disk, and the next training starts faster (`keep_compiled`).
 
     Args:
         config: the settings, such as `preset` gives them.
         run_dir: a folder that is empty or not there.
         parent: the run from whose newest checkpoint the networks come; without it their weights are random.
         tracker: receives the metrics, too.
-        programs: a folder of traced programs, by which a training starts faster that has begun before.
 
     Raises:
         UserError: `config` is no `TrainConfig`; or see `learning.run.start`.
@@ -48,21 +50,21 @@ def train(
     require_kind("train", config, TrainConfig, 'settings, such as preset("imitation", "cpu") gives')
     require_name(run_dir)
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
+    programs = keep_compiled()
     with _judge(config) as judge:
         origin = None if parent is None else Path(parent)
         return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker, programs=programs)
 
 
-def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Path | None = None) -> Path:
+def resume(run_dir: Path | str, *, tracker: Tracker | None = None) -> Path:
     """Go on with a stopped run exactly where it stands, with its own settings; return its folder.
-
-    `programs` is as in `train`.
 
     Raises:
         UserError: the folder is no run, or its newest checkpoint does not fit its settings.
         RunStopped: as `train` does.
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
+    programs = keep_compiled()
     with _judge(load_run_config(run_dir)) as judge:
         return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=programs)
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 import jax
 import numpy as np
 
+from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.workers import processors, spawned
 from bp2_rl.learning.policy import Policy
 from bp2_rl.simulation.backend import Backend
@@ -91,6 +92,7 @@ def _share_out(
 
 
 def _workers(count: int) -> contextlib.AbstractContextManager[concurrent.futures.ProcessPoolExecutor]:
+    keep_compiled()
     # When the block ends, nothing that is asked for is left to do; after an interruption nobody wants it.
     return spawned(count, functools.partial(_begin, jax.config.values["jax_compilation_cache_dir"]), abandon=True)
 

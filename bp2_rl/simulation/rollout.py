@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Bounded, Within
+from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import UserError, require_kind, require_one_of
 from bp2_rl.env.observations import layout_of
 from bp2_rl.env.termination import fall
@@ -134,6 +135,7 @@ def simulate(
         UserError: a policy without a card and without `config`, a policy that reads other observations than `config`
             gives, a request that MJX or Drake does not run, or Drake where it is not installed.
     """
+    keep_compiled()
     config = _config_of(policy, config)
     require_one_of("backend", backend, TITLES)
     require_kind("simulate", requests, Sequence, "several requests, such as [RunRequest(Ramp(10.0))]")

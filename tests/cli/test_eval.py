@@ -40,7 +40,6 @@ def export(make_card):
 def here(tmp_path, monkeypatch):
     """An empty working directory, with the process's JAX and MuJoCo left as the tests have them."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
     monkeypatch.setenv("MUJOCO_GL", "")
     return tmp_path
 

@@ -48,7 +48,6 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("measured")
     save_policy(folder / "run" / "policy", standing_policy())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
         patch.setenv("MUJOCO_GL", "")
         patch.setattr("bp2_rl.evaluation.benchmarks.sprint.TIME_LIMIT", 1.5)  # s: it stands anyway
         patch.setattr("bp2_rl.evaluation.report.pictures._saved", lambda *_, **__: b"")  # drawing takes longest

@@ -13,7 +13,6 @@ def nowhere(monkeypatch):
     """No display, and nothing of JAX's is changed."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda: None)
     monkeypatch.setenv("MUJOCO_GL", "")  # the command takes it away
 
 

@@ -98,7 +98,6 @@ def test_with_the_kernel_each_processor_is_a_device_unless_the_user_says_otherwi
 def test_the_preset_for_an_accelerator_is_refused_without_one(command, words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bp2_rl.cli.runtime.find_backend", lambda: "cpu")
-    monkeypatch.setattr("bp2_rl.cli.runtime.prepare_jax", lambda **_: None)
     monkeypatch.setattr("bp2_rl.cli.train.use_all_processors", lambda: None)
     monkeypatch.setattr("bp2_rl.tools.study.places.visible_gpus", lambda: ())
     assert command.main(["--preset", "gpu", *words]) == 2

@@ -15,12 +15,13 @@ from pathlib import Path
 import jax
 from rich.console import Console
 
+from bp2_rl.base.compilation import keep_compiled
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.folders import open_report
 from bp2_rl.base.plotting import save_figure
 from bp2_rl.base.serialization import from_json, package_versions, save_config, utc_now
 from bp2_rl.cli.bench import STEP, BenchArguments, parse
-from bp2_rl.cli.runtime import prepare_jax, require_accelerator
+from bp2_rl.cli.runtime import require_accelerator
 from bp2_rl.env.bp2_env import BP2Env
 from bp2_rl.learning.loop import make_card
 from bp2_rl.learning.networks import dense_layers
@@ -40,14 +41,15 @@ from bp2_rl.tools.throughput.report import (
 )
 
 FIRST_STEP = """import sys; from bp2_rl.cli import bench; bench.import_jax(sys.argv[1:])
-from bp2_rl.cli import runtime; runtime.prepare_jax(); runtime.wake_device()
+from bp2_rl.base import compilation; compilation.keep_compiled()
+from bp2_rl.cli import runtime; runtime.wake_device()
 from bp2_rl.cli.bench.measuring import first_step; first_step()"""
 """The program whose start `--startup` times."""
 
 
 def bench(argv: list[str]) -> None:
     """Measure as the command line says; the report on disk grows with every size measured."""
-    prepare_jax()
+    keep_compiled()
     arguments = parse(argv)
     if not arguments.startup:  # whose training refuses by itself
         require_accelerator(arguments.preset)
@@ -184,7 +186,7 @@ def time_startup(argv: Sequence[str], console: Console) -> tuple[Startup, Startu
 def first_step() -> None:
     """Start the training that the command line describes; print when what was done, seconds since 1970."""
     moments = {"imported": time.time()}
-    programs = prepare_jax()
+    programs = keep_compiled()
     arguments = parse(sys.argv[1:])
     ppo = dataclasses.replace(arguments.ppo, num_envs=arguments.main_robots)
     config = dataclasses.replace(arguments.config, ppo=ppo)
