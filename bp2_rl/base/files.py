@@ -6,6 +6,7 @@ wrong with it. Folders are in `folders.py`.
 """
 
 import contextlib
+import errno
 import io
 import json
 import math
@@ -49,7 +50,7 @@ def new_file(path: Path) -> Generator[IO[bytes]]:
     path = Path(path)
     temporary = _temporary(path, os.getpid())  # another process may write the same file
     try:
-        with temporary.open("wb") as file:
+        with _open(temporary, "wb") as file:
             yield file
             flush(file)
         os.replace(temporary, path)
@@ -75,6 +76,36 @@ def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False
     """Write named arrays with `np.savez` or `np.savez_compressed`, whole or not at all."""
     with new_file(path) as file:
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
+
+
+def open_in_place(path: Path) -> IO[str]:
+    """Open a file, made if need be, to append text in UTF-8; in somebody else's folder it may be anything.
+
+    Raises:
+        BadFileError: it is a link, a device or a pipe.
+        OSError: it cannot be written.
+    """
+    return _open(path, "a", encoding="utf-8")
+
+
+def _open(path: Path, mode: str, **options: Any) -> IO[Any]:
+    """Open a regular file, without waiting for a pipe's other end; one that is written is no link."""
+    special = _WITHOUT_WAITING if mode == "rb" else _WITHOUT_WAITING | _WITHOUT_LINKS
+    try:
+        file = open(path, mode, opener=lambda name, flags: os.open(name, flags | special, 0o666), **options)  # noqa: SIM115
+    except OSError as error:
+        if error.errno == errno.ELOOP and mode != "rb":
+            raise BadFileError(f"{path} is a link to elsewhere: remove it") from error
+        raise
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise BadFileError(f"{path} is a device or a pipe, not a file")
+    return file
+
+
+_WITHOUT_WAITING, _WITHOUT_LINKS = (
+    getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLOW")
+)  # Windows has neither
 
 
 def _temporary(path: Path, process: int) -> Path:
@@ -122,18 +153,16 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
     Raises:
         BadFileError: it is not there, cannot be read, is no regular file, or is larger than `largest` bytes.
     """
-    path = Path(path)
     try:
-        about = path.stat()
-        if stat.S_ISDIR(about.st_mode):
-            raise BadFileError(f"{path} is a folder, not a file")
-        if not stat.S_ISREG(about.st_mode):
-            raise BadFileError(f"{path} is a device or a pipe, not a file")
-        if about.st_size > largest:
-            raise BadFileError(f"{path} has {about.st_size:,} bytes, {largest:,} at most are read")
-        return path.read_bytes()
-    except OSError as error:
-        raise BadFileError(f"{path} cannot be read: {error.strerror or error}") from error
+        with _open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > largest:
+                raise BadFileError(f"{path} has {size:,} bytes, {largest:,} at most are read")
+            return file.read(size)
+    except BadFileError:
+        raise
+    except (OSError, ValueError) as error:  # a ValueError: no file can have this name
+        raise BadFileError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_json(path: Path) -> Any:

@@ -164,7 +164,10 @@ def _require_empty(run_dir: Path) -> None:
 
 
 def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
-    """Keep other processes from training in the run's folder meanwhile."""
+    """Keep other processes from training in the run's folder meanwhile, and the run from writing elsewhere."""
+    for entry in run_dir.iterdir():
+        if entry.is_symlink() and entry.name != CHECKPOINTS:
+            raise UserError(f"{entry} is a link to elsewhere: only a run's {CHECKPOINTS} may be; remove it")
     return lock_folder(run_dir, f"another process trains in {run_dir}: wait for it, or stop it")
 
 

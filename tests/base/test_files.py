@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 import random
 import subprocess
 import sys
@@ -164,3 +165,60 @@ def test_a_long_name_that_can_be_written_is_none_the_worse(tmp_path):
     path = tmp_path / ("x" * 230)
     files.require_name(path)
     write_text(path, "")
+
+
+def test_what_is_written_in_place_is_appended_and_stays_in_its_folder(tmp_path):
+    """A link, to a file that is there or not, a pipe with and without a reader, a device, a folder."""
+    own, victim = tmp_path / "own.txt", tmp_path / "victim"
+    for line in ("one\n", "two\n"):
+        with files.open_in_place(own) as file:
+            file.write(line)
+    assert own.read_text() == "one\ntwo\n"
+    victim.write_text("theirs")
+    for target in (victim, tmp_path / "not there", Path("/dev/null")):
+        link = tmp_path / "link"
+        link.symlink_to(target)
+        with pytest.raises(BadFileError, match=r"link is a link to elsewhere: remove it$"):
+            files.open_in_place(link)
+        link.unlink()
+    assert victim.read_text() == "theirs"
+    assert not (tmp_path / "not there").exists()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="No such device"):
+        files.open_in_place(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.open_in_place(pipe)
+    os.close(reader)
+    with pytest.raises(OSError, match="Is a directory"):
+        files.open_in_place(tmp_path)
+
+
+def test_a_file_that_takes_anothers_place_is_not_written_through_a_link(tmp_path):
+    victim, path = tmp_path / "victim", tmp_path / "file"
+    victim.write_text("theirs")
+    path.symlink_to(victim)
+    write_text(path, "ours")
+    assert (path.read_text(), path.is_symlink(), victim.read_text()) == ("ours", False, "theirs")
+    (tmp_path / f".file.{os.getpid()}.tmp").symlink_to(victim)
+    with pytest.raises(BadFileError, match="is a link to elsewhere"):
+        write_text(path, "ours")
+    assert victim.read_text() == "theirs"
+
+
+def test_a_pipe_is_not_waited_for_and_a_file_without_an_end_is_not_read(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.read_bytes(pipe)
+    link = tmp_path / "link"
+    link.symlink_to("/dev/zero")
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.read_bytes(link)
+    with (tmp_path / "long").open("wb") as file:
+        file.truncate(1 << 40)  # a terabyte of which nothing is on disk
+    with pytest.raises(BadFileError, match=r"long has 1,099,511,627,776 bytes, 100 at most are read"):
+        files.read_bytes(tmp_path / "long", 100)
+    with pytest.raises(BadFileError, match="cannot be read: embedded null byte"):
+        files.read_bytes(Path("a\0b"))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import open_in_place
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.base.serialization import utc_now
 from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
@@ -80,7 +81,7 @@ def begin(
         environment.pop("NPROC", None)  # it sets its own
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = gpu
-    with run_dir.with_suffix(".txt").open("a") as log:
+    with open_in_place(run_dir.with_suffix(".txt")) as log:
         log.write(f"{utc_now()} {' '.join(arguments)}\n")
         log.flush()
         command = [sys.executable, *train, *arguments]
