@@ -82,7 +82,7 @@ def open_in_place(path: Path) -> IO[str]:
     """Open a file, made if need be, to append text in UTF-8; in somebody else's folder it may be anything.
 
     Raises:
-        BadFileError: it is a link, a device or a pipe.
+        BadFileError: it is a link, a folder, a device or a pipe.
         OSError: it cannot be written.
     """
     return _open(path, "a", encoding="utf-8")
@@ -93,6 +93,8 @@ def _open(path: Path, mode: str, **options: Any) -> IO[Any]:
     special = _WITHOUT_WAITING if mode == "rb" else _WITHOUT_WAITING | _WITHOUT_LINKS
     try:
         file = open(path, mode, opener=lambda name, flags: os.open(name, flags | special, 0o666), **options)  # noqa: SIM115
+    except IsADirectoryError as error:
+        raise BadFileError(f"{path} is a folder, not a file") from error
     except OSError as error:
         if error.errno == errno.ELOOP and mode != "rb":
             raise BadFileError(f"{path} is a link to elsewhere: remove it") from error

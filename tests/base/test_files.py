@@ -191,7 +191,7 @@ def test_what_is_written_in_place_is_appended_and_stays_in_its_folder(tmp_path):
     with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
         files.open_in_place(pipe)
     os.close(reader)
-    with pytest.raises(OSError, match="Is a directory"):
+    with pytest.raises(BadFileError, match="is a folder, not a file"):
         files.open_in_place(tmp_path)
 
 
