@@ -1,76 +1,45 @@
 """Who may open the page, and what a browser may say: viser believes whatever comes, and a wrong word would end it."""
 
 import contextlib
+import dataclasses
 import http
 from collections.abc import Callable, Generator
-from typing import Annotated, Any, Literal
+from typing import Any
 from unittest import mock
 from urllib.parse import urlsplit
 
 import msgspec
 import websockets.asyncio.server
+from viser._messages import CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage
 
 OWN_NAMES = "localhost", "127.0.0.1", "::1"
 """What a machine calls itself."""
-Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-Pixels = Annotated[int, msgspec.Meta(ge=0, le=1 << 20)]
-Vector = tuple[Number, Number, Number]
-
-
-class _Message(msgspec.Struct, tag_field="type", tag=lambda name: f"{name}Message", forbid_unknown_fields=True):
-    """A message as viser's page sends it: the class's name is the `type` of it."""
-
-
-class GuiUpdate(_Message):
-    """A widget has been moved."""
-
-    uuid: str
-    updates: dict[Literal["value"], bool | float | str]
-
-
-class CommandTrigger(_Message):
-    """A key has been pressed."""
-
-    uuid: str
-
-
-class ViewerCamera(_Message):
-    """The camera has been turned."""
-
-    wxyz: tuple[Number, Number, Number, Number]
-    position: Vector
-    look_at: Vector
-    up_direction: Vector
-    fov: Number
-    near: Number
-    far: Number
-    image_height: Pixels
-    image_width: Pixels
-
-
-_DECODER = msgspec.msgpack.Decoder(GuiUpdate | CommandTrigger | ViewerCamera)
-
-
-def takes(widget: Any, value: bool | float | str) -> bool:
-    """Return whether a widget of viser's can have a value: one of a list, a number of a slider, or a tick."""
-    if hasattr(widget, "options"):
-        return value in widget.options
-    if hasattr(widget, "min"):
-        return isinstance(value, float) and widget.min <= value <= widget.max
-    return isinstance(value, bool)
+KINDS = {kind.__name__: kind for kind in (CommandTriggerMessage, GuiUpdateMessage, ViewerCameraMessage)}
+"""Messages that the page sends: a key pressed, a widget moved, a camera turned."""
 
 
 def is_understood(message: bytes | str, widgets: dict[str, Any]) -> bool:
     """Return whether a message can be from the page, and moves one of its widgets to a value that it can have."""
-    if isinstance(message, str):
-        return False
     try:
-        said = _DECODER.decode(message)
-    except (ValueError, RecursionError):
+        fields: Any = msgspec.msgpack.decode(message)  # pyright: ignore[reportArgumentType]
+        kind = KINDS[fields.pop("type")]
+        said = msgspec.convert(fields, kind)
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError):  # text, a list, another kind ...
         return False
-    return not isinstance(said, GuiUpdate) or all(
-        said.uuid in widgets and takes(widgets[said.uuid], value) for value in said.updates.values()
-    )
+    if fields.keys() != {field.name for field in dataclasses.fields(kind)}:
+        return False
+    if not isinstance(said, GuiUpdateMessage):
+        return True
+    return said.uuid in widgets and said.updates.keys() == {"value"} and takes(widgets[said.uuid], **said.updates)
+
+
+def takes(widget: Any, value: Any) -> bool:
+    """Return whether a widget of viser's can have a value: one of a list, a number of a slider, or a tick."""
+    if hasattr(widget, "options"):
+        return value in widget.options
+    if hasattr(widget, "min"):
+        return type(value) in (float, int) and widget.min <= value <= widget.max
+    return isinstance(value, bool)
 
 
 @contextlib.contextmanager

@@ -59,10 +59,9 @@ def _compile(compiling: Callable[..., mujoco.MjModel], *arguments: Any) -> bytes
 
 
 def _limit() -> None:
-    """Let this process have only `MOST` bytes beside its packages, and end by itself should its parent be stopped."""
+    """Let this process have only `MOST` bytes beside its packages, where the system knows how."""
     if sys.platform == "linux":
         import resource
 
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + MOST, used + MOST))
-        resource.setrlimit(resource.RLIMIT_CPU, (2 * LONGEST, 2 * LONGEST))
