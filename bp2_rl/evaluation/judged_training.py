@@ -24,7 +24,7 @@ def train(
     *,
     parent: Path | str | None = None,
     tracker: Tracker | None = None,
-    programs: Path | None = None,
+    programs: Path | str | None = None,
 ) -> Path:
     """Train a new run in the folder `run_dir`; return the folder.
 
@@ -49,11 +49,11 @@ def train(
     require_name(run_dir)
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(config) as judge:
-        origin = None if parent is None else Path(parent)
-        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker, programs=programs)
+        origin, kept = (None if path is None else Path(path) for path in (parent, programs))
+        return run.start(config, Path(run_dir), parent=origin, judge=judge, tracker=tracker, programs=kept)
 
 
-def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Path | None = None) -> Path:
+def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Path | str | None = None) -> Path:
     """Go on with a stopped run exactly where it stands, with its own settings; return its folder.
 
     `programs` is as in `train`.
@@ -64,7 +64,8 @@ def resume(run_dir: Path | str, *, tracker: Tracker | None = None, programs: Pat
     """
     require_one_of("tracker", tracker or "wandb", get_args(Tracker))
     with _judge(load_run_config(run_dir)) as judge:
-        return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=programs)
+        kept = None if programs is None else Path(programs)
+        return run.resume(Path(run_dir), judge=judge, tracker=tracker, programs=kept)
 
 
 @contextlib.contextmanager

@@ -53,6 +53,8 @@ def _compile(compiling: Callable[..., mujoco.MjModel], *arguments: Any) -> bytes
     size = mujoco.mj_sizeModel(model)
     if size > LARGEST:
         raise ReadingError(f"its compiled model has {size:,} bytes, {LARGEST:,} at most are read: leave only the robot")
+    if odd := [name for name in model.names.decode(errors="replace").split("\0") if not name.isprintable()]:
+        raise ReadingError(f"it holds the name {odd[0]!a}, which no terminal can show: choose another")
     packed = np.empty(size, np.uint8)
     mujoco.mj_saveModel(model, None, packed)
     return packed.tobytes()

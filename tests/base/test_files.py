@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import random
 import subprocess
@@ -93,6 +94,22 @@ def test_a_small_file_cannot_fill_the_memory(tmp_path):
     tracemalloc.stop()
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_what_numpy_does_not_compress_so_is_not_unpacked(archive, tmp_path, method):
+    """LZMA has errors of its own, and takes gigabytes for a few bytes that say so."""
+    path = tmp_path / "other.npz"
+    with zipfile.ZipFile(archive[0]) as whole, zipfile.ZipFile(path, "w", method) as other:
+        for name in whole.namelist():
+            other.writestr(name, whole.read(name))
+    with pytest.raises(BadFileError, match="lacks the array a"):
+        read_npz(path, WANTED)
+    content = bytearray(path.read_bytes())
+    for k in range(30, 200):
+        path.write_bytes(content[:k] + bytes([content[k] ^ 255]) + content[k + 1 :])
+        with pytest.raises(BadFileError):
+            read_npz(path, WANTED)
+
+
 def test_no_pickle_is_opened(tmp_path):
     path, buffer = tmp_path / "pickle.npz", io.BytesIO()
     np.savez(buffer, a=np.array([print], dtype=object))
@@ -118,6 +135,14 @@ def test_a_missing_file_is_named(tmp_path):
 def test_json_that_could_not_be_shown_or_walked_is_refused(text):
     with pytest.raises(BadFileError, match=r"^here is "):
         files.parse_json(text, "here")
+
+
+@pytest.mark.parametrize("character", ["\0", "\x1b", "\r", "\x7f", "\x9b", "\u202e", "\u2066"])
+def test_json_whose_texts_would_steer_a_terminal_is_refused(character):
+    for value in ([{"a": f"b{character}"}], {f"a{character}": 1}):
+        with pytest.raises(BadFileError, match=r"^here is damaged or not JSON: a text holds the control character '"):
+            files.parse_json(json.dumps(value), "here")
+    files.parse_json(json.dumps("tab\tline\nbreak, 10 m/s² \u00a0 ä 犬"), "here")
 
 
 def test_json_that_is_nested_as_deeply_as_we_read_is_read():

@@ -118,7 +118,9 @@ def test_no_message_of_a_browser_ends_or_changes_more_than_its_own_widgets(page,
     pace, before = Pace(), values(page)
     with browser(page) as ours, browser(page) as theirs:
         ours.send(msgspec.msgpack.encode(CAMERA))
-        theirs.send(msgspec.msgpack.encode(CAMERA | {"wxyz": [0, 0, 0, math.nan], "image_height": -1, "image_width": -2}))
+        theirs.send(
+            msgspec.msgpack.encode(CAMERA | {"wxyz": [0, 0, 0, math.nan], "image_height": -1, "image_width": -2})
+        )
         wait_until(lambda: len(page.server.get_clients()) == 2)
         count = 0
         for message in hostile(page):
