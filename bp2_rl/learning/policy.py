@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import hashlib
 import itertools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -167,7 +168,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     _check_shapes(policy)
     _check_numbers(policy, f"policy not exported to {directory}")
     try:
-        place = Path(directory).resolve()
+        place = Path(os.path.abspath(directory))  # a link is replaced, and what it leads to left alone
         if place.is_file():
             raise FileExistsError(0, "it is a file, not a folder; choose another folder")
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):

@@ -199,6 +199,19 @@ def test_a_policy_may_be_saved_where_it_lies(policy_dir: Path, monkeypatch: pyte
     assert load_policy(policy_dir).card == saved.card
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_a_policy_is_not_saved_through_a_link(exported: Path, tmp_path: Path, there: bool):
+    elsewhere, link = tmp_path / "elsewhere", tmp_path / "policies" / "1024"
+    link.parent.mkdir()
+    if there:
+        elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    save_policy(link, load_policy(exported))
+    assert load_policy(link).card.seed == 7
+    assert elsewhere.exists() is there
+    assert not there or list(elsewhere.iterdir()) == []
+
+
 def test_weights_that_are_not_the_cards_are_not_saved(exported: Path, tmp_path: Path):
     policy = load_policy(exported)
     with pytest.raises(PolicyError, match="the network has 2 layers, its card says 3"):

@@ -67,10 +67,12 @@ def begin(
         keep: file descriptors that it inherits.
 
     Raises:
-        UserError: another process trains the run.
+        UserError: another process trains the run, or it lies elsewhere.
     """
     from bp2_rl.learning.checkpoint import latest_step
 
+    if run_dir.is_symlink():
+        raise UserError(f"{run_dir} is a link to elsewhere: remove it")
     if latest_step(run_dir) is not None:
         arguments = ["--resume", str(run_dir)]
     elif run_dir.exists() and not (run_dir / POLICIES).exists():
