@@ -18,10 +18,10 @@ KINDS = {kind.__name__: kind for kind in (CommandTriggerMessage, GuiUpdateMessag
 """Messages that the page sends: a key pressed, a widget moved, a camera turned."""
 
 
-def is_understood(message: bytes | str, widgets: dict[str, Any]) -> bool:
+def is_understood(message: Any, widgets: dict[str, Any]) -> bool:
     """Return whether a message can be from the page, and moves one of its widgets to a value that it can have."""
     try:
-        fields: Any = msgspec.msgpack.decode(message)  # pyright: ignore[reportArgumentType]
+        fields = msgspec.msgpack.decode(message)
         kind = KINDS[fields.pop("type")]
         said = msgspec.convert(fields, kind)
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError):  # text, a list, another kind ...
