@@ -1,10 +1,14 @@
 """The public names of the package."""
 
+import dataclasses
 import importlib
+import inspect
 import os
 import re
 import subprocess
 import sys
+import typing
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,6 +17,7 @@ import pytest
 import bp2_rl
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import save_config
 from bp2_rl.learning.policy import SHIPPED
 from bp2_rl.robot.hardware import IDEAL
 
@@ -158,6 +163,78 @@ for ask in {[ask for ask, _ in WRONG]}:
 @pytest.mark.parametrize("number", range(len(WRONG)))
 def test_a_wrong_choice_is_answered_with_what_is_right(number, answers):
     assert answers[number].startswith(WRONG[number][1])
+
+
+def paths_of_the_api():
+    """The parameters of the public functions, and of the public classes' methods, that can be a path."""
+    found = set()
+    for name in bp2_rl.HOMES:
+        public = getattr(bp2_rl, name)
+        own = [public]
+        if inspect.isclass(public):
+            methods = [value for key, value in vars(public).items() if not key.startswith("_") or key == "__init__"]
+            own = [getattr(method, "__func__", method) for method in methods]
+        for function in filter(inspect.isfunction, own):
+            for parameter, kind in typing.get_type_hints(function).items():
+                if parameter != "return" and Path in (kind, *typing.get_args(kind)):
+                    assert str in typing.get_args(kind), f"{function.__qualname__} takes no text as {parameter}"
+                    found.add((function.__qualname__, parameter))
+    return found
+
+
+SHORT = bp2_rl.Ramp(0.5, hold=0.05)
+GO1 = asset_path("robots/go1.toml")
+UNJUDGED = bp2_rl.preset("imitation", "smoke")
+UNJUDGED = dataclasses.replace(UNJUDGED, run=dataclasses.replace(UNJUDGED.run, judged=0))
+BY_PATH: dict[tuple[str, str], Callable[[Path, Callable[[Path], Any]], Any]] = {
+    ("load_policy", "path"): lambda _, of: bp2_rl.load_policy(of(asset_path("policies/built"))).card,
+    ("preset", "robot"): lambda _, of: bp2_rl.preset("imitation", "smoke", robot=of(GO1)),
+    ("rollout", "hardware"): lambda _, of: refusal(
+        lambda: bp2_rl.rollout(bp2_rl.load_policy("ideal"), SHORT, hardware=of(Path("no robot.toml")))
+    ),
+    ("Trajectory.save", "path"): lambda folder, of: (
+        bp2_rl.rollout(bp2_rl.load_policy("ideal"), SHORT).save(of(folder / "x.npz")),
+        bp2_rl.Trajectory.load(folder / "x.npz").metrics.mean_speed,
+    ),
+    ("Trajectory.load", "path"): lambda folder, of: (
+        bp2_rl.rollout(bp2_rl.load_policy("ideal"), SHORT).save(folder / "x.npz"),
+        bp2_rl.Trajectory.load(of(folder / "x.npz")).metrics.mean_speed,
+    ),
+    ("train", "run_dir"): lambda folder, of: bp2_rl.train(UNJUDGED, of(folder)),
+    ("train", "parent"): lambda folder, of: bp2_rl.train(UNJUDGED, folder, parent=of(folder)),
+    ("train", "programs"): lambda folder, of: bp2_rl.train(UNJUDGED, folder, programs=of(folder)),
+    ("resume", "run_dir"): lambda folder, of: bp2_rl.resume(of(folder)),
+    ("resume", "programs"): lambda folder, of: bp2_rl.resume(folder, programs=of(folder)),
+}
+"""What each of them gives, of a folder, with a path made by a function."""
+
+
+def refusal(call: Callable[[], object]) -> str:
+    with pytest.raises(UserError) as told:
+        call()
+    return str(told.value)
+
+
+def test_each_path_of_the_api_has_its_test():
+    assert paths_of_the_api() == set(BY_PATH)
+
+
+@pytest.mark.parametrize("name", BY_PATH, ids=".".join)
+def test_a_path_may_be_a_text_or_a_path(name, tmp_path, monkeypatch):
+    """The learner is a stand-in, which must be given paths alone."""
+    given = []
+
+    def told(*arguments, **named):
+        given.append([*arguments[-1:], *(named[one] for one in ("parent", "programs") if one in named)])
+        return tmp_path
+
+    monkeypatch.setattr("bp2_rl.learning.run.start", told)
+    monkeypatch.setattr("bp2_rl.learning.run.resume", told)
+    save_config(tmp_path / "config.json", UNJUDGED)
+    by_text, by_path = (BY_PATH[name](tmp_path, of) for of in (str, Path))
+    assert by_text == by_path
+    assert given[:1] == given[1:]
+    assert all(isinstance(path, Path | None) for paths in given for path in paths)
 
 
 def test_what_a_reader_prints_is_a_line():

@@ -16,9 +16,14 @@ def not_installed(what: str, package: str, extra: str, otherwise: str = "") -> U
     return UserError(f'{what} needs the package {package}: pip install -c constraints.txt -e ".[{extra}]"{otherwise}')
 
 
+LONGEST_LINE = 2000
+"""Characters of a message, beyond which its middle is left out."""
+
+
 def one_line(text: str) -> str:
-    """Return the text without line breaks, and without what no terminal can show, such as a name that is not UTF-8."""
-    return " ".join(text.encode(errors="backslashreplace").decode().split())
+    """Return the text without line breaks, and with escapes for what no terminal shows, or what steers one."""
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
 
 
 class RunStopped(Exception):

@@ -6,10 +6,12 @@ wrong with it. Folders are in `folders.py`.
 """
 
 import contextlib
+import errno
 import io
 import json
 import math
 import os
+import re
 import stat
 import struct
 import tokenize
@@ -40,7 +42,7 @@ class BadFileError(UserError):
 
 
 @contextlib.contextmanager
-def new_file(path: Path) -> Generator[IO[bytes]]:
+def new_file(path: Path | str) -> Generator[IO[bytes]]:
     """A file to fill, which takes the place of `path` when the block ends, whole and on disk, or not at all.
 
     Raises:
@@ -49,7 +51,7 @@ def new_file(path: Path) -> Generator[IO[bytes]]:
     path = Path(path)
     temporary = _temporary(path, os.getpid())  # another process may write the same file
     try:
-        with temporary.open("wb") as file:
+        with _open(temporary, "wb") as file:
             yield file
             flush(file)
         os.replace(temporary, path)
@@ -71,10 +73,41 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def write_npz(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
+def write_npz(path: Path | str, arrays: Mapping[str, Any], *, compressed: bool = False) -> None:
     """Write named arrays with `np.savez` or `np.savez_compressed`, whole or not at all."""
     with new_file(path) as file:
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
+
+
+def open_in_place(path: Path) -> IO[str]:
+    """Open a file, made if need be, to append text in UTF-8; in somebody else's folder it may be anything.
+
+    Raises:
+        BadFileError: it is a link, a folder, a device or a pipe.
+        OSError: it cannot be written.
+    """
+    return _open(path, "a", encoding="utf-8")
+
+
+def _open(path: Path | str, mode: str, **options: Any) -> IO[Any]:
+    """Open a regular file, without waiting for a pipe's other end; one that is written is no link."""
+    special = _WITHOUT_WAITING if mode == "rb" else _WITHOUT_WAITING | _WITHOUT_LINKS
+    try:
+        file = open(path, mode, opener=lambda name, flags: os.open(name, flags | special, 0o666), **options)  # noqa: SIM115
+    except OSError as error:
+        if what := _NO_FILE.get(error.errno or 0):
+            raise BadFileError(f"{path} is {what}") from error
+        raise
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise BadFileError(f"{path} is a device or a pipe, not a file")
+    return file
+
+
+_NO_FILE = {errno.ELOOP: "a link to elsewhere: remove it", errno.EISDIR: "a folder, not a file"}
+_WITHOUT_WAITING, _WITHOUT_LINKS = (
+    getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLOW")
+)  # Windows has neither
 
 
 def _temporary(path: Path, process: int) -> Path:
@@ -116,24 +149,22 @@ def require_name(path: Path | str) -> None:
 # --- Reading -------------------------------------------------------------------------------------------------
 
 
-def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path | str, largest: int = LARGEST_FILE) -> bytes:
     """A file's content.
 
     Raises:
         BadFileError: it is not there, cannot be read, is no regular file, or is larger than `largest` bytes.
     """
-    path = Path(path)
     try:
-        about = path.stat()
-        if stat.S_ISDIR(about.st_mode):
-            raise BadFileError(f"{path} is a folder, not a file")
-        if not stat.S_ISREG(about.st_mode):
-            raise BadFileError(f"{path} is a device or a pipe, not a file")
-        if about.st_size > largest:
-            raise BadFileError(f"{path} has {about.st_size:,} bytes, {largest:,} at most are read")
-        return path.read_bytes()
-    except OSError as error:
-        raise BadFileError(f"{path} cannot be read: {error.strerror or error}") from error
+        with _open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > largest:
+                raise BadFileError(f"{path} has {size:,} bytes, {largest:,} at most are read")
+            return file.read(size)
+    except BadFileError:
+        raise
+    except (OSError, ValueError) as error:  # a ValueError: no file can have this name
+        raise BadFileError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_json(path: Path) -> Any:
@@ -153,7 +184,7 @@ def parse_json(content: bytes | str, source: str) -> Any:
     """
     try:
         value = json.loads(content if isinstance(content, str) else content.decode())
-        _check_json(value)
+        check_values(value)
     except RecursionError as error:
         raise BadFileError(f"{source} is no JSON file of ours: it is nested too deeply") from error
     except ValueError as error:  # JSON, UTF-8 and endless integers alike
@@ -161,18 +192,27 @@ def parse_json(content: bytes | str, source: str) -> Any:
     return value
 
 
-def _check_json(value: Any) -> None:
-    """Raise RecursionError or ValueError where a JSON value is nested too deeply or holds half a character."""
+def check_values(value: Any) -> None:
+    """Raise RecursionError or ValueError where a value of JSON or TOML cannot be walked through or shown.
+
+    It may be nested too deeply, and a text may hold half a character or what steers a terminal.
+    """
     level = [value]
     for _ in range(DEEPEST):
         for text in (entry for entry in level if isinstance(entry, str)):
             text.encode()
+            if found := _STEERING.search(text):
+                raise ValueError(f"a text holds the control character {found[0]!a}")
         inner = [(list(entry) + list(entry.values()) if isinstance(entry, dict) else entry) for entry in level
                  if isinstance(entry, dict | list)]  # fmt: skip
         level = [entry for entries in inner for entry in entries]
         if not level:
             return
     raise RecursionError
+
+
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters but tab and line feed, and marks that turn the direction of writing."""
 
 
 class ArraySpec(NamedTuple):
@@ -186,7 +226,7 @@ class ArraySpec(NamedTuple):
 
 
 def read_npz(
-    path: Path, wanted: Mapping[str, ArraySpec], *, content: bytes | None = None, largest: int = LARGEST_ARRAYS
+    path: Path | str, wanted: Mapping[str, ArraySpec], *, content: bytes | None = None, largest: int = LARGEST_ARRAYS
 ) -> dict[str, np.ndarray]:
     """The arrays `wanted` of an .npz file, and nothing else of it: pickles and further arrays are never unpacked.
 
@@ -205,7 +245,11 @@ def read_npz(
     content = read_bytes(path) if content is None else content
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+            members = {
+                one.filename.removesuffix(".npy"): one.filename
+                for one in archive.infolist()
+                if one.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # as NumPy does
+            }
             sizes: dict[str, int] = {}
             total = 0
             for name, spec in wanted.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.base.files import require_name, sync
+from bp2_rl.base.files import open_in_place, require_name, sync
 
 LOCK = ".lock"
 """The file in a folder that `lock_folder` locks; it stays there."""
@@ -34,15 +34,14 @@ def new_folder(path: Path) -> Generator[Path]:
     restore_folder(path)
     fresh, old = _aside(path, "new"), _aside(path, "old")
     for leftover in (fresh, old):
-        if leftover.exists():
-            shutil.rmtree(leftover)
+        _remove(leftover)
     fresh.mkdir()
     try:
         yield fresh
         for file in fresh.iterdir():
             sync(file)
         sync(fresh)
-        if path.exists():
+        if os.path.lexists(path):
             path.rename(old)
         fresh.rename(path)
         sync(path.parent)
@@ -50,14 +49,15 @@ def new_folder(path: Path) -> Generator[Path]:
         restore_folder(path)
         shutil.rmtree(fresh, ignore_errors=True)
         raise
-    shutil.rmtree(old, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        _remove(old)
 
 
 def remove_folder(path: Path) -> None:
     """Remove a folder so that, killed half-way, nothing of it is left under its name."""
     doomed = _aside(Path(path), "gone")
     Path(path).rename(doomed)
-    shutil.rmtree(doomed)
+    _remove(doomed)
 
 
 def find_folder(path: Path) -> Path:
@@ -87,8 +87,15 @@ def tidy(parent: Path) -> None:
         if match and entry.is_dir():
             if match[2] == "old":
                 restore_folder(entry.with_name(match[1]))
-            if entry.exists():
-                shutil.rmtree(entry)
+            _remove(entry)
+
+
+def _remove(path: Path) -> None:
+    """Remove a folder, if it is there; of a link to a folder only the link."""
+    if path.is_symlink():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)
 
 
 def _aside(path: Path, kind: str) -> Path:
@@ -118,7 +125,7 @@ def lock_folder(folder: Path, busy: str) -> Generator[int]:
         UserError: another process holds it, or the folder cannot be written.
     """
     try:
-        file = (Path(folder) / LOCK).open("w")
+        file = open_in_place(Path(folder) / LOCK)
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
     with file:

@@ -6,6 +6,9 @@ import socket
 import threading
 from collections.abc import Callable, Generator
 
+STOPPING = tuple(signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that ask a command to end: Ctrl-C, a scheduler's, and a closed terminal's, which Windows has not."""
+
 
 @contextlib.contextmanager
 def listening(hear: Callable[[signal.Signals], None]) -> Generator[None]:

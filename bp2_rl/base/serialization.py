@@ -155,7 +155,7 @@ def claim_folder(folder: Path, card: str, settings: Any, what: str) -> None:
     """
     make_folder(folder)
     path = folder / card
-    if not path.is_file():
+    if not path.exists():
         save_config(path, settings)
         return
     old = load_config(type(settings), path)

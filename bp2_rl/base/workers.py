@@ -15,13 +15,13 @@ from collections.abc import Callable, Generator
 from multiprocessing.context import SpawnContext, SpawnProcess
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.listening import STOPPING
 
 PARENT = "BP2_PARENT"
 """The environment variable by which a command is told the process that it is to end with."""
 NPROC_IS_OURS = "NPROC" not in os.environ
 """Whether the number of XLA's threads is ours to set; if not, the user or a parent process has set it."""
 _DEVICES = "xla_force_host_platform_device_count"
-_ANSWERED = (signal.SIGINT, signal.SIGTERM)  # by the parent alone, though a terminal sends them to the whole group
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AT_ONCE = getattr(signal, "SIGKILL", signal.SIGTERM)  # Windows has but the latter, to the same end
 
@@ -34,7 +34,7 @@ def spawned(
 
     The processes do not run the caller's script again, as spawned ones do: what they are given is of this package.
 
-    They are killed when this process ends, however that ends, and leave SIGINT and SIGTERM to it. Linux counts the end
+    They are killed when this process ends, however that ends, and leave `STOPPING` signals to it. Linux counts the end
     of the thread that submitted the first tasks for that: submit from one that outlives the pool. After an exception,
     and with `abandon` always, they are killed when the block ends, whatever they are at; else that is waited for.
 
@@ -44,9 +44,10 @@ def spawned(
     if count < 1:
         raise UserError(f"workers must be at least 1, got {count}")
     others = multiprocessing.active_children()
-    pool = concurrent.futures.ProcessPoolExecutor(
-        count, mp_context=_SpawnContext(), initializer=_begin, initargs=(os.getpid(), initializer)
-    )
+    with _deaf():  # Python's tracker of semaphores, which begins here, is not to hear of a closed terminal
+        pool = concurrent.futures.ProcessPoolExecutor(
+            count, mp_context=_SpawnContext(), initializer=_begin, initargs=(os.getpid(), initializer)
+        )
     try:
         yield pool
     except BaseException:
@@ -72,14 +73,23 @@ class _SpawnProcess(SpawnProcess):
     def start(self) -> None:
         """Start the process as if the caller had no main module, deaf to signals before `_begin`, too."""
         main = sys.modules["__main__"]
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ANSWERED) if hasattr(signal, "pthread_sigmask") else None
         sys.modules["__main__"] = types.ModuleType("__main__")
         try:
-            super().start()
+            with _deaf():
+                super().start()
         finally:
-            if mask is not None:
-                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             sys.modules["__main__"] = main
+
+
+@contextlib.contextmanager
+def _deaf() -> Generator[None]:
+    """Block `STOPPING` signals here, and in processes that begin meanwhile."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING) if hasattr(signal, "pthread_sigmask") else None
+    try:
+        yield
+    finally:
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 class _SpawnContext(SpawnContext):
@@ -131,7 +141,7 @@ def end_with_caller() -> None:
 
 def _begin(parent: int, initializer: Callable[[], None] | None) -> None:
     end_with_parent(parent, _AT_ONCE)
-    for number in _ANSWERED:
+    for number in STOPPING:  # which the parent answers, though a terminal sends them to the whole group
         signal.signal(number, signal.SIG_IGN)
     if initializer is not None:
         initializer()

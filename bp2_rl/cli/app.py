@@ -2,6 +2,7 @@
 stopped by signal n, with the work kept. All but 0 with one line on standard error."""
 
 import contextlib
+import errno
 import io
 import os
 import pkgutil
@@ -18,20 +19,20 @@ from typing import Any, TypeVar
 import tyro
 
 from bp2_rl.base.errors import FAILED, INTERRUPTED, OK, WRONG_INPUT, RunStopped, UserError, did_you_mean, one_line
-from bp2_rl.base.listening import listening
+from bp2_rl.base.listening import STOPPING, listening
 from bp2_rl.cli import usage
 
 Config = TypeVar("Config")
 
 GRACE = 3.0  # s
-STOPPED = "stopped by SIGTERM"
 
 
 def run(command: Callable[[], None], *, patient: bool = True) -> int:
     """Run a command and turn how it ends into an exit status; no traceback reaches the terminal.
 
-    SIGTERM ends a command tidily, as Ctrl-C does. Where either finds the main thread in compiled code, XLA's compiler
-    for one, the process ends after `GRACE` seconds: whole files are written or none, and child processes end with it.
+    SIGTERM and SIGHUP end a command tidily, as Ctrl-C does. Where one finds the main thread in compiled code, XLA's
+    compiler for one, the process ends after `GRACE` seconds: whole files are written or none, and child processes end
+    with it.
 
     Args:
         command: what to do.
@@ -41,17 +42,17 @@ def run(command: Callable[[], None], *, patient: bool = True) -> int:
         with _terminable(patient), _without_reader():
             command()
     except UserError as error:
-        print(f"error: {one_line(str(error))}", file=sys.stderr)
+        _tell(f"error: {one_line(str(error))}")
         return WRONG_INPUT
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _tell("interrupted")
         return INTERRUPTED
     except RunStopped as stop:
-        print(one_line(str(stop)), file=sys.stderr)
+        _tell(one_line(str(stop)))
         return stop.status
     except Exception as error:
         logged = error if isinstance(error, LoggedError) else LoggedError(error)
-        print(f"failed: {logged}", file=sys.stderr)
+        _tell(f"failed: {logged}")
         return FAILED
     return OK
 
@@ -68,16 +69,16 @@ def _terminable(patient: bool) -> Generator[None]:
         heard.add(number)
         if patient:
             answered.set()
-        raise KeyboardInterrupt if number == signal.SIGINT else RunStopped(STOPPED, 128 + number)
+        raise KeyboardInterrupt if number == signal.SIGINT else _stopped(number)
 
     def insist(number: signal.Signals) -> None:
-        if number in (signal.SIGINT, signal.SIGTERM) and not answered.wait(GRACE):
-            print(STOPPED if number == signal.SIGTERM else "interrupted", file=sys.stderr, flush=True)
+        if number in STOPPING and not answered.wait(GRACE):
+            _tell("interrupted" if number == signal.SIGINT else str(_stopped(number)))
             # Semaphores are given back, and a run without its first checkpoint is removed.
             pkgutil.resolve_name("multiprocessing.util:_run_finalizers")(0)  # no public function does so
             os._exit(128 + number)
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in STOPPING}
     with listening(insist):
         for number, handler in before.items():
             if handler in (signal.SIG_DFL, signal.default_int_handler):
@@ -85,18 +86,36 @@ def _terminable(patient: bool) -> Generator[None]:
         try:
             yield
         except KeyboardInterrupt:
-            if signal.SIGTERM not in heard:
+            if not (other := heard - {signal.SIGINT}):
                 raise
-            raise RunStopped(STOPPED, 128 + signal.SIGTERM) from None  # CasADi turns each signal into this exception
+            raise _stopped(max(other)) from None  # CasADi turns each signal into this exception
         finally:
             answered.set()
             for number, handler in before.items():
                 signal.signal(number, handler)
 
 
+def _stopped(number: int) -> RunStopped:
+    """Return how a signal other than Ctrl-C ends a command."""
+    return RunStopped(f"stopped by {signal.Signals(number).name}", 128 + number)
+
+
+def _tell(line: str) -> None:
+    """Say a line on standard error, unless its terminal is closed."""
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except OSError:
+        _forget(sys.stderr)
+
+
+def _forget(stream: Any) -> None:
+    """Let a stream without a reader swallow what is written from now on, and what is still buffered."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 @contextlib.contextmanager
 def _without_reader() -> Generator[None]:
-    """Go on where the reader of standard output ends early, as `head` does: the results are on disk."""
+    """Go on where the reader of standard output ends early, as `head` and a terminal may: the results are on disk."""
     stream = sys.stdout
     sys.stdout = _ClosableStream(stream)
     try:
@@ -116,21 +135,23 @@ class _ClosableStream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        try:
-            return self._stream.write(text)
-        except BrokenPipeError:
-            self._leave()
-            return len(text)
+        with self._leaving():
+            self._stream.write(text)
+        return len(text)
 
     def flush(self) -> None:
-        try:
+        with self._leaving():
             self._stream.flush()
-        except BrokenPipeError:
-            self._leave()
 
-    def _leave(self) -> None:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())  # what is still buffered goes there, too
-        print("standard output was closed; the command goes on without output", file=sys.stderr)
+    @contextlib.contextmanager
+    def _leaving(self) -> Generator[None]:
+        try:
+            yield
+        except OSError as error:
+            if error.errno not in (errno.EPIPE, errno.EIO):  # a pipe's and a terminal's
+                raise
+            _forget(self._stream)
+            _tell("standard output was closed; the command goes on without output")
 
 
 class FlagError(UserError):

@@ -81,10 +81,13 @@ def play(config: PlayConfig) -> None:
     session = Session(policy, robot)
     session.wish = Wish(config.speed)
     if web:
+        from bp2_rl.play.gate import OWN_NAMES
         from bp2_rl.play.web import Page
 
         stage = Page(session, host=config.host, port=config.port)
         place = f"open {stage.url}"
+        if config.host not in OWN_NAMES:
+            print(f"--host {config.host}: anyone on the network who can reach this machine can steer the robot")
     else:
         from bp2_rl.play.native import Window
 

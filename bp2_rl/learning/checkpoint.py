@@ -64,6 +64,7 @@ class Metadata:
     log: dict[str, Any]  # what the run's log had not yet written, as JSON
     tree: dict[str, str]  # type and shape of every array by its name
     files: dict[str, FileFacts]
+    devices: str = ""  # that trained the state; empty: of a program that did not say
 
 
 # --- Saving ---------------------------------------------------------------------------------------------------
@@ -111,7 +112,7 @@ class Saver:
         self.wait()
         copy = host_copy(state)
         if cluster.is_first():
-            extra = {"config": self._config, "log": log or {}}
+            extra = {"config": self._config, "log": log or {}, "devices": cluster.devices()}
             self._pending = self._thread.submit(_save, self._folder, step, copy, extra)
 
     def wait(self) -> None:

@@ -52,6 +52,11 @@ def join(config: ClusterConfig) -> None:
         deadline.cancel()
 
 
+def devices() -> str:
+    """Return the number and the kind of the devices of all processes."""
+    return f"{jax.device_count()} x {jax.devices()[0].device_kind}"
+
+
 def is_first() -> bool:
     """Whether this is process 0, which alone writes and speaks."""
     return jax.process_index() == 0

@@ -201,7 +201,7 @@ def read_judge_results(run_dir: Path) -> Iterator[tuple[dict[str, Any], JudgeRes
         try:
             speed, falls, launches, mean = (record[f"judged/{field.name}"] for field in dataclasses.fields(JudgeResult))
             result = JudgeResult(float(speed), int(falls), int(launches), float(mean))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             continue  # a line of other metrics
         yield record, result
 

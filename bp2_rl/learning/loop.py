@@ -48,6 +48,7 @@ class TrainingRun:
     learner: PPO
     judge: Judge | None = None  # of the exported policies; of a cluster's processes only the first has one
     writers: Sequence[LogWriter] = ()  # of the metrics, beside the run's own files; only in the first process
+    before: str | None = None  # devices that trained the checkpoint of a resumed run, if that is known
 
 
 def train(
@@ -64,16 +65,17 @@ def train(
     Raises:
         RunStopped: by a signal, a full disk or a train step that is not finite; its line says how to go on.
     """
-    config, run_dir, mesh = run.config, run.run_dir, run.learner.mesh
+    config, run_dir, devices = run.config, run.run_dir, cluster.devices()
     total, per_step = train_steps(config), config.ppo.steps_per_train_step
     started, first = time.monotonic(), int(state.step)
-    devices = f"{mesh.size} x {mesh.devices.flat[0].device_kind}"
     title, shown = f"{config.stage} on {devices}", run_dir if cluster.is_first() else None
     monitor = Monitor(shown, total * per_step, start_step=first * per_step, title=title, writers=run.writers)
     with monitor, _stopping_in_one_line(monitor, run_dir, total):
         versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
         monitor.record(f"{'resumed' if first else 'started'} at step {first} of {total} on {devices}; {versions}")
         monitor.record(f"command: {shlex.join(sys.argv)}")
+        if run.before not in (None, devices):
+            monitor.note(f"trained on {run.before} before: what follows is not bit for bit what it had been there")
         policies = ExportedPolicies(run_dir, monitor, run.judge, config.run.until, first * per_step)
         loop = _Loop(run, monitor, policies)
         loop.export_late(unexported, state)
@@ -208,7 +210,7 @@ class _Loop:
             steps,
             {
                 "curriculum_level": level,
-                "trained_on": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+                "trained_on": cluster.devices(),
                 "command": shlex.join(sys.argv),
             },
         )

@@ -20,6 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import LARGEST_TEXT, open_in_place, read_bytes
 from bp2_rl.base.serialization import utc_now
 from bp2_rl.learning.writers import METRICS, EventsFile, LogWriter, MetricsFile, TrackerError
 from bp2_rl.settings.training import CONFIG
@@ -93,8 +94,8 @@ class Monitor:
             return
         try:
             run_dir.mkdir(parents=True, exist_ok=True)
+            self._log_file = open_in_place(run_dir / LOG)
             lines = MetricsFile(run_dir, start_step)
-            self._log_file = (run_dir / LOG).open("a", encoding="utf-8")
             self._writers = [lines, EventsFile(run_dir, start_step), *writers]
         except OSError as error:
             raise UserError(f"cannot write to run folder {run_dir}: {error.strerror}") from error
@@ -234,7 +235,7 @@ def run_began(run_dir: Path) -> float:
     """
     began = (run_dir / CONFIG).stat().st_mtime
     with contextlib.suppress(OSError, ValueError):  # a log that is gone or damaged tells no time
-        logged = (run_dir / LOG).read_text().split(" ", 1)[0]
+        logged = read_bytes(run_dir / LOG, LARGEST_TEXT).decode().split(" ", 1)[0]
         began = min(began, datetime.datetime.fromisoformat(logged).timestamp())
     return began
 

@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import hashlib
 import itertools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from bp2_rl.base.folders import find_folder, new_folder
 from bp2_rl.base.serialization import load_sealed, save_sealed
 from bp2_rl.settings.env import ControlConfig, EnvConfig
 from bp2_rl.settings.ppo import Activation
+from bp2_rl.settings.training import Stage
 
 FORMAT_VERSION = 1
 SHIPPED = ("built", "gentle", "fastest", "ideal")
@@ -36,6 +38,7 @@ CHECKSUM = "card_sha256"
 """The entry of card.json that is the checksum of the others."""
 LARGEST_WEIGHTS = 256 << 20
 """Bytes of the largest weights.npz that is read: a hundred times our own."""
+MOST_LAYERS = 100
 LARGEST_OBSERVATION = 1e3
 """What no number of an observation exceeds (SI units): below it no action may overflow."""
 # The entry of Brax's observation dictionary that the policy sees.
@@ -50,7 +53,7 @@ class PolicyError(UserError):
 class PolicyCard:
     """What a reader needs to run a policy and to judge it."""
 
-    stage: str  # "imitation" or "relaxed"
+    stage: Stage
     observation_layout: tuple[tuple[str, int], ...]  # (name, size) in the order of the observation vector
     action_size: int
     activation: Activation
@@ -165,7 +168,7 @@ def save_policy(directory: Path, policy: Policy) -> Policy:
     _check_shapes(policy)
     _check_numbers(policy, f"policy not exported to {directory}")
     try:
-        place = Path(directory).resolve()
+        place = Path(os.path.abspath(directory))  # a link is replaced, and what it leads to left alone
         if place.is_file():
             raise FileExistsError(0, "it is a file, not a folder; choose another folder")
         if place.exists() and any(entry.name not in (WEIGHTS, CARD) for entry in place.iterdir()):
@@ -233,9 +236,12 @@ def find_policy(path: Path | str) -> Path:
 
 def _read_card(directory: Path) -> PolicyCard:
     try:
-        return load_sealed(PolicyCard, directory / CARD, CHECKSUM, FORMAT_VERSION)
+        card = load_sealed(PolicyCard, directory / CARD, CHECKSUM, FORMAT_VERSION)
     except UserError as error:
         raise PolicyError(str(error)) from error
+    if len(card.hidden_layer_sizes) > MOST_LAYERS:
+        raise PolicyError(f"{directory / CARD} has over {MOST_LAYERS} layers: no training of ours makes that many")
+    return card
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, np.ndarray]:

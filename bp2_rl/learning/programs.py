@@ -17,7 +17,7 @@ import numpy as np
 from jax import export
 
 import bp2_rl
-from bp2_rl.base.files import write_bytes
+from bp2_rl.base.files import read_bytes, write_bytes
 from bp2_rl.base.serialization import config_hash, package_versions
 from bp2_rl.learning.ppo import PPO, Programs
 from bp2_rl.settings.training import TrainConfig
@@ -116,7 +116,7 @@ def _load(learner: PPO, kept: dict[str, Any]) -> Programs:
 def _read(path: Path, key: str) -> dict[str, Any] | None:
     """Return what is kept in a file, if anything is."""
     try:
-        kept = pickle.loads(path.read_bytes())
+        kept = pickle.loads(read_bytes(path))
         return kept if kept["key"] == key else None
     except Exception:  # a file may be damaged in any way, and is made anew
         return None

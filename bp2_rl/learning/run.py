@@ -119,13 +119,15 @@ def resume(
                 raise UserError(
                     f"run {run_dir} was stopped before its first checkpoint: remove that folder and start anew"
                 )
-            unlogged = _read_log(_read_own(run_dir, step, config), run_dir)
+            metadata = _read_own(run_dir, step, config)
+            unlogged = _read_log(metadata, run_dir)
             learner = make_learner(config, programs)
             _, state = restore_checkpoint(run_dir, learner.shape, step)
             unexported = loop.find_unexported(run_dir, config)
             writers = open_tracker(tracker, run_dir, config) if cluster.is_first() else []
         cluster.require_same(f"{config_hash(config)} {step} {unexported}", "checkpoints")
-        return loop.train(loop.TrainingRun(config, run_dir, learner, judge, writers), state, unlogged, unexported)
+        resumed = loop.TrainingRun(config, run_dir, learner, judge, writers, before=metadata.devices or None)
+        return loop.train(resumed, state, unlogged, unexported)
 
 
 def replay(run_dir: Path) -> str:
@@ -164,7 +166,10 @@ def _require_empty(run_dir: Path) -> None:
 
 
 def _lock(run_dir: Path) -> contextlib.AbstractContextManager[int]:
-    """Keep other processes from training in the run's folder meanwhile."""
+    """Keep other processes from training in the run's folder meanwhile, and the run from writing elsewhere."""
+    for entry in run_dir.iterdir():
+        if entry.is_symlink() and entry.name != CHECKPOINTS:
+            raise UserError(f"{entry} is a link to elsewhere: only a run's {CHECKPOINTS} may be; remove it")
     return lock_folder(run_dir, f"another process trains in {run_dir}: wait for it, or stop it")
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and the cluster's SIGTERM, as a question that the training loop asks."""
+"""Ctrl-C, the cluster's SIGTERM and a closed terminal's SIGHUP, as a question that the training loop asks."""
 
 import contextlib
 import os
@@ -6,17 +6,16 @@ import signal
 import threading
 from collections.abc import Callable
 
-from bp2_rl.base.listening import listening
+from bp2_rl.base.listening import STOPPING, listening
 from bp2_rl.learning import cluster
-
-STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 class StopSignals:
-    """While open, SIGINT and SIGTERM only ask training to stop; a SIGINT after either quits at once.
+    """While open, SIGINT, SIGTERM and SIGHUP only ask training to stop; a SIGINT after any quits at once.
 
-    They are received while JAX compiles, too, when Python's own handlers must wait. In another thread than the main
-    one, where Python allows no handlers, nothing changes. A context manager; on exit the handlers are what they were.
+    The signals are received while JAX compiles, too, when Python's own handlers must wait. A SIGHUP that is ignored, as
+    after `nohup`, stays so. In another thread than the main one, where Python allows no handlers, nothing changes. A
+    context manager; on exit the handlers are what they were.
 
     Args:
         say: called with one line at the first signal, from a thread of its own.
@@ -33,6 +32,8 @@ class StopSignals:
         if threading.current_thread() is threading.main_thread():
             self._open.enter_context(listening(self._hear))
             for number in STOPPING:
+                if number not in (signal.SIGINT, signal.SIGTERM) and signal.getsignal(number) == signal.SIG_IGN:
+                    continue
                 self._open.callback(signal.signal, number, signal.signal(number, lambda *_: None))
         return self
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from bp2_rl.base.files import BadFileError, flush, parse_json, write_bytes
+from bp2_rl.base.files import BadFileError, flush, open_in_place, parse_json, read_bytes, write_bytes
 from bp2_rl.base.imports import left_out
 
 METRICS = "metrics.jsonl"
+LARGEST_METRICS = 256 << 20
+"""Bytes of the largest metrics.jsonl that is read: a hundred times our own."""
 
 
 class TrackerError(Exception):
@@ -45,7 +47,7 @@ class MetricsFile:
 
     def __init__(self, run_dir: Path, start_step: int):
         self.damaged = _truncate(run_dir / METRICS, start_step)
-        self._file = (run_dir / METRICS).open("a", encoding="utf-8")
+        self._file = open_in_place(run_dir / METRICS)
 
     def write(self, step: int, wall_time: float, metrics: Mapping[str, float]) -> None:
         """See `LogWriter`."""
@@ -89,22 +91,25 @@ class EventsFile:
 
 
 def read_metrics(run_dir: Path) -> list[dict[str, Any]]:
-    """Return the lines of metrics.jsonl that can be read; none where it is not there."""
-    path = run_dir / METRICS
-    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
-    return [record for line in lines if (record := _record_of(line)) is not None]
+    """Return the lines of metrics.jsonl that can be read; none where it is not there.
+
+    Raises:
+        BadFileError: it is no file of ours.
+    """
+    return [record for line in _lines(run_dir / METRICS) if (record := _record_of(line)) is not None]
+
+
+def _lines(path: Path) -> list[bytes]:
+    """Return the whole lines of a metrics file; what a kill has left of a last one has no line break."""
+    return read_bytes(path, LARGEST_METRICS).split(b"\n")[:-1] if path.exists() else []
 
 
 def _truncate(path: Path, last_step: int) -> Path | None:
-    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read.
-
-    The end of a file without a line break is what a kill has left of a line: it is dropped.
-    """
+    """Keep the lines of a metrics file that are of steps up to `last_step`; the file of those that cannot be read."""
     if not path.exists():
         return None
     kept, damaged = [], []
-    *lines, _ = path.read_bytes().split(b"\n")
-    for line in lines:
+    for line in _lines(path):
         record = _record_of(line)
         if record is None:
             damaged.append(line)

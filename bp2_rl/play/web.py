@@ -4,28 +4,24 @@ The robot stays where it is on the page and the ground moves under it, so that n
 turn it about freely. Pages only say what they want: the robot is touched between two control steps, in `show`.
 """
 
-import contextlib
 import functools
 import html
-import http
 import logging
 import queue
 import socket
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from typing import Any
-from unittest import mock
-from urllib.parse import urlsplit
 
 import numpy as np
 import viser
-import websockets.asyncio.server
 from jaxtyping import Float
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.env.controller import motors_of
 from bp2_rl.evaluation.races import TRACK
 from bp2_rl.play.chart import TorqueSpeed
+from bp2_rl.play.gate import OWN_NAMES, guarding
 from bp2_rl.play.looks import Looks
 from bp2_rl.play.pace import Pace
 from bp2_rl.play.readings import readings
@@ -55,8 +51,6 @@ KEYS: dict[Any, tuple[str, Callable[[Session], None]]] = {
     "R": ("Reset", Session.reset),
 }
 SLIDERS = {"speed": ("Speed, m/s", ""), "left": ("Sideways, m/s", "To the left"), "turn": ("Turn, rad/s", TURN)}
-OWN_NAMES = "localhost", "127.0.0.1", "::1"
-"""What a machine calls itself."""
 POLLING = 0.2  # s, for which `Page.watched` waits for a browser
 
 
@@ -64,6 +58,7 @@ class Page:
     """The page of a session; `close` ends its server.
 
     A page for this machine alone answers only to this machine's own names, so that no other site's page can steer it.
+    What a browser sends but for moves of the page's widgets, keys and its own camera is passed over.
 
     Args:
         session: to be shown.
@@ -77,10 +72,11 @@ class Page:
     def __init__(self, session: Session, *, host: str, port: int):
         # Browsers open connections ahead that they then never use: not worth a traceback.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+        self._widgets: dict[str, Any] = {}  # by viser's name
         try:
             family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
             socket.create_server(address[:2], family=family).close()  # at no such address viser waits for ever
-            with refusing_foreign_names() if host in OWN_NAMES else contextlib.nullcontext():
+            with guarding(self._widgets, own_names=host in OWN_NAMES):
                 self.server = viser.ViserServer(
                     host=host, port=port, label=session.hardware.anatomy.name, verbose=False
                 )
@@ -110,7 +106,7 @@ class Page:
     def show(self, pace: Pace) -> bool:
         """Do what the page asked for since the last time, and renew what it shows."""
         session = self._session
-        while not self._wanted.empty():
+        for _ in range(self._wanted.qsize()):  # not what comes meanwhile, or a flood would never let the robot run
             self._wanted.get()(session)
         self._agree_on_the_wish()
         if session.friction != self._friction.value:
@@ -148,9 +144,8 @@ class Page:
 
     def _panel(self) -> None:
         gui, session = self.server.gui, self._session
-        gui.configure_theme(
-            control_layout="collapsible", control_width="medium", show_logo=False, show_share_button=False
-        )
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         self._readings = gui.add_html("")
         least, most = wish_limits(session.config.commands)
         self._sliders, self._wish = {}, session.wish
@@ -176,6 +171,7 @@ class Page:
         self._forces = gui.add_checkbox("Foot forces", initial_value=True)
         self._chart = TorqueSpeed(motors_of(session.config))
         self._chart_place = gui.add_html(self._drawn())
+        self._widgets |= vars(gui)["_gui_input_handle_from_uuid"]
 
     def _drawn(self) -> str:
         return f'<div style="padding:.4em .9em">{self._chart.svg(self._session.worked)}</div>'
@@ -259,7 +255,7 @@ class _Figure:
 
 async def _step_back(client: viser.ClientHandle) -> None:
     """Let the whole robot be seen on a browser that is higher than wide."""
-    if client.camera.aspect < 1.0:
+    if client.camera.image_width < client.camera.image_height:
         client.camera.position, client.camera.look_at = TALL_VIEW
 
 
@@ -271,33 +267,3 @@ def _table(said: dict[str, str]) -> str:
         for name, value in said.items()
     )
     return f'<table style="margin:.2em .8em;font-size:.85em;line-height:1.4">{"".join(rows)}</table>'
-
-
-@contextlib.contextmanager
-def refusing_foreign_names() -> Generator[None]:
-    """Let servers of viser's that start within answer 403 where a browser asks for another machine or comes from one.
-
-    A site may let its own name lead to this machine, or open a connection to it from its page; a browser's request
-    tells both, in `Host` and `Origin`. viser has no setting for this, so its way to websockets' server is led past it.
-    """
-    serve = websockets.asyncio.server.serve
-
-    def serve_own_names(*arguments: Any, process_request: Callable[..., Any], **options: Any) -> Any:
-        def answer(connection: Any, request: Any) -> Any:
-            headers = request.headers
-            if all(map(is_own, (*headers.get_all("Host"), *headers.get_all("Origin")))):
-                return process_request(connection, request)
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "bp2 play is for this machine's browsers alone\n")
-
-        return serve(*arguments, process_request=answer, **options)
-
-    with mock.patch.object(websockets.asyncio.server, "serve", serve_own_names):
-        yield
-
-
-def is_own(place: str) -> bool:
-    """Return whether a `Host` or an `Origin` is this machine."""
-    try:
-        return urlsplit(place if "//" in place else f"//{place}").hostname in OWN_NAMES
-    except ValueError:  # no address at all
-        return False

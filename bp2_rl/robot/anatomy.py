@@ -13,12 +13,14 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 
 from bp2_rl.base.bounds import Range, Within
+from bp2_rl.base.errors import UserError, shown
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
 _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
 
+LONGEST_NAME = 80
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
 """kg m2, about the centre of mass in the link's axes: xx, yy, zz, xy, xz, yz."""
@@ -99,6 +101,13 @@ class Anatomy:
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given
+
+    def __post_init__(self) -> None:
+        """Refuse a name that no terminal or title can show; in titles $ begins mathematics."""
+        if not (0 < len(self.name) <= LONGEST_NAME and self.name.isprintable() and "$" not in self.name):
+            raise UserError(
+                f"a robot's name takes 1 to {LONGEST_NAME} printable letters and no $, got {shown(self.name)}"
+            )
 
     @classmethod
     def of_parts(cls, trunk: Link, legs: tuple[Leg, Leg, Leg, Leg], trunk_size: Vector, **others: Any) -> "Anatomy":

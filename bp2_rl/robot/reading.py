@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Range
-from bp2_rl.base.errors import UserError, one_line
+from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.robot.compiling import ReadingError, compiled_apart
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 
 PARALLEL = 1e-3
@@ -39,10 +40,6 @@ SPHERE, CAPSULE, CYLINDER = (int(kind) for kind in (
 ))  # fmt: skip
 ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
-
-
-class ReadingError(UserError):
-    """An MJCF that cannot be read, or a robot that is no quadruped with legs of abad, hip and knee."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,9 +103,14 @@ def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
     """Compile an MJCF file without its meshes; where `joints` are named, the robot's others are welded.
 
     Raises:
-        ReadingError: the file is no MJCF, or a part's mass comes from a mesh.
+        ReadingError: the file is no MJCF, a part's mass comes from a mesh, or it takes too much time or memory.
     """
     read_bytes(path, LARGEST_TEXT)
+    return compiled_apart(_compile, path, tuple(joints))
+
+
+def _compile(path: Path, joints: Sequence[str]) -> mujoco.MjModel:
+    """Compile the file in the process for it."""
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         for top in spec.worldbody.bodies:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bp2_rl.base.bounds import Positive, Range, Within, check_bounds
 from bp2_rl.base.errors import UserError, one_line
-from bp2_rl.base.files import read_bytes
+from bp2_rl.base.files import check_values, read_bytes
 from bp2_rl.base.serialization import from_json
 from bp2_rl.base.templates import render
 from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
@@ -24,8 +24,10 @@ from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
 from bp2_rl.robot.reading import SLENDER, RobotReading, read_mjcf
 
-LARGEST = 1 << 20
+LARGEST = 1 << 18
 """Bytes of the largest robot file that is read."""
+MOST_DOTS = 200
+"""In a line: a key of 50,000 levels keeps Python's reader of TOML busy for minutes."""
 Lengths = Annotated[Vector, Within(-10.0, 10.0)]
 Radius = Annotated[float, Within(0.0, 1.0, open_below=True)]
 Angle = Annotated[float, Within(-10.0, 10.0)]
@@ -162,7 +164,10 @@ def load_robot(path: Path) -> RobotFile:
     """
     content = read_bytes(path, LARGEST)
     try:
+        if any(line.count(b".") > MOST_DOTS for line in content.splitlines()):
+            raise RecursionError
         given = tomllib.loads(content.decode())
+        check_values(given)
         _require_tables(given)
         written = from_json(WrittenRobot, given)
         check_bounds(written)

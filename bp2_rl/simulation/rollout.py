@@ -8,6 +8,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from types import NoneType
 from typing import Annotated
 
@@ -82,7 +83,7 @@ def rollout(
     schedule: Schedule,
     *,
     config: EnvConfig | None = None,
-    hardware: HardwareSpec | str | None = None,
+    hardware: HardwareSpec | Path | str | None = None,
     operator: HeadingHold = HEADING_HOLD,
     world: World = LEVEL,
     noise_seed: int | None = None,
@@ -106,7 +107,7 @@ def rollout(
     if not isinstance(duration, float | int) or duration <= 0.0:
         raise UserError(f"rollout takes a schedule that lasts, such as Ramp(10.0), got {schedule!r}")
     asked = schedule.under(config.control) if isinstance(schedule, Ramp) else schedule
-    robot = find_robot(hardware) if isinstance(hardware, str) else hardware
+    robot = find_robot(str(hardware)) if isinstance(hardware, str | Path) else hardware
     request = RunRequest(asked, robot, operator, world, noise_seed=noise_seed)
     [run] = simulate(policy, [request], config, backend=backend)
     return run

@@ -123,16 +123,16 @@ class Trajectory:
         samples = {field: getattr(self, field)[inside] for field in _shapes(self.hardware)}
         return dataclasses.replace(self, fell_at=fell, **samples)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write one .npz (never a pickle), whole or not at all."""
         facts = _Facts(**{field.name: getattr(self, field.name) for field in dataclasses.fields(_Facts)})
         arrays = {field: getattr(self, field) for field in _shapes(self.hardware)}
         write_npz(path, {"format": np.array(FORMAT), "facts": np.array(json.dumps(to_json(facts))), **arrays})
 
     @classmethod
-    def load(cls, path: Path) -> "Trajectory":
+    def load(cls, path: Path | str) -> "Trajectory":
         """Read what `save` wrote; raises TrajectoryError for anything else."""
-        if not path.exists():
+        if not Path(path).exists():
             raise TrajectoryError(f"no trajectory at {path}")
         try:
             content = read_bytes(path)

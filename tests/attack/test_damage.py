@@ -163,6 +163,33 @@ def test_a_damaged_file_is_read_all_the_same_or_refused_in_one_line(
     assert not wrong, "\n".join(wrong)
 
 
+NO_FILES = {
+    "a pipe": os.mkfifo,
+    "a device": lambda path: os.symlink("/dev/zero", path),
+    "a folder": os.mkdir,
+    "a link to itself": lambda path: os.symlink(os.path.basename(path), path),
+}
+
+
+@pytest.mark.parametrize(("name", "file"), [(name, file) for name, (*_, files) in COMMANDS.items() for file in files])
+def test_what_is_no_file_is_not_waited_for_and_refused_in_one_line(
+    name, file, original, cut_off, tmp_path, monkeypatch, capsys
+):
+    module, words, _ = COMMANDS[name]
+    main = importlib.import_module(f"bp2_rl.{module}").main
+    shutil.copytree(original, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    for made in NO_FILES.values():
+        Path(file).rmdir() if Path(file).is_dir() else Path(file).unlink()
+        made(file)
+        began = time.monotonic()
+        status = main(list(words))
+        error = capsys.readouterr().err
+        refused = status == 2 and error.startswith("error: ") and error.count("\n") == 1
+        assert refused or "AcceptedError" in error or status == 0, error
+        assert time.monotonic() - began < LONGEST
+
+
 def snapshot() -> dict[str, int]:
     """Every file but locks, with its size."""
     found = (Path(folder, name) for folder, _, names in os.walk(".") for name in names)

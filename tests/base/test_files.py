@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import json
+import os
 import random
 import subprocess
 import sys
@@ -92,6 +94,22 @@ def test_a_small_file_cannot_fill_the_memory(tmp_path):
     tracemalloc.stop()
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_what_numpy_does_not_compress_so_is_not_unpacked(archive, tmp_path, method):
+    """LZMA has errors of its own, and takes gigabytes for a few bytes that say so."""
+    path = tmp_path / "other.npz"
+    with zipfile.ZipFile(archive[0]) as whole, zipfile.ZipFile(path, "w", method) as other:
+        for name in whole.namelist():
+            other.writestr(name, whole.read(name))
+    with pytest.raises(BadFileError, match="lacks the array a"):
+        read_npz(path, WANTED)
+    content = bytearray(path.read_bytes())
+    for k in range(30, 200):
+        path.write_bytes(content[:k] + bytes([content[k] ^ 255]) + content[k + 1 :])
+        with pytest.raises(BadFileError):
+            read_npz(path, WANTED)
+
+
 def test_no_pickle_is_opened(tmp_path):
     path, buffer = tmp_path / "pickle.npz", io.BytesIO()
     np.savez(buffer, a=np.array([print], dtype=object))
@@ -117,6 +135,14 @@ def test_a_missing_file_is_named(tmp_path):
 def test_json_that_could_not_be_shown_or_walked_is_refused(text):
     with pytest.raises(BadFileError, match=r"^here is "):
         files.parse_json(text, "here")
+
+
+@pytest.mark.parametrize("character", ["\0", "\x1b", "\r", "\x7f", "\x9b", "\u202e", "\u2066"])
+def test_json_whose_texts_would_steer_a_terminal_is_refused(character):
+    for value in ([{"a": f"b{character}"}], {f"a{character}": 1}):
+        with pytest.raises(BadFileError, match=r"^here is damaged or not JSON: a text holds the control character '"):
+            files.parse_json(json.dumps(value), "here")
+    files.parse_json(json.dumps("tab\tline\nbreak, 10 m/s² \u00a0 ä 犬"), "here")
 
 
 def test_json_that_is_nested_as_deeply_as_we_read_is_read():
@@ -164,3 +190,60 @@ def test_a_long_name_that_can_be_written_is_none_the_worse(tmp_path):
     path = tmp_path / ("x" * 230)
     files.require_name(path)
     write_text(path, "")
+
+
+def test_what_is_written_in_place_is_appended_and_stays_in_its_folder(tmp_path):
+    """A link, to a file that is there or not, a pipe with and without a reader, a device, a folder."""
+    own, victim = tmp_path / "own.txt", tmp_path / "victim"
+    for line in ("one\n", "two\n"):
+        with files.open_in_place(own) as file:
+            file.write(line)
+    assert own.read_text() == "one\ntwo\n"
+    victim.write_text("theirs")
+    for target in (victim, tmp_path / "not there", Path("/dev/null")):
+        link = tmp_path / "link"
+        link.symlink_to(target)
+        with pytest.raises(BadFileError, match=r"link is a link to elsewhere: remove it$"):
+            files.open_in_place(link)
+        link.unlink()
+    assert victim.read_text() == "theirs"
+    assert not (tmp_path / "not there").exists()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="No such device"):
+        files.open_in_place(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.open_in_place(pipe)
+    os.close(reader)
+    with pytest.raises(BadFileError, match="is a folder, not a file"):
+        files.open_in_place(tmp_path)
+
+
+def test_a_file_that_takes_anothers_place_is_not_written_through_a_link(tmp_path):
+    victim, path = tmp_path / "victim", tmp_path / "file"
+    victim.write_text("theirs")
+    path.symlink_to(victim)
+    write_text(path, "ours")
+    assert (path.read_text(), path.is_symlink(), victim.read_text()) == ("ours", False, "theirs")
+    (tmp_path / f".file.{os.getpid()}.tmp").symlink_to(victim)
+    with pytest.raises(BadFileError, match="is a link to elsewhere"):
+        write_text(path, "ours")
+    assert victim.read_text() == "theirs"
+
+
+def test_a_pipe_is_not_waited_for_and_a_file_without_an_end_is_not_read(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.read_bytes(pipe)
+    link = tmp_path / "link"
+    link.symlink_to("/dev/zero")
+    with pytest.raises(BadFileError, match="is a device or a pipe, not a file"):
+        files.read_bytes(link)
+    with (tmp_path / "long").open("wb") as file:
+        file.truncate(1 << 40)  # a terabyte of which nothing is on disk
+    with pytest.raises(BadFileError, match=r"long has 1,099,511,627,776 bytes, 100 at most are read"):
+        files.read_bytes(tmp_path / "long", 100)
+    with pytest.raises(BadFileError, match="cannot be read: embedded null byte"):
+        files.read_bytes(Path("a\0b"))

@@ -90,3 +90,52 @@ def test_a_file_system_without_locks_is_worked_on_without(tmp_path, monkeypatch)
     monkeypatch.setattr("fcntl.flock", none)
     with lock_folder(tmp_path, "busy"):
         pass
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_the_lock_is_not_a_link_to_elsewhere(tmp_path, there):
+    folder, victim = tmp_path / "folder", tmp_path / "victim"
+    folder.mkdir()
+    if there:
+        victim.write_text("theirs")
+    (folder / ".lock").symlink_to(victim)
+    with pytest.raises(UserError, match=r"\.lock is a link to elsewhere: remove it"), lock_folder(folder, "busy"):
+        pass
+    assert victim.exists() is there
+    assert not there or victim.read_text() == "theirs"
+
+
+def test_a_lock_that_is_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / ".lock")
+    with pytest.raises(UserError, match="cannot write to"), lock_folder(tmp_path, "busy"):
+        pass
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_in_a_folders_place_is_replaced_and_its_target_left_alone(tmp_path, there):
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "in" / "folder"
+    folder.parent.mkdir()
+    if there:
+        elsewhere.mkdir()
+        (elsewhere / "file").write_text("theirs")
+    folder.symlink_to(elsewhere)
+    for text in ("one", "two"):
+        with new_folder(folder) as fresh:
+            (fresh / "file").write_text(text)
+    assert (folder / "file").read_text() == "two"
+    assert [path.name for path in folder.parent.iterdir()] == ["folder"]
+    assert elsewhere.exists() is there
+    assert not there or (elsewhere / "file").read_text() == "theirs"
+
+
+def test_of_a_link_to_a_folder_only_the_link_is_removed(tmp_path):
+    elsewhere, parent = tmp_path / "elsewhere", tmp_path / "in"
+    parent.mkdir()
+    elsewhere.mkdir()
+    (elsewhere / "file").write_text("theirs")
+    for name in ("1", ".2.old", ".3.gone"):
+        (parent / name).symlink_to(elsewhere)
+    folders.remove_folder(parent / "1")
+    folders.tidy(parent)
+    assert [path.name for path in parent.iterdir()] == ["2"]  # `.2.old` was brought back
+    assert (elsewhere / "file").read_text() == "theirs"

@@ -1,7 +1,6 @@
 """Processes that end with the one that started them, however that ends."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -91,13 +90,12 @@ def test_workers_end_with_a_killed_parent_even_in_the_midst_of_a_solver(tmp_path
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 @pytest.mark.parametrize(
-    ("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM\n"), (signal.SIGINT, "interrupted\n")]
+    ("number", "line"), [(15, "stopped by SIGTERM\n"), (2, "interrupted\n"), (1, "stopped by SIGHUP\n")]
 )
 def test_a_signal_to_the_whole_group_ends_it_at_once_in_one_line(number, line):
     """A terminal, `timeout` and schedulers send it to the workers as well."""
-    code = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)" + INTERRUPTED
-    )  # may be ignored here
+    heeded = "import signal; signal.signal(2, signal.default_int_handler); signal.signal(1, signal.SIG_DFL)"
+    code = heeded + INTERRUPTED  # both may be ignored here
     with begin("-c", code, start_new_session=True, stderr=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == "began\n"

@@ -1,7 +1,6 @@
 """How commands end: the exit status, and the one line on standard error."""
 
 import dataclasses
-import signal
 import subprocess
 import sys
 import time
@@ -160,7 +159,10 @@ def test_no_message_installs_from_an_index_what_is_not_on_one():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
-@pytest.mark.parametrize(("number", "line"), [(signal.SIGTERM, "stopped by SIGTERM"), (signal.SIGINT, "interrupted")])
+@pytest.mark.parametrize(
+    ("number", "line"),
+    [(15, "stopped by SIGTERM"), (2, "interrupted"), (1, "stopped by SIGHUP")],  # as POSIX numbers them
+)
 def test_a_signal_ends_a_command_that_computes_for_minutes_outside_python(number, line):
     program = """
 import hashlib, os, signal, sys
@@ -168,6 +170,7 @@ from bp2_rl.base.workers import spawned
 from bp2_rl.cli import app
 app.GRACE = 0.5
 signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored, in the background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 def command():
     with spawned(1) as pool:  # its semaphores must not be leaked, which Python would say

@@ -46,6 +46,16 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch, ca
     )
 
 
+@pytest.mark.parametrize(("host", "open_to_all"), [("0.0.0.0", True), ("localhost", False)])
+def test_a_page_for_other_machines_says_who_can_steer_the_robot(host, open_to_all, monkeypatch, capsys):
+    pytest.importorskip("viser", reason='needs the package viser: pip install -c constraints.txt -e ".[play]"')
+    monkeypatch.setattr("bp2_rl.simulation.simulator.SETTLING_TIME", 0.1)  # s: it need not stand
+    monkeypatch.setattr("bp2_rl.simulation.parallel.compute_here", lambda: None)
+    assert command.main(["--web", "--robot", "ideal", "--host", host, "--port", "18080", "--seconds", "0.1"]) == 0
+    line = f"--host {host}: anyone on the network who can reach this machine can steer the robot\n"
+    assert (line in capsys.readouterr().out) is open_to_all
+
+
 @pytest.mark.parametrize(
     ("platform", "display", "there"),
     [("linux", "", False), ("linux", ":0", True), ("win32", "", True), ("darwin", ":0", False)],

@@ -12,7 +12,8 @@ from rich.console import Console
 from tensorboardX.proto import event_pb2
 
 from bp2_rl.base.errors import UserError
-from bp2_rl.learning.monitor import Monitor, count, duration
+from bp2_rl.learning import writers
+from bp2_rl.learning.monitor import Monitor, count, duration, run_began
 
 HEADLINES = {"reward": 12.345, "falls": 0.0312, "speed_error": 0.409, "curriculum_level": 0.625}
 
@@ -312,3 +313,36 @@ def test_a_remark_stands_below_the_progress_and_is_printed_once(tmp_path: Path):
         monitor.log(100, HEADLINES)
         monitor.show("judged: 12.3 m/s at 300")
     assert shown(console).replace("\x1b[?25h", "").rstrip("\n").splitlines()[-1].strip() == "judged: 12.3 m/s at 300"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_run_does_not_write_through_somebody_elses_link(tmp_path, there):
+    victim = tmp_path / "victim"
+    if there:
+        victim.write_text("theirs\n")
+    for name in ("log.txt", "metrics.jsonl"):
+        (tmp_path / name).symlink_to(victim)
+    with pytest.raises(UserError, match=r"log\.txt is a link to elsewhere: remove it"):
+        Monitor(tmp_path, 10, console=pipe())
+    if there:  # its lines are read, and written to a file of the run's own
+        writers.MetricsFile(tmp_path, 0).close()
+    else:
+        with pytest.raises(UserError, match=r"metrics\.jsonl is a link to elsewhere: remove it"):
+            writers.MetricsFile(tmp_path, 0)
+    assert victim.exists() is there
+    assert not there or victim.read_text() == "theirs\n"
+
+
+def test_metrics_and_log_without_an_end_are_not_read(tmp_path, monkeypatch):
+    (tmp_path / "config.json").write_text("{}")
+    monkeypatch.setattr(writers, "LARGEST_METRICS", 10)
+    (tmp_path / "metrics.jsonl").write_text('{"step": 1}\n')
+    for read in (lambda: writers.read_metrics(tmp_path), lambda: writers.MetricsFile(tmp_path, 0)):
+        with pytest.raises(UserError, match=r"metrics\.jsonl has 12 bytes, 10 at most are read"):
+            read()
+    (tmp_path / "metrics.jsonl").unlink()
+    for name in ("metrics.jsonl", "log.txt"):
+        (tmp_path / name).symlink_to("/dev/zero")
+    with pytest.raises(UserError, match=r"metrics\.jsonl is a device or a pipe"):
+        writers.read_metrics(tmp_path)
+    assert run_began(tmp_path) == (tmp_path / "config.json").stat().st_mtime

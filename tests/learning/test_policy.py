@@ -24,6 +24,7 @@ from bp2_rl.base.serialization import to_json
 from bp2_rl.env.observations import Entry
 from bp2_rl.learning.networks import dense_layers
 from bp2_rl.learning.policy import PolicyCard, PolicyError, load_policy, make_policy, save_policy
+from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import EnvConfig
 
 LAYOUT = (("command", 3), ("joint_position", 12), ("up", 3))
@@ -196,6 +197,19 @@ def test_a_policy_may_be_saved_where_it_lies(policy_dir: Path, monkeypatch: pyte
     monkeypatch.chdir(policy_dir)
     saved = save_policy(Path(), load_policy("."))
     assert load_policy(policy_dir).card == saved.card
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_policy_is_not_saved_through_a_link(exported: Path, tmp_path: Path, there: bool):
+    elsewhere, link = tmp_path / "elsewhere", tmp_path / "policies" / "1024"
+    link.parent.mkdir()
+    if there:
+        elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    save_policy(link, load_policy(exported))
+    assert load_policy(link).card.seed == 7
+    assert elsewhere.exists() is there
+    assert not there or list(elsewhere.iterdir()) == []
 
 
 def test_weights_that_are_not_the_cards_are_not_saved(exported: Path, tmp_path: Path):
@@ -400,6 +414,32 @@ def test_whatever_a_card_holds_it_is_loaded_or_refused(policy_dir: Path):
         path.write_text(text)
         with contextlib.suppress(UserError):  # anything else fails the test
             load_policy(policy_dir)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"hidden_layer_sizes": [1] * 200_000}, "has over 100 layers"),
+        ({"stage": "$\\frac{$"}, "stage: expected 'imitation' or 'relaxed', got '$"),
+        ({"created": "\x1b[31m"}, "a text holds the control character '\\x1b'"),
+        ({"results": {"\u202e": 1}}, "a text holds the control character '\\u202e'"),
+    ],
+    ids=["layers", "mathematics", "escape", "right to left"],
+)
+def test_what_no_network_or_title_or_terminal_can_take_is_refused(policy_dir: Path, changes: dict, words: str):
+    """The layers: with the weights for them, which are read in no time, the network would never be compiled."""
+    edit_card(policy_dir, **changes)
+    assert words in refusal(policy_dir)
+
+
+def test_a_robots_name_is_one_that_titles_and_terminals_can_show(policy_dir: Path):
+    env = to_json(EnvConfig(hardware=find_robot("go1"), reference="kinematic"))
+    edit_card(policy_dir, env=env)
+    assert load_policy(policy_dir).card.env.hardware.anatomy.name == "Unitree Go1"
+    for name in ("$\\frac{$", "x" * 100_000, "", "a\nb"):
+        env["hardware"]["body"]["name"] = name
+        edit_card(policy_dir, env=env)
+        assert "a robot's name takes 1 to 80 printable letters and no $, got " in refusal(policy_dir)
 
 
 def test_versions_that_are_none_are_refused_by_name(policy_dir: Path):

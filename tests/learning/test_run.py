@@ -275,6 +275,40 @@ def test_a_second_process_is_refused_in_one_line_and_changes_nothing(run, tmp_pa
     assert [path.name for path in fresh.iterdir()] == [".lock"]
 
 
+def test_a_resume_on_other_devices_says_that_it_is_not_bit_for_bit(run, tmp_path, monkeypatch):
+    """Sums in another order: `test_devices` has how much they differ."""
+    said = "trained on 3 x TPU v9 before: what follows is not bit for bit what it had been there"
+    with monkeypatch.context() as patch:
+        patch.setattr("bp2_rl.learning.cluster.devices", lambda: "3 x TPU v9")
+        moved = training.start(tiny(), tmp_path / "moved")
+    for folder in (moved, shutil.copytree(run, tmp_path / "same")):
+        training.resume(folder)
+        assert (said in (folder / "log.txt").read_text()) is (folder == moved)
+
+
+def test_somebody_elses_run_does_not_write_outside_its_folder(run, tmp_path):
+    """But for its checkpoints, which may lie on another disk; a run that is read may be made of links."""
+    copy, elsewhere = tmp_path / "copy", tmp_path / "elsewhere"
+    shutil.copytree(run, copy)
+    elsewhere.mkdir()
+    for name in ("log.txt", "metrics.jsonl", "events", "policies", ".lock"):
+        aside = copy / f"{name}.aside"
+        if (copy / name).exists():
+            (copy / name).rename(aside)
+        (copy / name).symlink_to(elsewhere / ("" if name in ("events", "policies") else name))
+        with pytest.raises(UserError, match=rf"{name} is a link to elsewhere: .*; remove it$"):
+            training.resume(copy)
+        (copy / name).unlink()
+        if aside.exists():
+            aside.rename(copy / name)
+    assert list(elsewhere.iterdir()) == []
+    shutil.move(copy / "checkpoints", elsewhere)
+    (copy / "checkpoints").symlink_to(elsewhere / "checkpoints")
+    training.resume(copy)
+    assert latest_step(copy) == 4
+    assert load_policy(copy).card.stage == "imitation"
+
+
 @pytest.mark.parametrize("flag", ["--resume", "--replay", "--from", "--out"])
 @pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "a\udcff"], ids=["long", "NUL", "no UTF-8"])
 def test_a_name_that_no_folder_can_have_is_a_mistake_of_the_user(flag, name, tmp_path, monkeypatch, capsys):

@@ -3,7 +3,10 @@ import signal
 import threading
 import time
 
-from bp2_rl.learning.signals import STOPPING, StopSignals
+import pytest
+
+from bp2_rl.base.listening import STOPPING
+from bp2_rl.learning.signals import StopSignals
 
 
 def handlers():
@@ -24,6 +27,24 @@ def test_the_first_signal_is_noted_said_and_harmless_and_the_handlers_come_back(
         assert signals.caught is signal.SIGTERM
     assert said == ["SIGTERM: stopping after this train step; Ctrl-C now quits at once"]
     assert handlers() == before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals are POSIX's")
+@pytest.mark.parametrize("ignored", [True, False])
+def test_a_closed_terminal_asks_to_stop_unless_it_is_not_to_be_heeded(ignored):
+    first = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+    try:
+        before, said = handlers(), []
+        with StopSignals(said.append, lambda: None) as signals:
+            os.kill(os.getpid(), signal.SIGHUP)
+            os.kill(os.getpid(), signal.SIGTERM)
+            deadline = time.monotonic() + 10
+            while not said and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert signals.caught is (signal.SIGTERM if ignored else signal.SIGHUP)
+        assert handlers() == before
+    finally:
+        signal.signal(signal.SIGHUP, first)
 
 
 def test_in_a_thread_of_its_own_a_training_leaves_the_handlers_alone():

@@ -2,10 +2,13 @@
 
 import contextlib
 import json
+import os
 import random
 import shutil
 import signal
 import subprocess
+import sys
+import threading
 import time
 
 import aim_run
@@ -134,6 +137,46 @@ def test_a_run_asked_to_stop_saves_says_so_and_resumes_to_the_uninterrupted_one(
         arguments = ["--resume", run]
     finish(*arguments)
     assert_same_run(run, uninterrupted)
+
+
+@pytest.mark.parametrize("heeded", [True, False], ids=["heeded", "nohup"])
+def test_a_run_whose_terminal_is_closed_saves_unless_it_is_told_not_to(heeded, uninterrupted, new, total, tmp_path):
+    """The terminal is a pseudo-terminal's other end; the kernel sends SIGHUP, and what is printed then fails."""
+    run = tmp_path / "run"
+    ours, terminal = os.openpty()
+    here = signal.signal(signal.SIGHUP, signal.SIG_DFL if heeded else signal.SIG_IGN)  # the process inherits that
+    take = [sys.executable, "-c", "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+            "os.execv(sys.argv[1], sys.argv[1:])"]  # fmt: skip
+    with subprocess.Popen(
+        [*take, *aim_run.command(*new, "--out", run, pause=0.04)], env=aim_run.ENVIRONMENT,
+        stdin=terminal, stdout=terminal, stderr=terminal,
+    ) as process:  # fmt: skip
+        signal.signal(signal.SIGHUP, here)
+        os.close(terminal)
+        reader = threading.Thread(target=read_all, args=(ours,), daemon=True)
+        try:
+            reader.start()
+            wait_for(lambda: (latest_step(run) or 0) > 0, process)
+            process.send_signal(signal.SIGSTOP)  # while its terminal goes
+            os.close(ours)
+            process.send_signal(signal.SIGCONT)
+            assert process.wait(120) == (129 if heeded else 0)
+        finally:
+            process.kill()
+    log = (run / "log.txt").read_text()
+    saved = latest_step(run) or 0
+    if heeded:
+        assert f"stopped by SIGHUP, kept step {saved} of {total}: python train.py --resume {run}\n" in log
+        assert 0 < saved < total
+        finish("--resume", run)
+    assert_same_run(run, uninterrupted)
+
+
+def read_all(terminal):
+    """Read what a process prints, or it would wait for ever."""
+    with contextlib.suppress(OSError):
+        while os.read(terminal, 1000):
+            pass
 
 
 def test_a_second_ctrl_c_quits_at_once(new, tmp_path):

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import random
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -151,6 +152,36 @@ def test_a_mistake_is_named(before: str, after: str, complaint: str, tmp_path: P
     assert complaint in str(refusal.value)
     assert str(refusal.value).startswith(f"{path}: ")
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["$\\frac{$", "x" * 100_000, "", "a\nb", "\x1b[31mred", "\u202eder"])
+def test_a_name_that_no_title_or_terminal_can_show_is_refused(name: str, tmp_path: Path, capsys):
+    path = write(tmp_path, GO1.replace('"Unitree Go1"', json.dumps(name), 1))
+    assert command.main(["check", str(path), "--out", str(tmp_path / "robot.png")]) == 2
+    said = capsys.readouterr().err
+    assert re.search("a robot's name takes 1 to 80 printable letters and no [$], got |control character '", said)
+    assert said.count("\n") == 1
+    assert said[:-1].isprintable()
+    assert len(said) < 500
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GO1.replace('name = "Unitree Go1"', f"name.{'a.' * 50_000}a = 1"),
+        GO1.replace("[motors]", f"[motors.{'a.' * 50_000}a]"),
+        GO1.replace("[motors]", f"[motors]\n{'a . ' * 50_000}a = 1"),
+        GO1.replace("[motors]", f"[motors]\n{'a.' * 100_000}a = 1"),
+        GO1.replace("[motors]", f"[motors]\nx = {'{a=' * 50_000}1{'}' * 50_000}"),
+    ],
+    ids=["key", "table", "spaced", "longer", "inline"],
+)
+def test_a_key_of_many_levels_is_refused_at_once(text: str, tmp_path: Path):
+    """Python's reader takes 50,000 levels for minutes, and what it makes of them cannot be shown."""
+    began = time.monotonic()
+    with pytest.raises(UserError, match=r"is no robot file: it is nested too deeply|bytes, 262,144 at most are read"):
+        load_robot(write(tmp_path, text))
+    assert time.monotonic() - began < 5.0
 
 
 def test_a_model_that_is_not_there_is_named(tmp_path: Path):

@@ -6,7 +6,7 @@ import math
 import jax
 import mujoco
 
-from bp2_rl.base.errors import UserError
+from bp2_rl.base.errors import UserError, shown
 from bp2_rl.base.serialization import config_hash
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
@@ -23,6 +23,8 @@ UNNAMED = "card's own"  # robot
 BEYOND = 0.25, 0.7
 """Shares of its fastest command: a robot that runs at best between them is told what it runs; a slower one does not run
 at all."""
+MOST = 1000.0
+"""Of a result on a card, SI units."""
 CRUISE = 0.6
 """Share of a robot's top speed."""
 
@@ -46,8 +48,8 @@ def top_speed(policy: Policy) -> float:
 
     A policy that nobody measured gives the fastest command of its training.
     """
-    judged = policy.card.results.get("judged", {}).get("speed", 0.0)
-    return on_card(policy, "topspeed", "best_speed") or judged or policy.card.env.commands.max_forward
+    measured = on_card(policy, "topspeed", "best_speed") or on_card(policy, "judged", "speed")
+    return measured or policy.card.env.commands.max_forward
 
 
 def cruising_speed(policy: Policy) -> float:
@@ -64,10 +66,16 @@ def on_card(policy: Policy, benchmark: str, result: str) -> float | None:
     """A positive number that a benchmark left on the card, if there is one.
 
     Results stand under their benchmark's name; what another does not say is topspeed's.
+
+    Raises:
+        UserError: the card holds something else there.
     """
-    for group in (policy.card.results.get(benchmark), policy.card.results.get("topspeed")):
-        value = group.get(result) if isinstance(group, dict) else None
-        if isinstance(value, int | float) and value > 0:
+    for name in (benchmark, "topspeed"):
+        group = policy.card.results.get(name, {})
+        value = (group.get(result) or 0.0) if isinstance(group, dict) else group
+        if not isinstance(group, dict) or type(value) not in (int, float) or not 0.0 <= value <= MOST:
+            raise UserError(f"the policy's card is not as we write it: {result} of {name} is {shown(value)}")
+        if value:
             return float(value)
     return None
 

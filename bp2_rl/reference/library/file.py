@@ -17,6 +17,10 @@ from bp2_rl.base.files import ArraySpec, BadFileError, parse_json, read_bytes, r
 from bp2_rl.settings.reference import MEND
 
 FORMAT = 1
+LARGEST = 1e6
+"""Of any number of a library, SI units: the largest of BP2's is an acceleration of 2,258 rad/s2."""
+SHORTEST = 1e-4
+"""s, of a segment: of BP2's 9 ms."""
 
 TRUNK, COORDINATES = 3, 15  # x, z, pitch; these and hip, knee and spring of each leg
 PERIODIC = 1e-4  # m or rad, by which segments may fail to join
@@ -90,8 +94,8 @@ def load_library(path: Path) -> MotionLibrary:
         sizes = f"{contents['speeds'].size} and {contents['q'].shape[2]}"
         raise broken(path, f"needs two speeds and two points a segment, has {sizes}")
     for name, array in contents.items():
-        if not np.isfinite(array).all():
-            raise broken(path, f"holds numbers in {name} that are not finite")
+        if not (np.abs(array) <= LARGEST).all():
+            raise broken(path, f"holds numbers in {name} that are not finite, or beyond {LARGEST:g}")
     library = MotionLibrary(**contents, provenance=provenance)
     if fault := _fault(library):
         raise broken(path, fault)
@@ -130,8 +134,8 @@ def _fault(library: MotionLibrary) -> str:
     speeds, durations, q = library.speeds, library.durations, library.q
     if not (speeds[0] > 0 and np.all(np.diff(speeds) > 0)):
         return "holds speeds that do not ascend from above 0"
-    if not np.all(durations > 0):
-        return "holds durations that are not above 0"
+    if not np.all(durations >= SHORTEST):
+        return f"holds durations that are not above {SHORTEST:g} s"
     again = np.concatenate([q[:, 0, 0, :TRUNK], mirror(by_leg(q[:, 0, 0, TRUNK:])).reshape(-1, 12)], axis=-1)
     again[:, 0] += speeds * durations.sum(axis=1)
     for where, gap in (("at lift-off", q[:, 1, 0] - q[:, 0, -1]), ("after half a cycle", q[:, 1, -1] - again)):

@@ -5,6 +5,7 @@ docs/notes/training.md says what was tried.
 """
 
 import dataclasses
+from pathlib import Path
 from typing import get_args
 
 from bp2_rl.base.errors import require_kind, require_one_of
@@ -23,7 +24,7 @@ PRESETS = {
 
 
 def preset(
-    stage: Stage, preset: Preset, weights: Weights | None = None, robot: str | HardwareSpec = "built"
+    stage: Stage, preset: Preset, weights: Weights | None = None, robot: str | Path | HardwareSpec = "built"
 ) -> TrainConfig:
     """Return a stage's settings for a size of machine.
 
@@ -39,8 +40,8 @@ def preset(
     require_one_of("stage", stage, get_args(Stage))
     require_one_of("preset", preset, PRESETS)
     require_one_of("weights", weights or "ours", get_args(Weights))
-    require_kind("robot", robot, (str, HardwareSpec), "a robot's name, a robot file's path or a HardwareSpec")
+    require_kind("robot", robot, (str, Path, HardwareSpec), "a robot's name, a robot file's path or a HardwareSpec")
     chosen = weights or ("paper" if preset == "smoke" else "ours")
-    config = PRESETS[preset][stage](chosen, find_robot(robot) if isinstance(robot, str) else robot)
+    config = PRESETS[preset][stage](chosen, robot if isinstance(robot, HardwareSpec) else find_robot(str(robot)))
     config = dataclasses.replace(config, env=sized(config.env))
     return settled(config) if stage == "relaxed" and chosen == "ours" else config

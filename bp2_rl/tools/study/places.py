@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.files import open_in_place
 from bp2_rl.base.folders import lock_folder
 from bp2_rl.base.serialization import utc_now
 from bp2_rl.base.workers import NPROC_IS_OURS, PARENT, spawned
@@ -66,10 +67,12 @@ def begin(
         keep: file descriptors that it inherits.
 
     Raises:
-        UserError: another process trains the run.
+        UserError: another process trains the run, or it lies elsewhere.
     """
     from bp2_rl.learning.checkpoint import latest_step
 
+    if run_dir.is_symlink():
+        raise UserError(f"{run_dir} is a link to elsewhere: remove it")
     if latest_step(run_dir) is not None:
         arguments = ["--resume", str(run_dir)]
     elif run_dir.exists() and not (run_dir / POLICIES).exists():
@@ -80,7 +83,7 @@ def begin(
         environment.pop("NPROC", None)  # it sets its own
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = gpu
-    with run_dir.with_suffix(".txt").open("a") as log:
+    with open_in_place(run_dir.with_suffix(".txt")) as log:
         log.write(f"{utc_now()} {' '.join(arguments)}\n")
         log.flush()
         command = [sys.executable, *train, *arguments]

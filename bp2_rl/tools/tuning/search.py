@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any
 
+from bp2_rl.base.files import open_in_place
 from bp2_rl.base.folders import lock_folder, make_folder
 from bp2_rl.base.serialization import claim_folder, config_hash
 from bp2_rl.settings.presets import preset
@@ -122,6 +123,7 @@ def _study(search: Search, folder: Path) -> Any:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
+    open_in_place(folder / STORAGE).close()  # SQLite would follow a link
     storage = f"sqlite:///{folder.resolve() / STORAGE}"
     study = optuna.create_study(storage=storage, study_name=STUDY, load_if_exists=True, direction="maximize")
     known = len(study.get_trials(deepcopy=False))  # a later call must not propose the points of the first again

@@ -4,13 +4,47 @@ import math
 import pytest
 
 from bp2_rl.base.assets import asset_path
-from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp
+from bp2_rl.base.errors import UserError
+from bp2_rl.evaluation.benchmarks.conditions import describe_easing, describe_ramp, speed_to_command, top_speed
 from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.evaluation.benchmarks.sprint import SPRINT_ACCELERATION, race
 from bp2_rl.evaluation.benchmarks.topspeed import ramp_to_topspeed
 from bp2_rl.learning.policy import load_policy
 from bp2_rl.settings.env import ControlConfig
 from bp2_rl.simulation.schedule import Ramp
+
+
+def with_results(results):
+    policy = load_policy(asset_path("policies/built"))
+    return dataclasses.replace(policy, card=dataclasses.replace(policy.card, results=results))
+
+
+@pytest.mark.parametrize("group", ["judged", "topspeed"])
+@pytest.mark.parametrize("value", ["x", True, -3, [1], {"a": 1}, 1e308, 10**400, math.nan])
+def test_a_card_whose_results_are_none_is_refused_in_one_line(group, value):
+    """What `load_policy` lets through: results may be anything by name."""
+    result = {"judged": "speed", "topspeed": "best_speed"}[group]
+    for results in ({group: {result: value}}, {group: value}):
+        if results == {group: {"a": 1}}:
+            continue  # another result
+        with pytest.raises(UserError, match=rf"the policy's card is not as we write it: {result} of {group} is "):
+            top_speed(with_results(results))
+        with pytest.raises(UserError, match=r"the policy's card is not as we write it: \w+ of \w+ is "):
+            speed_to_command(with_results(results))
+
+
+def test_a_speed_is_topspeeds_or_the_judges_or_else_that_of_the_training():
+    fastest = with_results({}).card.env.commands.max_forward
+    judged = {"speed": 7.5, "falls": 0}
+    for results, speed in (
+        ({"judged": judged, "topspeed": {"best_speed": 9.0}}, 9.0),
+        ({"judged": judged, "topspeed": {"best_speed": None}}, 7.5),
+        ({"judged": judged}, 7.5),
+        ({"judged": {"speed": 0.0}}, fastest),
+        ({"judged": {}, "topspeed": {}}, fastest),
+        ({"curriculum_level": 1.0, "command": "train.py"}, fastest),
+    ):
+        assert top_speed(with_results(results)) == speed
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from bp2_rl.optimiser.collocation import solve
 from bp2_rl.optimiser.problem import Problem
 from bp2_rl.reference.interface import Reference
 from bp2_rl.reference.kinematic_trot import KinematicGait
-from bp2_rl.reference.library.file import MotionLibrary, load_library, save_library
+from bp2_rl.reference.library.file import ARRAYS, MotionLibrary, load_library, save_library
 from bp2_rl.reference.library.trot import CollocationGait
 from bp2_rl.reference.stepping import TROT
 from bp2_rl.robot import bp2, conventions, kinematics
@@ -508,6 +508,13 @@ def _moved(name, index, by):
     return _replaced(name, change)
 
 
+def _large(array):
+    """One number that float64 holds, and the float32 of training does not."""
+    array = array.astype(float)
+    array.reshape(-1)[-1] = 1e300
+    return array
+
+
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
@@ -527,8 +534,10 @@ def _moved(name, index, by):
         (lambda arrays: {name: x[:1] if x.ndim else x for name, x in arrays.items()}, "needs two speeds"),
         (_moved("force", (0, 0, 0, 0), np.nan), "numbers in force that are not finite"),
         (_moved("v", (1, 1, 3, 7), np.inf), "numbers in v that are not finite"),
+        *((_replaced(name, _large), f"numbers in {name} that are not finite, or beyond 1e.06") for name in ARRAYS),
         (_replaced("speeds", lambda v: v[::-1]), "do not ascend"),
-        (_moved("durations", (0, 1), -1.0), "durations that are not above 0"),
+        (_moved("durations", (0, 1), -1.0), "durations that are not above 0.0001 s"),
+        (_replaced("durations", lambda x: x * np.array([1.0, 1e-30])), "durations that are not above 0.0001 s"),
         (_moved("q", (1, 1, -1, 4), 1e-3), "at 10 m/s whose ends do not meet after half a cycle"),
         (_moved("q", (0, 1, -1, 0), 1e-3), "at 9.5 m/s whose ends do not meet after half a cycle"),
         (_moved("q", (0, 1, 0, 1), 1e-3), "at 9.5 m/s whose ends do not meet at lift-off"),

@@ -293,6 +293,23 @@ def test_a_training_is_a_process_of_its_own_on_its_gpu(tmp_path, here, code, end
     assert f"'--resume', '{killed_early}'" in output.read_text()
 
 
+def test_what_a_training_prints_does_not_go_through_a_link(tmp_path, here):
+    victim, output = tmp_path / "victim", (tmp_path / RUN.name).with_suffix(".txt")
+    victim.write_text("theirs")
+    output.symlink_to(victim)
+    assert begin(here(), tmp_path) is False
+    assert victim.read_text() == "theirs"
+
+
+def test_a_run_that_is_a_link_is_not_trained_elsewhere(tmp_path, here, capsys):
+    elsewhere, link = tmp_path / "elsewhere", tmp_path / RUN.name
+    elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    assert begin(here(), tmp_path) is False
+    assert capsys.readouterr().out == f"{link} is a link to elsewhere: remove it\n"
+    assert list(elsewhere.iterdir()) == []
+
+
 def test_a_run_that_has_policies_is_never_deleted(tmp_path, here):
     policy = tmp_path / RUN.name / POLICIES / "1024"
     policy.mkdir(parents=True)

@@ -92,6 +92,16 @@ def test_another_search_is_not_mixed_in(search):
         search(1, Place(), Search(SPACE[:2], "smoke", "built", 1024, 0))
 
 
+def test_the_kept_trials_are_not_written_through_a_link(search, tmp_path):
+    victim = tmp_path / "victim.db"
+    victim.touch()
+    (tmp_path / "tune").mkdir()
+    (tmp_path / "tune" / "tune.db").symlink_to(victim)
+    with pytest.raises(UserError, match=r"tune\.db is a link to elsewhere: remove it"):
+        search(1, Place())
+    assert victim.read_bytes() == b""
+
+
 def test_the_command_ranks_and_says_how_to_train_with_the_best(search, tmp_path, capsys):
     folder = tmp_path / "tune"
     flags = ["--search", "env.reward.tracking=0:4", "ppo.num-epochs=1:3", "ppo.activation=swish,elu"]
