@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 
 from bp2_rl.base.bounds import Range, Within
+from bp2_rl.robot.conventions import MOTOR_NAMES
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
@@ -85,6 +86,15 @@ class Leg:
 
 
 @dataclasses.dataclass(frozen=True)
+class JointConvention:
+    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times the model's plus `offset`."""
+
+    name: str
+    sign: Annotated[int, Within(-1, 1)] = 1
+    offset: Annotated[float, Within(-100.0, 100.0)] = 0.0  # rad
+
+
+@dataclasses.dataclass(frozen=True)
 class Anatomy:
     """A trunk and four legs."""
 
@@ -99,6 +109,7 @@ class Anatomy:
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given
+    joints: tuple[JointConvention, ...] = tuple(map(JointConvention, MOTOR_NAMES))
 
     @classmethod
     def of_parts(cls, trunk: Link, legs: tuple[Leg, Leg, Leg, Leg], trunk_size: Vector, **others: Any) -> "Anatomy":
