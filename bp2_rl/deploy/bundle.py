@@ -1,5 +1,6 @@
 """A policy as a folder for a robot's computer: network, reference motion, settings, and the controller's code.
 
+manifest.json      the SHA-256 of every file that follows
 policy.onnx        the network: observation (1, n) -> action (1, 12)
 reference.npz      the reference motion as plain arrays
 deploy.json        observation layout, units, joint order, gains, limits, rates
@@ -19,20 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from bp2_rl.base import arrays, bounds, errors, polynomials
+from bp2_rl.base import arrays, bounds, errors, files, polynomials
 from bp2_rl.base.errors import UserError
 from bp2_rl.base.files import require_name, write_bytes, write_npz, write_text
 from bp2_rl.base.folders import new_folder
 from bp2_rl.deploy import onboard
 from bp2_rl.deploy.network import require_onnx, to_onnx
-from bp2_rl.deploy.onboard.controller import (
-    FORMAT,
-    NETWORK,
-    OBSERVATION,
-    REFERENCE,
-    SETTINGS,
-    split_name,
-)
+from bp2_rl.deploy.onboard.contents import CODE, FORMAT, NEEDS, NETWORK, REFERENCE, ROBOT_FOLDER, SETTINGS, seal
+from bp2_rl.deploy.onboard.controller import OBSERVATION, split_name
 from bp2_rl.deploy.onboard.watchdog import WatchdogLimits
 from bp2_rl.deploy.reference import playback
 from bp2_rl.env.controller import motors_of
@@ -49,13 +44,14 @@ from bp2_rl.simulation.operator import HEADING_HOLD
 from bp2_rl.simulation.simulator import RobotSetup, settled
 
 MOTORS = ("peak_torque", "corner_speed", "no_load_speed", "braking_speed", "current_lag", "torque_rate")
-CODE, ROBOT_FOLDER, NEEDS = "onboard", "robots", "requirements.txt"
+OF_POLICY = ("stage", "created", "weights_sha256", "library_sha256", "config_hash")
+OF_CONTROL = ("action_scale", "action_limit", "feedforward", "clock_at_rest")
 UNITS = "SI: m, s, rad, Nm; x forward, y left, z up; angular_velocity and up in the body frame"
 PACKAGES = ("numpy", "onnxruntime", "mujoco")  # mujoco for the rehearsal alone
 LAWS = [
     str(module.__file__)
     for module in (
-        *(arrays, bounds, errors, polynomials),
+        *(arrays, bounds, errors, files, polynomials),
         *(actuator, anatomy, bp2, bp2_body, conventions, coordinates, easing, hardware, losses, stepping, trot_law),
     )
 ]
@@ -73,7 +69,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
     require_name(directory)
     require_onnx()  # now, because the description takes seconds
     settings, arrays = describe(policy)
-    network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **_texts(settings["policy"])})
+    network = to_onnx(policy, {"observation": json.dumps(settings["observation"]), **settings["policy"]})
     try:
         place = Path(directory).resolve()
         if place.exists() and not (place / SETTINGS).is_file() and any(place.iterdir()):
@@ -89,6 +85,7 @@ def write_bundle(directory: Path, policy: Policy) -> None:
                 write_text(fresh / CODE / module.name, FROM_PACKAGE.sub("from .", module.read_text()))
             for name, hardware in _robots(policy.card.env).items():
                 write_text(fresh / ROBOT_FOLDER / f"{name}.xml", model_xml(hardware))
+            seal(fresh)
     except OSError as error:
         raise UserError(f"cannot write bundle {directory}: {error.strerror or error}") from error
 
@@ -112,25 +109,18 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     settings = {
         "format": FORMAT,
         "policy": {
-            "stage": card.stage,
-            "created": card.created,
-            "weights_sha256": card.weights_sha256,
-            "library_sha256": card.library_sha256,
-            "config_hash": card.config_hash,
+            **{name: getattr(card, name) for name in OF_POLICY},
             "bp2_rl": card.versions.get("bp2_rl", "unknown"),
         },
         "units": UNITS,
         "rates": {"policy": conventions.POLICY_RATE, "drives": conventions.FORCE_LOOP_RATE},  # Hz
         "joints": list(conventions.MOTOR_NAMES),
+        "model_joints": [dataclasses.asdict(joint) for joint in env.hardware.anatomy.joints],
         "joint_range": [list(ends) for leg in env.hardware.anatomy.legs for ends in leg.ranges],
         "observation": [list(entry) for entry in card.observation_layout],
         "control": {
             "mode": control.mode,
-            "action_scale": control.action_scale,
-            "action_limit": control.action_limit,
-            "feedforward": control.feedforward,
-            "clock_at_rest": control.clock_at_rest,
-            **_limits({name: getattr(control, name) for name in COMMAND_LIMITS}),
+            **_limits({name: getattr(control, name) for name in (*OF_CONTROL, *COMMAND_LIMITS)}),
             "stand": list(env.hardware.anatomy.stand),
         },
         "gains": {"stiffness": control.stiffness, "damping": control.damping},
@@ -138,7 +128,7 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             "least": [-commands.max_backward, *(-most for most in sideways)],
             "most": [commands.max_forward, *sideways],
         },
-        "watchdog": dataclasses.asdict(watchdog_limits(env.hardware)),
+        "watchdog": dataclasses.asdict(watchdog_limits(env)),
         "rehearsal": {"speed": cruising_speed(policy)},  # m/s
         "reference": reference,
         "operator": dataclasses.asdict(HEADING_HOLD),
@@ -148,8 +138,9 @@ def describe(policy: Policy) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return settings, arrays
 
 
-def watchdog_limits(robot: HardwareSpec) -> WatchdogLimits:
-    """Return a robot's limits, with reasons; docs/deploy.md has what normal running uses of each."""
+def watchdog_limits(env: EnvConfig) -> WatchdogLimits:
+    """Return the limits of a policy's robot, with reasons; docs/deploy.md has what normal running uses of each."""
+    robot, control = env.hardware, env.control
     size, fastest = robot.size, float(np.max(robot.joint_no_load_speed)) / bp2.NO_LOAD_SPEED
     return WatchdogLimits(
         silence=0.05,
@@ -159,6 +150,8 @@ def watchdog_limits(robot: HardwareSpec) -> WatchdogLimits:
         braking=1.0,  # what policies brake at on bad ground
         joint_margin=0.3,  # joints bounce off their stops by .1
         joint_speed=fastest * 100.0,  # five times what the motors can do
+        # What an action can swing from one tick to the next, and what the reference motion may add to it.
+        target_step=2.0 * control.action_scale * control.action_limit + fastest * 100.0 * conventions.CONTROL_STEP,
         turning=size.rate * 50.0,
         up_length=0.2,
         tilt=math.radians(60.0),  # training ends an episode at 37 deg: no policy knows what is beyond
@@ -167,10 +160,12 @@ def watchdog_limits(robot: HardwareSpec) -> WatchdogLimits:
         window=0.5,  # a stride and more
         mismatch=0.5,  # finds speeds half or twice as large, and wrong signs
         joint_noise=0.1,  # ten times an encoder's noise in training
-        up_noise=0.05,  # five times the IMU's: 3 deg
+        turned=0.012,  # 0.7 deg; what a gyro's noise in training adds up to is a quarter of it
+        unlike=0.4,  # half or twice the gyro is 0.5, noise 1; runs with training's noise, and a real one, have 0.18
         off_target=0.8,  # a hip with the wrong sign is off by 1.24 in BP2's stand
         opposed=0.5,
         swing=0.1,
+        still=0.15,  # an encoder's noise in training is a third of it, joints that work are at 0.35 and more
     )
 
 
@@ -200,14 +195,4 @@ def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
 
 def _limits(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return limits by name, a number or twelve, with None for an infinite one, because JSON has no infinity."""
-
-    def plain(value: Any) -> Any:
-        if np.ndim(value):
-            return [plain(one) for one in value]
-        return float(value) if math.isfinite(value) else None
-
-    return {name: plain(value) for name, value in values.items()}
-
-
-def _texts(values: dict[str, Any]) -> dict[str, str]:
-    return {name: str(value) for name, value in values.items()}
+    return {name: np.where(np.isfinite(value), value, np.array(None)).tolist() for name, value in values.items()}

@@ -14,6 +14,7 @@ import numpy as np
 
 from bp2_rl.base.bounds import Range, Within
 from bp2_rl.base.errors import UserError, shown
+from bp2_rl.robot.conventions import MOTOR_NAMES
 
 # Beyond reach the cosine of the knee stops this far from +-1 and the lengths this far from 0, so that every
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
@@ -87,6 +88,15 @@ class Leg:
 
 
 @dataclasses.dataclass(frozen=True)
+class JointConvention:
+    """What the robot's own model calls a joint; its angle in `Anatomy` is `sign` times the model's plus `offset`."""
+
+    name: str
+    sign: Annotated[int, Within(-1, 1)] = 1
+    offset: Annotated[float, Within(-100.0, 100.0)] = 0.0  # rad
+
+
+@dataclasses.dataclass(frozen=True)
 class Anatomy:
     """A trunk and four legs."""
 
@@ -101,6 +111,7 @@ class Anatomy:
     thigh_radius: float  # m, of the capsule from hip to knee that a solid leg is
     lower_radius: float  # m, of the capsule from knee to foot
     gear_ratio: float  # behind which the motors' torques and speeds are given
+    joints: tuple[JointConvention, ...] = tuple(map(JointConvention, MOTOR_NAMES))
 
     def __post_init__(self) -> None:
         """Refuse a name that no terminal or title can show; in titles $ begins mathematics."""

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
-from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.robot.anatomy import Anatomy, Inertia, JointConvention, Leg, Link, Vector
 from bp2_rl.robot.compiling import ReadingError, compiled_apart
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 
@@ -42,13 +42,10 @@ ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
 
-@dataclasses.dataclass(frozen=True)
-class JointReading:
-    """What a model says of a motor's joint; its angle in `Anatomy` is `sign` times the model's plus `offset`."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointReading(JointConvention):
+    """What a model says of a motor's joint."""
 
-    name: str  # in the model
-    sign: int
-    offset: float  # rad
     armature: float  # kg m2
     damping: float  # Nm s/rad
     friction: float  # Nm
@@ -154,6 +151,7 @@ def read_model(
         stand=stand,
         thigh_radius=_radius(model, [chain.bodies[1] for chain in chains], legs[0].thigh_length),
         lower_radius=_radius(model, [body for chain in chains for body in chain.bodies[2:]], legs[0].thigh_length),
+        joints=tuple(JointConvention(joint.name, joint.sign, joint.offset) for one in found for joint in one.joints),
     )
     return RobotReading(
         anatomy=anatomy,

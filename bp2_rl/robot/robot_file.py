@@ -19,7 +19,7 @@ from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import check_values, read_bytes
 from bp2_rl.base.serialization import from_json
 from bp2_rl.base.templates import render
-from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
+from bp2_rl.robot.anatomy import Anatomy, JointConvention, Leg, Link, Vector
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
 from bp2_rl.robot.reading import SLENDER, RobotReading, read_mjcf
@@ -117,6 +117,7 @@ class WrittenRobot:
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     foot_radius: Radius | None = None
+    conventions: tuple[JointConvention, ...] = ()  # of the joints in the robot's own model; empty: the mjcf tells
     trunk: TrunkNumbers | None = None
     fore: LegNumbers | None = None
     hind: LegNumbers | None = None
@@ -279,6 +280,8 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
     if written.stand is not None:
         hip, knee = (x if isinstance(x, tuple) else (x, x) for x in (written.stand.hip, written.stand.knee))
         changes["stand"] = tuple(a for i in (0, 0, 1, 1) for a in (0.0, hip[i], knee[i]))
+    if written.conventions:
+        changes["joints"] = written.conventions
     for name in ("thigh_radius", "lower_radius", "weighed_mass"):
         if (value := getattr(written, name)) is not None:
             changes[name] = value
@@ -310,6 +313,8 @@ def mirrored(leg: Leg) -> Leg:
 
 def _check(anatomy: Anatomy) -> None:
     """Refuse a body that cannot be, naming the key at fault."""
+    if len(anatomy.joints) != len(MOTOR_NAMES):
+        raise UserError(f"conventions: {len(anatomy.joints)} are given; give the 12 joints', or leave them out")
     _check_link("trunk", anatomy.trunk)
     for name, leg in zip(("fore", "hind"), anatomy.legs[1::2], strict=True):
         for part in ("abad", "thigh", "shank", "toe"):

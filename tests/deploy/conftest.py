@@ -31,7 +31,7 @@ def bundle(shipped, tmp_path_factory):
 def onboard(bundle):
     """The modules in the bundle: not those of bp2_rl, whose every call is checked here and takes ten times as long."""
     sys.path.insert(0, str(bundle))
-    names = ("controller", "motion", "complex_step", "link", "robot", "world", "rehearse")
+    names = ("controller", "motion", "complex_step", "link", "robot", "world", "rehearse", "contents", "seal")
     yield SimpleNamespace(**{name: importlib.import_module(f"onboard.{name}") for name in names})
     sys.path.remove(str(bundle))
     for name in [name for name in sys.modules if name.split(".")[0] == "onboard"]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +42,18 @@ def standing(now: float, **changes) -> SensorReading:
         "time": now,
     }
     return SensorReading(**(fields | changes))
+
+
+def following(controller):
+    """Measure a robot that hangs in the air: in each tick its joints go a fifth of the way to their targets."""
+    position = STAND.copy()
+
+    def measure(now):
+        way = 0.2 * (controller._targets.position - position)
+        position[:] += way
+        return standing(now, joint_position=position.copy(), joint_velocity=way / DT)
+
+    return measure
 
 
 def run(controller, start, seconds, measure, command=(2.0, 0.0, 0.0)):
@@ -164,9 +177,10 @@ def test_a_clock_that_is_not_seen_at_rest_is_not_seen_here(onboard, shipped, tmp
 def told_alike(controller, control, speeds):
     """The forward commands that a policy is told, tick by tick, where these are asked for: here as by JAX."""
     ease, told, forward = jax.jit(lambda told, asked: eased(told, asked, control)), jnp.zeros(3), []
+    measure = following(controller)
     for k, speed in enumerate(speeds):
         asked = (speed, 0.1, 0.2)
-        controller.step(standing(k * DT), asked, k * DT)
+        controller.step(measure(k * DT), asked, k * DT)
         told = ease(told, jnp.asarray(asked))
         np.testing.assert_allclose(controller.command, told, atol=1e-5)
         forward.append(float(told[0]))
@@ -281,7 +295,10 @@ def test_silence_of_fifty_milliseconds_ends_in_a_commanded_stand(fresh):
     run(fresh, now, 0.045, lambda _: None)
     assert fresh.fault == ""
     led, _ = run(fresh, last + 0.051, 1.2, lambda _: None)
-    assert fresh.fault == "silence: no new measurement for 51 ms; is the link up, does its time go on?"
+    assert (
+        fresh.fault
+        == "silence: no new measurement for 51 ms and 10 calls; is the link up, do its time and `now` go on?"
+    )
     assert led[-1].position == pytest.approx(STAND, abs=1e-12)
 
 
@@ -302,6 +319,101 @@ def test_a_first_measurement_by_another_clock_is_refused(fresh):
         targets = fresh.step(standing(now), (2.0, 0.0, 0.0), wrong)
         assert fresh.fault.startswith("clock: `now` went from 0.495 to ")
         assert np.isfinite(targets.position).all()
+
+
+class Wild:
+    """A reference motion as it was, with other targets."""
+
+    def __init__(self, sound, play):
+        self.stepping, self.phase_rate, self.play = sound.stepping, sound.phase_rate, play
+
+    def __call__(self, command, phase):
+        return self.play(command, phase)
+
+
+def targets_of(position=0.0, velocity=0.0):
+    return lambda command, phase: SimpleNamespace(
+        position=STAND + position, velocity=np.full(12, velocity), torque=np.zeros(12)
+    )
+
+
+def broken(command, phase):
+    raise ZeroDivisionError("float division by zero")
+
+
+@pytest.mark.parametrize(
+    ("motion", "fault"),
+    [
+        (targets_of(position=np.nan), "targets: FR_abad is told nan of the largest step or speed; is reference.npz"),
+        (targets_of(velocity=np.inf), "targets: FR_abad is told inf of the largest step or speed; is reference.npz"),
+        (targets_of(velocity=-101.0), "targets: FR_abad is told 1.01 of the largest step or speed; "),
+        (broken, "targets: they cannot be computed (ZeroDivisionError('float division by zero')); is the bundle"),
+    ],
+    ids=["not_finite", "endless", "fast", "no_number"],
+)
+def test_no_wild_target_leaves(fresh, monkeypatch, motion, fault):
+    """Whatever the reference motion says in mid-run, the joints are led to the stand."""
+    _, now = run(fresh, 0.0, 0.3, standing)
+    monkeypatch.setattr(fresh, "motion", Wild(fresh.motion, motion))
+    led, _ = run(fresh, now, 0.3, standing)
+    assert fresh.fault.startswith(fault)
+    assert np.isfinite(led).all()
+    assert np.abs(np.diff([targets.position for targets in led], axis=0)).max() < 0.2
+    assert led[-1].position == pytest.approx(STAND, abs=1e-12)
+
+
+def test_a_target_that_steps_too_far_does_not_leave(fresh):
+    """An action swings by 3 rad at most, and a motion that may be moves half a radian in a tick."""
+    limit = fresh.watchdog.limits.target_step
+    assert limit == pytest.approx(2.0 * 0.5 * 3.0 + 100.0 * DT)
+    fresh.watchdog.check_targets(STAND + limit - 1e-9, np.zeros(12), STAND)
+    with pytest.raises(Exception, match=r"targets: FR_abad is told 1\.\d* of the largest step"):
+        fresh.watchdog.check_targets(STAND + 1.01 * limit, np.zeros(12), STAND)
+
+
+@pytest.mark.parametrize("answer", [np.nan, np.inf])
+def test_a_network_without_an_answer_is_a_fault(fresh, monkeypatch, answer):
+    _, now = run(fresh, 0.0, 0.3, standing)
+    monkeypatch.setattr(fresh, "_network", SimpleNamespace(run=lambda *_: [np.full((1, 12), answer)]))
+    led, _ = run(fresh, now, 0.3, standing)
+    assert fresh.fault == "network: its answer is not 12 finite numbers; is policy.onnx damaged?"
+    assert led[-1].position == pytest.approx(STAND, abs=1e-12)
+
+
+def test_a_clock_that_stands_still_is_silence(fresh):
+    """Twenty calls without a new measurement: twice as many as 50 ms have at 200 Hz, and as many as they may have."""
+    run(fresh, 0.0, 0.3, standing)
+    for calls in range(1, 22):
+        assert fresh.fault == "", calls
+        fresh.step(standing(0.295), (3.0, 0.0, 0.0), 0.295)
+    assert fresh.fault.startswith("silence: no new measurement for 0 ms and 21 calls; ")
+
+
+def test_calls_twice_as_often_are_no_silence(fresh):
+    """At 400 Hz, with measurements that come every 45 ms."""
+    for k in range(200):
+        now = k * DT / 2.0
+        fresh.step(standing(now) if k % 18 == 0 else None, None, now)
+    assert fresh.fault == ""
+
+
+def test_stamps_that_creep_are_seen_by_the_calls(fresh):
+    """A clock that all but stands still: each stamp is new, and the windows of the watchdog would never end."""
+    run(fresh, 0.0, 0.3, standing)
+    for k in range(260):
+        now = 0.3 + 1e-6 * k
+        fresh.step(standing(now), None, now)
+    assert fresh.fault.startswith("rate: `step` is called ")
+
+
+def test_a_clock_that_jumps_an_hour_is_a_fault(fresh):
+    """With the stamps, too; before the first measurement the controller may wait for as long as it likes."""
+    fresh.step(None, None, 0.0)
+    _, now = run(fresh, 3600.0, 0.3, standing)
+    assert fresh.fault == ""
+    targets = fresh.step(standing(now + 3600.0), None, now + 3600.0)
+    assert fresh.fault.startswith("clock: `now` went from 3600.3 to 7200.3 s between two calls; use a clock that")
+    assert np.isfinite(targets).all()
 
 
 @pytest.mark.parametrize(("every", "says"), [(0.001, "rate: `step` is called 1000 times a"), (0.02, "50 times a")])
@@ -332,7 +444,8 @@ def test_a_driver_may_use_its_arrays_again(fresh):
 
 
 def test_a_few_lost_measurements_are_bridged(fresh):
-    run(fresh, 0.0, 3.0, lambda now: standing(now) if round(now / DT) % 8 == 0 else None)
+    measure = following(fresh)
+    run(fresh, 0.0, 3.0, lambda now: (measure(now), None)[round(now / DT) % 8 > 0])
     assert fresh.fault == ""
 
 
@@ -352,18 +465,19 @@ def test_reset_is_the_way_on(fresh):
     ids=["none", "not_finite", "two_numbers", "words", "ragged", "one_number"],
 )
 def test_a_silent_operator_brakes_the_robot_to_a_stand(fresh, silence):
-    _, now = run(fresh, 0.0, 0.5, standing, (2.0, 0.1, 0.2))
-    _, now = run(fresh, now, 0.5, standing, silence)
+    measure = following(fresh)
+    _, now = run(fresh, 0.0, 0.5, measure, (2.0, 0.1, 0.2))
+    _, now = run(fresh, now, 0.5, measure, silence)
     assert fresh.fault == ""
     speed = np.hypot(2.0, 0.1) - fresh.watchdog.limits.braking * 0.5
     assert np.hypot(*fresh.command[:2]) == pytest.approx(speed, abs=1e-4)
-    run(fresh, now, 2.0, standing, silence)
+    run(fresh, now, 2.0, measure, silence)
     assert fresh.command.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_command_is_kept_within_what_was_trained(fresh, shipped):
     commands = shipped.card.env.commands
-    run(fresh, 0.0, 6.5, standing, (99.0, -99.0, 99.0))  # a launch takes its time
+    run(fresh, 0.0, 6.5, following(fresh), (99.0, -99.0, 99.0))  # a launch takes its time
     most = commands.max_forward, -commands.max_lateral, commands.max_yaw_rate
     assert fresh.command == pytest.approx(most)
 

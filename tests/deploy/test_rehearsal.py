@@ -187,16 +187,31 @@ def test_in_real_time_it_talks_over_udp(onboard, bundle):
     assert result["ticks"] > 50
     assert result["lost"] > 0
     assert result["sent"] > 300
+    assert result["too_slow"] == (result["real_time"] < 0.95 or result["behind_ms"] > 50.0)
     assert len(result["wall_ms"]) == len(result["cpu_ms"]) == 3
     shown = onboard.rehearse.show(result, plan)
     assert "p50 / p99 / max" in shown
-    assert "limits used range 0 %, joint speed " in shown
+    assert "limits used targets " in shown
+
+
+@pytest.mark.parametrize("too_slow", [True, False])
+def test_a_machine_that_is_too_slow_is_told_before_any_sensor(onboard, too_slow):
+    result = {
+        **{"real_time": 0.69, "behind_ms": 410.0, "lost": 3.0, "sent": 60.0, "ticks": 700, "fell_at": 2.1},
+        **{"wall_ms": (1.0, 2.0, 3.0), "cpu_ms": (1.0, 2.0, 3.0), "distance": 1.0, "beside_line": 0.1},
+        **{"mean_speed": None, "final_speed": 0.0, "used": {}, "too_slow": too_slow},
+        "fault": "opposed: RL_knee moves against its targets; is its sign wrong, or are two joints exchanged?",
+    }
+    shown = onboard.rehearse.show(result, onboard.world.RehearsalPlan(3.0))
+    assert shown.startswith("TOO SLOW    is this machine: nothing below is the robot's fault; ") == too_slow
+    assert ("sign" in shown) != too_slow
+    assert "watchdog    opposed" in shown
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--robot", "spot"], "no robot 'spot' in {bundle}: choose from built, ideal"),
+        (["--robot", "spot"], "there is no robot 'spot': choose one of built, ideal"),
         (["nowhere"], "no bundle in nowhere: it has no deploy.json"),
     ],
 )

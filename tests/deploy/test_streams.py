@@ -15,7 +15,7 @@ import pytest
 from bp2_rl.robot.bp2 import ABAD_RANGE, HIP_RANGE, KNEE_RANGE
 
 DT = 0.005
-TICKS = 320
+TICKS = 420
 STAND = np.array([0.0, 0.62, -1.24] * 4)
 RANGE = np.array((ABAD_RANGE, HIP_RANGE, KNEE_RANGE) * 4)
 Q, QD, UP, GYRO = slice(0, 12), slice(12, 24), slice(24, 27), slice(27, 30)
@@ -79,6 +79,29 @@ def turned_axes(rng, values, stamp, since, then):
     return values, stamp
 
 
+def noisy(place):
+    """Frozen, with an IMU's noise."""
+
+    def wrong(rng, values, stamp, since, then):
+        noise = np.random.default_rng(round(1e6 * since)).normal(size=30)
+        values[place] = (then + NOISE * noise)[place]
+        return values, stamp
+
+    return wrong
+
+
+def noisy_encoder(rng, values, stamp, since, then):
+    joint = rng.choice(SWINGING)
+    noise = np.random.default_rng(round(1e6 * since)).normal(size=30)
+    values[[joint, 12 + joint]] = then[joint] + 0.01 * noise[0], 0.3 * noise[1]
+    return values, stamp
+
+
+def noise_for_gyro(rng, values, stamp, since, then):
+    values[GYRO] = 0.1 * np.random.default_rng(round(1e6 * since)).normal(size=3)
+    return values, stamp
+
+
 def one_encoder(rng, values, stamp, since, then):
     joint = rng.choice(SWINGING)
     values[[joint, 12 + joint]] = then[joint], 0.0
@@ -119,7 +142,7 @@ WRONGS = {
     "joint speeds a tenth": (times(QD, 0.1), GAIT),
     "joint speeds of zero": (times(QD, 0.0), GAIT),
     "gyro in deg/s": (times(GYRO, 57.3), {"gyro", "turning"}),
-    "gyro of zero": (times(GYRO, 0.0), {"frozen"}),
+    "gyro of zero": (times(GYRO, 0.0), {"frozen", "gyro"}),
     "acceleration": (times(UP, 9.81), {"up"}),
     "gravity": (times(UP, -1.0), {"tilt"}),
     "speed's sign": (joint_times(SWINGING, -1.0), GAIT),
@@ -138,18 +161,23 @@ WRONGS = {
     "stamps that go back": (stamped(lambda rng, stamp, since: stamp - 2.0 * since), {"silence"}),
     "no stamps": (stamped(lambda rng, stamp, since: ("now", np.nan, np.inf, [], {})[rng.integers(5)]), FINITE),
     "forms": (formless, FORM),
-    "all frozen": (repeated(slice(0, 30)), {"frozen", *GAIT}),
+    "all frozen": (repeated(slice(0, 30)), {"frozen", "gyro", *GAIT}),
     "up frozen": (repeated(UP), {"frozen"}),
-    "gyro frozen": (repeated(GYRO), {"frozen"}),
+    "gyro frozen": (repeated(GYRO), {"frozen", "gyro"}),
     "encoders frozen": (repeated(slice(0, 24)), {"frozen", *GAIT}),
     "an encoder frozen": (one_encoder, {"frozen", *GAIT}),
+    "an encoder's noise": (noisy_encoder, {"still", "off target", *GAIT}),
+    "gyro's noise": (noise_for_gyro, {"gyro"}),
+    "gyro halved": (times(GYRO, 0.5), {"gyro"}),
+    "gyro doubled": (times(GYRO, 2.0), {"gyro"}),
+    "up's noise": (noisy(UP), {"gyro"}),
     "silence": (silent, {"silence"}),
     "NaN": (impossible(np.nan), FINITE),
     "infinity": (impossible(-np.inf), FINITE),
     "huge": (impossible(1e300), {"range", "joint speed", "turning", "up"}),
     "noise": (noise_of_any_size, {"range", "joint speed", "turning", "up"}),
 }
-SEEN_IN_A_SWING = {"gyro's axes", "up's sign"}
+SEEN_IN_A_SWING = {"gyro's axes", "up's sign", "gyro halved", "gyro doubled", "gyro's noise", "up's noise"}
 """The wrongs that need more of a swing of the trunk than a run on flat ground has."""
 SWUNG = 3  # the recorded stream of it
 MIXED = 3

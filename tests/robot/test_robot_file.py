@@ -68,11 +68,24 @@ def test_the_kinematics_of_a_robot_that_ships_are_its_models(path: Path):
     np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
 
 
-def test_go1s_file_is_its_public_model(tmp_path: Path):
+def public_model(path: str) -> Anatomy:
     spec = importlib.util.find_spec("mujoco_playground")
     assert spec is not None
-    root = Path((spec.submodule_search_locations or [])[0])
-    public = read_mjcf(root / "_src/locomotion/go1/xmls/go1_mjx_feetonly.xml").anatomy
+    return read_mjcf(Path((spec.submodule_search_locations or [])[0]) / "_src/locomotion" / path).anatomy
+
+
+@pytest.mark.parametrize(
+    ("name", "path"), [("go1", "go1/xmls/go1_mjx_feetonly.xml"), ("spot", "spot/xmls/spot_mjx.xml")]
+)
+def test_the_joints_of_a_robot_that_ships_are_its_models(name: str, path: str):
+    ours, public = load_robot(asset_path(f"robots/{name}.toml")).anatomy, public_model(path)
+    for joint, theirs in zip(ours.joints, public.joints, strict=True):
+        assert (joint.name, joint.sign) == (theirs.name, theirs.sign)
+        assert joint.offset == pytest.approx(theirs.offset, abs=1e-7)  # the file has seven digits
+
+
+def test_go1s_file_is_its_public_model(tmp_path: Path):
+    public = public_model("go1/xmls/go1_mjx_feetonly.xml")
     ours = load_robot(asset_path("robots/go1.toml")).anatomy
     assert ours.mass == pytest.approx(public.mass, rel=1e-6)
     for leg in (1, 3):  # of the right shanks the model has no mirror image
@@ -93,6 +106,9 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
     assert robot.hardware.peak_torque == (80.0, 80.0, 80.0)
     assert robot.hardware.reflected_inertia[0] == pytest.approx(0.02)
     assert robot.stiffness == (80.0, 80.0, 80.0)
+    for joint, theirs in zip(robot.anatomy.joints, reading.joints, strict=True):
+        assert (joint.name, joint.sign) == (theirs.name, theirs.sign)
+        assert joint.offset == pytest.approx(theirs.offset, abs=1e-6)  # seven digits
     if pointing:
         np.testing.assert_allclose(numbers(robot.anatomy), numbers(reading.anatomy))
     model_of_it = load_model(robot.hardware)

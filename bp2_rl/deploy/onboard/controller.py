@@ -10,24 +10,27 @@ stand under the policy.
 """
 
 import dataclasses
-import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.errors import one_line
+from bp2_rl.base.files import read_npz
 from bp2_rl.robot.easing import COMMAND_LIMITS, eased
 
-from .motion import Pose, load_motion
+from .contents import NETWORK, REFERENCE, Settings, loading, read_bundle
+from .joints import JointFrame
+from .motion import Pose, load_motion, specs_of
 from .watchdog import SensorFault, SensorReading, Watchdog
 
-FORMAT = 4
-SETTINGS, NETWORK, REFERENCE = "deploy.json", "policy.onnx", "reference.npz"
 WARMING = 20  # ticks before the first
+PLAYED = 12
+"""Number of speeds, and of phases, at which the reference motion is tried when it is loaded."""
 
 
 class DriveTargets(NamedTuple):
@@ -45,6 +48,10 @@ class ForwardLimits:
     stopping_time: float  # s
     launching: float  # m/s2
     launching_speed: float  # m/s
+
+
+Command = Sequence[float] | np.ndarray | None
+"""m/s forward, m/s to the left, rad/s; None where the operator is silent."""
 
 
 class _Seen(NamedTuple):
@@ -85,45 +92,60 @@ class OnboardController:
     Args:
         folder: a bundle that `bp2 export --format onnx` wrote.
         clock: seconds; only asked where `step` is not told the time.
+        convention: whose signs and zeros the joint angles have that `step` takes and returns: the bundle's, or those
+            of the robot's own model, which `model_joints` in `deploy.json` has.
 
     Raises:
-        ValueError: the folder is no bundle of this format, or its parts do not fit together.
+        BundleError: the folder is no bundle of this format, is damaged, or its parts do not fit together.
     """
 
-    def __init__(self, folder: Path | str, clock: Callable[[], float] = time.monotonic):
-        folder = Path(folder)
-        self.settings = read_settings(folder)
-        control, limits = self.settings["control"], self.settings["command"]
+    def __init__(
+        self,
+        folder: Path | str,
+        clock: Callable[[], float] = time.monotonic,
+        convention: Literal["bundle", "model"] = "bundle",
+    ):
+        self.settings, files = read_bundle(folder)
         self._clock, self._dt = clock, 1.0 / self.settings["rates"]["policy"]
-        self.watchdog = Watchdog(self.settings)
-        self._stand = np.array(control["stand"])
-        self._lowest, self._highest = np.array(self.settings["joint_range"]).T
+        self._frame = JointFrame.of(self.settings, convention)
+        with loading(folder):
+            self.watchdog = Watchdog(self.settings, self._frame)
+            self._load_control()
+            arrays = read_npz(Path(folder) / REFERENCE, specs_of(self.settings["reference"]), content=files[REFERENCE])
+            self.motion = load_motion(self.settings["reference"], arrays)
+            self._network = _load_network(files[NETWORK])
+            self._load_observation()
+            self.reset()
+            self._try_motion()
+            still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
+            for _ in range(WARMING):  # else the first ticks are the slowest
+                self._act(still)
+        self.reset()
+
+    def _load_control(self) -> None:
+        control, limits = self.settings["control"], self.settings["command"]
+        self._stand = np.array(control["stand"], float)
+        self._lowest, self._highest = np.array(self.settings["joint_range"], float).T
         self._least, self._most = np.array(limits["least"]), np.array(limits["most"])
         self._residual, self._clock_at_rest = control["mode"] == "residual", control["clock_at_rest"]
         self._limits = command_limits(self.settings)
         self._feedforward = control["feedforward"] / self.settings["gains"]["stiffness"]
         self._scale, self._limit = control["action_scale"], control["action_limit"]
-        with np.load(folder / REFERENCE) as arrays:
-            self.motion = load_motion(self.settings["reference"], dict(arrays))
-        self._network = _load_network(folder / NETWORK)
+
+    def _load_observation(self) -> None:
         layout = [(*split_name(name), size) for name, size in self.settings["observation"]]
-        unknown = [name for name, _, _ in layout if name not in OBSERVATION]
-        size = self._network.get_inputs()[0].shape[-1]
-        if unknown or size != sum(size for _, _, size in layout):
-            raise ValueError(f"{folder}: the network reads {size} numbers, {SETTINGS} lists others {unknown}")
-        self._frame = [name for name, ticks, _ in layout if not ticks]
+        self._entries = [name for name, ticks, _ in layout if not ticks]
         ends = np.cumsum([0, *(size for _, ticks, size in layout if not ticks)])
-        places = {name: slice(*ends[i : i + 2]) for i, name in enumerate(self._frame)}
+        places = {name: slice(*ends[i : i + 2]) for i, name in enumerate(self._entries)}
         self._changes = [(ticks, places[name]) for name, ticks, _ in layout if ticks]
         self._past: deque[np.ndarray] = deque(maxlen=max((ticks for _, ticks, _ in layout), default=0))
-        self.reset()
-        still = SensorReading(self._stand, np.zeros(12), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
-        try:
-            for _ in range(WARMING):  # else the first ticks are the slowest
-                self._act(still)
-        except SensorFault as fault:
-            raise ValueError(f"{folder}: {fault}") from None
-        self.reset()
+
+    def _try_motion(self) -> None:
+        """Play the reference motion at commands and phases of all sizes; raise `SensorFault` for impossible targets."""
+        for command in np.linspace(self._least, self._most, PLAYED).tolist():
+            for phase in np.arange(PLAYED) / PLAYED:
+                pose = self.motion(command, phase)
+                self.watchdog.check_targets(pose.position, pose.velocity, pose.position)
 
     def reset(self, phase: float = 0.0) -> None:
         """Begin anew, at a phase of the gait in cycles: the only way out of a stand that the watchdog commanded."""
@@ -137,9 +159,7 @@ class OnboardController:
         self._stopped_at, self._ticks_stopped = self._targets.position, 0
         self.watchdog.reset()
 
-    def step(
-        self, measurement: SensorReading | None, command: Sequence[float] | np.ndarray | None, now: float | None = None
-    ) -> DriveTargets:
+    def step(self, measurement: SensorReading | None, command: Command, now: float | None = None) -> DriveTargets:
         """Return the joint targets until the next tick, 5 ms on.
 
         `step` never raises for what a sensor, a clock or a link may bring, and no target is outside a joint's range.
@@ -147,7 +167,7 @@ class OnboardController:
         Args:
             measurement: the newest there is. One counts as new if its time is later than that of all before; an older
                 one, the same again, or None say nothing new.
-            command: m/s forward, m/s to the left, rad/s; None where the operator is silent.
+            command: kept within what the policy was trained for.
             now: s, by the clock that measurements are stamped with on arrival; by default the clock's time.
         """
         if not self.fault:
@@ -157,26 +177,31 @@ class OnboardController:
                 self._obey(command)
                 if newest is not None:  # else the first is still on its way
                     self._targets = self._act(newest)
-                return self._targets
-            except SensorFault as fault:
-                self.fault, self._stopped_at = str(fault), self._targets.position
-        self._targets = self._to_stand()
-        return self._targets
+            except Exception as error:  # a fault, or whatever a bundle's numbers lead to: the loop goes on
+                wild = f"targets: they cannot be computed ({one_line(repr(error))[:100]}); is the bundle damaged?"
+                self.fault = str(error) if isinstance(error, SensorFault) else wild
+                self._stopped_at = self._targets.position
+        if self.fault:
+            self._targets = self._to_stand()
+        return DriveTargets(*self._frame.outward(np.stack(self._targets)))
 
     def _to_stand(self) -> DriveTargets:
         """Return targets on the way to the standing pose: a cubic that begins and ends at rest.
 
         Ticks are counted, because a clock may be what is at fault.
         """
-        time = self.watchdog.limits.stand_time
+        time, fastest = self.watchdog.limits.stand_time, self.watchdog.limits.joint_speed
         s = min(self._ticks_stopped * self._dt / time, 1.0)
         self._ticks_stopped += 1
         way = self._stand - self._stopped_at
-        return DriveTargets(self._stopped_at + way * s * s * (3.0 - 2.0 * s), way * (6.0 * s * (1.0 - s) / time))
+        return self._within_range(
+            self._stopped_at + way * s * s * (3.0 - 2.0 * s),
+            np.clip(way * (6.0 * s * (1.0 - s) / time), -fastest, fastest),
+        )
 
     # --- The policy -------------------------------------------------------------------------------------------
 
-    def _obey(self, command: Sequence[float] | np.ndarray | None) -> None:
+    def _obey(self, command: Command) -> None:
         """Accept the command, limited to what the policy was trained for; slow down where it is not three numbers."""
         try:
             asked = np.asarray(command, float)
@@ -194,12 +219,12 @@ class OnboardController:
         """Compute the joint targets of one tick: observation, network, reference motion, targets.
 
         Raises:
-            SensorFault: the network's answer is not finite.
+            SensorFault: the network's answer, or a target, cannot be.
         """
         command = self.command.astype(float).tolist()
         hand = 1.0 if self._clock_at_rest else self.motion.stepping(command)
         seen = _Seen(self.command, self._phase, hand, measurement, self._last_action)
-        frame = np.concatenate([OBSERVATION[name](seen, self._stand) for name in self._frame], dtype=np.float32)
+        frame = np.concatenate([OBSERVATION[name](seen, self._stand) for name in self._entries], dtype=np.float32)
         known = len(self._past)
         changes = [
             frame[place] - self._past[-ticks][place] if ticks <= known else 0.0 * frame[place]
@@ -207,37 +232,25 @@ class OnboardController:
         ]
         self._past.append(frame)
         answer: Any = self._network.run(None, {"observation": np.concatenate([frame, *changes])[None]})[0]
-        if not np.isfinite(answer).all():
-            raise SensorFault("network: its answer is not finite; is policy.onnx damaged?")
+        if answer.shape != (1, 12) or not np.isfinite(answer).all():
+            raise SensorFault("network: its answer is not 12 finite numbers; is policy.onnx damaged?")
         action = np.minimum(np.maximum(answer[0], -self._limit), self._limit)
         self._phase = (self._phase + self._dt * self.motion.phase_rate(command)) % 1.0
         self._last_action = action
         offset = self._scale * action.astype(float)
-        if not self._residual:
-            return self._within_range(self._stand + offset, np.zeros(12))
-        pose: Pose = self.motion(command, self._phase)
-        return self._within_range(pose.position + self._feedforward * pose.torque + offset, pose.velocity)
+        position, velocity = self._stand + offset, np.zeros(12)
+        if self._residual:
+            pose: Pose = self.motion(command, self._phase)
+            position, velocity = pose.position + self._feedforward * pose.torque + offset, pose.velocity
+        targets = self._within_range(position, velocity)
+        self.watchdog.check_targets(*targets, self._targets.position)
+        return targets
 
     def _within_range(self, position: np.ndarray, velocity: np.ndarray) -> DriveTargets:
         return DriveTargets(np.minimum(np.maximum(position, self._lowest), self._highest), velocity)
 
 
-def read_settings(folder: Path | str) -> dict[str, Any]:
-    """Read `deploy.json` of a bundle.
-
-    Raises:
-        ValueError: the file is missing or has another format.
-    """
-    path = Path(folder) / SETTINGS
-    if not path.is_file():
-        raise ValueError(f"no bundle in {folder}: it has no {SETTINGS}")
-    settings = json.loads(path.read_text())
-    if settings.get("format") != FORMAT:
-        raise ValueError(f"{path} has format {settings.get('format')}, this controller reads {FORMAT}")
-    return settings
-
-
-def numbers(values: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(values: Settings) -> dict[str, Any]:
     """Return limits by name as `deploy.json` has them, where None stands for infinity, which JSON does not have.
 
     A limit is a number, or an array of twelve where joints differ.
@@ -251,22 +264,16 @@ def numbers(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: number(value) for name, value in values.items()}
 
 
-def command_limits(settings: Mapping[str, Any]) -> ForwardLimits:
+def command_limits(settings: Settings) -> ForwardLimits:
     """Return how fast the forward command rises and falls at most, from `deploy.json`."""
     return ForwardLimits(**numbers({name: settings["control"][name] for name in COMMAND_LIMITS}))
 
 
-def _load_network(path: Path) -> Any:
+def _load_network(content: bytes) -> Any:
     """Load the network to run on one core: its input is so small that threads would only wait for each other."""
     import onnxruntime  # here, so that `bp2 export` can say how to install it
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-
-
-def describe(settings: Mapping[str, Any]) -> str:
-    """Describe the bundle in one line: stage, date and weights of its policy."""
-    policy = settings["policy"]
-    return f"{policy['stage']} policy of {policy['created']}, weights {policy['weights_sha256'][:12]}"
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])

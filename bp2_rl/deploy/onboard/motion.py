@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bp2_rl.base.files import ArraySpec
 from bp2_rl.base.polynomials import hermite_and_rate
 from bp2_rl.reference.trot_law import TrotLaw
 from bp2_rl.robot.anatomy import LegGeometry
 
 from .complex_step import STEP, differentiate
+from .contents import Settings
 
 LATER = (True, False, False, True)  # the legs that land half a cycle after the others
 IMAGE = (1, 0, 3, 2)  # each leg's mirror image
@@ -24,6 +26,23 @@ COSINE_LIMIT = 1.0 - 1e-6  # of a knee out of reach
 LEAST_SQUARE = 1e-8  # m2, of a length that is divided by
 LEAST_LEFT = 1e-7  # m, of reach
 TRUNK, COORDINATES = 3, 15  # of a row of the table: trunk, then three a leg, then two torques a leg
+
+
+LARGEST = 1e5
+"""Of the numbers in `reference.npz`: as large as a motor's torque in Nm may be; others are rad, m, s, and rates."""
+SHAPES: Mapping[str, Mapping[str, Any]] = {
+    "collocation": {
+        "strides": ("S", 5),
+        "cubics": (2, "N", "S", 4, 23),
+        "stand_feet": (4, 3),
+        "leg_origins": (4, 3),
+        "stand_torque": (4, 2),
+    },
+    "kinematic": dict.fromkeys(LegGeometry._fields, (4,))
+    | {"origins": (4, 3), "nominal": (4, 2), "sole_clearance": (4,)},
+    "none": {"pose": (12,)},
+}
+"""Shapes of the arrays of each kind of motion."""
 
 
 class Pose(NamedTuple):
@@ -34,22 +53,30 @@ class Pose(NamedTuple):
     torque: np.ndarray  # (12) Nm
 
 
-def load_motion(settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> "Trot | KinematicTrot | Stand":
+def specs_of(settings: Settings) -> dict[str, ArraySpec]:
+    """Return the arrays that `reference.npz` must hold for the motion in `reference` of `deploy.json`."""
+    return {name: ArraySpec(np.floating, shape) for name, shape in SHAPES.get(settings["kind"], {}).items()}
+
+
+def load_motion(settings: Settings, arrays: Mapping[str, np.ndarray]) -> "Trot | KinematicTrot | Stand":
     """The motion that `deploy.json` describes in `reference`, of the arrays in `reference.npz`.
 
     Raises:
-        ValueError: a motion of another kind.
+        ValueError: a motion of another kind, or a number that no motion has.
     """
     kinds = {"collocation": Trot, "kinematic": KinematicTrot, "none": Stand}
     if settings["kind"] not in kinds:
         raise ValueError(f"reference motion {settings['kind']!r}: this controller plays {', '.join(kinds)}")
+    for name, array in arrays.items():
+        if not np.all(np.abs(array) <= LARGEST):  # nor is NaN
+            raise ValueError(f"reference.npz: {name} holds numbers that are not finite, or beyond {LARGEST:g}")
     return kinds[settings["kind"]](settings, arrays)
 
 
 class Stand:
     """No gait: one pose, and a phase that goes round at one rate."""
 
-    def __init__(self, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]):
+    def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
         self._rate = float(settings["phase_rate"])
         self._pose = Pose(arrays["pose"].astype(float), np.zeros(12), np.zeros(12))
 
@@ -74,7 +101,7 @@ class KinematicTrot:
         arrays: the law's arrays, and those of `LegGeometry`.
     """
 
-    def __init__(self, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]):
+    def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
         legs = LegGeometry(**{name: arrays[name].astype(float) for name in LegGeometry._fields})
         own = {name: arrays[name].astype(float) for name in ("nominal", "sole_clearance")}
         self._law = TrotLaw(legs=legs, **own, **{name: x for name, x in settings.items() if name != "kind"})
@@ -125,12 +152,12 @@ class Trot:
         arrays: `strides` (S 5), `cubics` (2 N S 4 23), `stand_feet` and `leg_origins` (4 3), `stand_torque` (4 2).
     """
 
-    def __init__(self, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]):
+    def __init__(self, settings: Settings, arrays: Mapping[str, np.ndarray]):
         self._strides, self._cubics = arrays["strides"].astype(float).tolist(), arrays["cubics"].astype(float)
         self._rest, self._hips = arrays["stand_feet"].tolist(), arrays["leg_origins"].tolist()
         self._rest_torque = arrays["stand_torque"].astype(float)
         self._stepping_speed, self._foot_circle = settings["stepping_speed"], settings["foot_circle"]
-        self._legs = [_PlayedLengths(**leg) for leg in settings["legs"]]
+        self._legs = [_PlayedLengths(**leg) for leg, _ in zip(settings["legs"], LATER, strict=True)]
 
     def phase_rate(self, command: Sequence[float]) -> float:
         """Cycles per second at this command (m/s forward, m/s to the left, rad/s)."""

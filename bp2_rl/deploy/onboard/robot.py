@@ -8,10 +8,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from bp2_rl.base.errors import require_one_of
 from bp2_rl.robot.actuator import Actuator, Bus, joint_torque
 from bp2_rl.robot.losses import Resistance, generalized, loss
 
-from .controller import DriveTargets, numbers, read_settings
+from .contents import ROBOT_FOLDER, loading, read_bundle
+from .controller import DriveTargets, numbers
 
 DT = 1e-3  # s
 
@@ -24,26 +26,27 @@ class SimulatedRobot:
         name: one of its `robots`.
 
     Raises:
-        ValueError: there is no such robot.
+        UserError: there is no such robot.
+        BundleError: the bundle is damaged.
     """
 
     def __init__(self, folder: Path | str, name: str):
-        settings = read_settings(folder)
-        if name not in settings["robots"]:
-            raise ValueError(f"no robot {name!r} in {folder}: it has {', '.join(settings['robots'])}")
-        robot = settings["robots"][name]
-        bus = Bus(**robot["bus"]) if robot["bus"] else None
-        self.motors = Actuator(**settings["gains"], **numbers(robot["motors"]), bus=bus)
-        self.resistance = Resistance(**robot["losses"]) if robot["losses"] else None
-        self._fall = settings["fall"]
-        self.model = mujoco.MjModel.from_xml_path(str(Path(folder) / "robots" / f"{name}.xml"))
-        self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
-        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self.data = mujoco.MjData(self.model)
-        joints = [self.model.joint(joint) for joint in settings["joints"]]
-        self._q, self._qd = (np.array([j.qposadr[0] for j in joints]), np.array([j.dofadr[0] for j in joints]))
-        self.data.qpos[:], self.data.ctrl[:] = robot["stand"]["qpos"], robot["stand"]["torque"]
-        mujoco.mj_forward(self.model, self.data)
+        settings, files = read_bundle(folder)
+        require_one_of("robot", name, settings["robots"])
+        with loading(folder):
+            robot = settings["robots"][name]
+            bus = Bus(**robot["bus"]) if robot["bus"] else None
+            self.motors = Actuator(**settings["gains"], **numbers(robot["motors"]), bus=bus)
+            self.resistance = Resistance(**robot["losses"]) if robot["losses"] else None
+            self._fall = settings["fall"]
+            self.model = mujoco.MjModel.from_xml_string(files[f"{ROBOT_FOLDER}/{name}.xml"].decode())
+            self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50
+            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+            self.data = mujoco.MjData(self.model)
+            joints = [self.model.joint(joint) for joint in settings["joints"]]
+            self._q, self._qd = (np.array([j.qposadr[0] for j in joints]), np.array([j.dofadr[0] for j in joints]))
+            self.data.qpos[:], self.data.ctrl[:] = robot["stand"]["qpos"], robot["stand"]["torque"]
+            mujoco.mj_forward(self.model, self.data)
 
     @property
     def fallen(self) -> bool:

@@ -7,10 +7,13 @@ joint angles, the gyro with the change of `up`, and joint angles with their targ
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from .contents import Settings
+from .joints import JointFrame
 
 
 class SensorReading(NamedTuple):
@@ -37,25 +40,35 @@ class WatchdogLimits:
     stand_time: float  # s, in which the joints are led to the standing pose
     braking: float  # m/s2, at which the command falls where the operator says nothing
     joint_margin: float  # rad, by which a joint may be beyond its range
-    joint_speed: float  # rad/s
+    joint_speed: float  # rad/s, of a joint and of its target
+    target_step: float  # rad, by which a target may change in a tick
     turning: float  # rad/s, of the trunk
     up_length: float  # by which the length of `up` may differ from 1
     tilt: float  # rad, between `up` and the trunk's z axis
     frozen: float  # s, for which a sensor may repeat its value with new stamps
     frozen_target: float  # rad, by which a joint's target moves before an encoder that repeats its value is frozen
     window: float  # s, over which speeds, changes and targets are compared
-    mismatch: float  # of an integrated speed from the change that it belongs to: share of the larger of both
-    joint_noise: float  # rad, which is added to that share of a joint's change
-    up_noise: float  # which is added to that share of the change of `up`
+    mismatch: float  # of an integrated speed from the joint's change that it belongs to: share of the larger of both
+    joint_noise: float  # rad, which is added to that share
+    turned: float  # least standard deviation of the changes of `up` at which they are compared with the gyro
+    unlike: float  # share of what `up`, or the gyro, turns by that the other may not have
     off_target: float  # rad, of a joint's mean from its targets' mean
     opposed: float  # correlation of a joint with its target, as a negative number's size
     swing: float  # rad, the least standard deviation of both for which a correlation counts
+    still: float  # least standard deviation of a joint over that of its target, where the target's is 1.5 times `swing`
 
 
 SENSORS = {"joint_position": 12, "joint_velocity": 12, "up": 3, "angular_velocity": 3}
 """Entries of each array of a measurement."""
 STARTS = np.cumsum([0, *list(SENSORS.values())[:-1]])
 Q, QD, UP, GYRO = (slice(start, start + size) for start, size in zip(STARTS, SENSORS.values(), strict=True))
+WRONG_JOINTS = {
+    "targets": "is told {:.3g} of the largest step or speed; is reference.npz or deploy.json damaged?",
+    "off target": "is {:.3g} of `off_target` off; is its motor off, its sign or its zero wrong, or is it blocked?",
+    "opposed": "moves against its targets; is its sign wrong, or are two joints exchanged?",
+    "still": "hardly moves while its target does; is its encoder dead, its motor off, or is it blocked?",
+}
+"""What is seen of a joint that uses such a share of a limit, and what is probably wrong."""
 CLOCK = "stamp a measurement on arrival with the clock of `now`, by default time.monotonic(), in seconds"
 
 
@@ -64,11 +77,12 @@ class Watchdog:
 
     Args:
         settings: the content of `deploy.json`.
+        frame: of the measurements' joint angles.
     """
 
-    def __init__(self, settings: Mapping[str, Any]):
+    def __init__(self, settings: Settings, frame: JointFrame):
         self.limits = limits = WatchdogLimits(**settings["watchdog"])
-        self._joints, self._dt = settings["joints"], 1.0 / settings["rates"]["policy"]
+        self._frame, self._joints, self._dt = frame, frame.names, 1.0 / settings["rates"]["policy"]
         self._range = np.array(settings["joint_range"])
         self._middle = np.concatenate((self._range.mean(axis=1), np.zeros(18)))
         # Beyond `_free` a value uses up its limit, and has used it up `_spare` further on.
@@ -77,7 +91,6 @@ class Watchdog:
             (limits.joint_margin, limits.joint_speed, 1.0 + limits.up_length, limits.turning), list(SENSORS.values())
         )
         self._reach = self._free + self._spare
-        self._noise = np.append(np.full(12, limits.joint_noise), limits.up_noise)
         self.used: dict[str, float] = {}
         """The largest share of each limit that measurements have used up so far, by the fault's name; 1 is a fault."""
         self.reset()
@@ -86,7 +99,8 @@ class Watchdog:
         """Forget all measurements."""
         self._now = -math.inf
         self._newest: SensorReading | None = None
-        self._heard = math.inf  # when the newest came in
+        self._heard, self._unheard = math.inf, 0  # when the newest came in, and how many calls ago
+        self._turned = np.zeros(3)
         self._values = np.full(30, np.nan)
         self._since, self._held = np.zeros(30), np.zeros(12)  # when each value changed last, and each joint's target
 
@@ -101,20 +115,38 @@ class Watchdog:
         Raises:
             SensorFault: what is given cannot be, or there has been nothing new for too long.
         """
-        time = _number(now)
-        if not math.isfinite(time) or time < self._now:
-            raise SensorFault(f"clock: `now` went from {self._now:g} to {time:g} s; use a clock that only goes on")
+        limits, time = self.limits, _number(now)
+        latest = math.inf if self._newest is None else self._now + limits.window
+        if not self._now <= time <= latest or math.isinf(time):
+            seen = f"`now` went from {self._now:g} to {time:g} s between two calls"
+            raise SensorFault(f"clock: {seen}; use a clock that only goes on, and call `step` every 5 ms")
         self._now = time
-        self._ticks = 0 if self._newest is None else self._ticks + 1
+        self._ticks, self._unheard = (0, 0) if self._newest is None else (self._ticks + 1, self._unheard + 1)
         if given is not None:
             values, stamp = self._read(given)
             self._compare_with_limits(values)
             if self._newest is None or stamp > self._newest.time:
                 self._accept(values, stamp, target)
-        if time - self._heard > self.limits.silence:
-            seen = 1e3 * (time - self._heard)
-            raise SensorFault(f"silence: no new measurement for {seen:.0f} ms; is the link up, does its time go on?")
+        if time - self._heard > limits.silence or self._unheard * self._dt > limits.rate * limits.silence:
+            seen = f"no new measurement for {1e3 * (time - self._heard):.0f} ms and {self._unheard} calls"
+            raise SensorFault(f"silence: {seen}; is the link up, do its time and `now` go on?")
+        if self._ticks * self._dt > limits.rate * (limits.window + limits.silence):
+            self._require_rate()
         return self._newest
+
+    def check_targets(self, position: np.ndarray, velocity: np.ndarray, before: np.ndarray) -> None:
+        """Look at joint targets before they leave.
+
+        Args:
+            position: rad, which the caller keeps within the joints' ranges.
+            velocity: rad/s.
+            before: rad, the targets of the tick before.
+
+        Raises:
+            SensorFault: a target is not finite, too fast, or too far from the one before.
+        """
+        step, speed = (position - before) / self.limits.target_step, velocity / self.limits.joint_speed
+        self._judge("targets", np.maximum(np.abs(step), np.abs(speed)))
 
     # --- One measurement --------------------------------------------------------------------------------------
 
@@ -136,6 +168,7 @@ class Watchdog:
         if not (math.isfinite(time) and np.isfinite(values).all()):
             wrong = [name for name, array in zip(SENSORS, arrays, strict=True) if not np.isfinite(array).all()]
             raise SensorFault(f"not finite: {(wrong or ['time'])[0]}; a sensor is unplugged or its driver failed")
+        values[: UP.start] = self._frame.inward(values[: UP.start].reshape(2, 12)).ravel()
         return values, time
 
     def _compare_with_limits(self, values: np.ndarray) -> None:
@@ -162,9 +195,9 @@ class Watchdog:
         if tilt > self.limits.tilt:
             why = "has the robot fallen over, or is up gravity (it is 0, 0, 1 when level)?"
             raise SensorFault(f"tilt: up is ({x:.2f}, {y:.2f}, {z:.2f}), {math.degrees(tilt):.0f} deg off; {why}")
-        shares = np.maximum.reduceat((beyond - self._free) / self._spare, STARTS).tolist()
-        shares[2] = abs(length - 1.0) / self.limits.up_length
-        self._use(("range", "joint speed", "up", "turning", "tilt"), (*shares, tilt / self.limits.tilt))
+        q, qd, _, turning = np.maximum.reduceat((beyond - self._free) / self._spare, STARTS)
+        up = abs(length - 1.0) / self.limits.up_length
+        self._use({"range": q, "joint speed": qd, "up": up, "turning": turning, "tilt": tilt / self.limits.tilt})
 
     def _accept(self, values: np.ndarray, stamp: float, target: np.ndarray) -> None:
         """Keep a new measurement; look at its time, and at it beside the ones before."""
@@ -175,7 +208,7 @@ class Watchdog:
             raise SensorFault(f"clock: a new measurement's time is {age:.3g} s old; does it come late? Else {CLOCK}")
         x, y, z, a, b, c = values[UP.start :].tolist()
         rate = np.concatenate((values[QD], (y * c - z * b, z * a - x * c, x * b - y * a)))  # of angles and of up
-        last, self._heard = self._newest, self._now
+        last, self._heard, self._unheard = self._newest, self._now, 0
         self._newest = SensorReading(values[Q], values[QD], values[UP], values[GYRO], stamp)
         changed = values != self._values
         self._since[changed], self._values = stamp, values
@@ -187,7 +220,8 @@ class Watchdog:
         self._travel += 0.5 * (rate + self._rate) * (stamp - last.time)
         self._rate = rate
         change = np.concatenate((values[Q], values[UP]))
-        row = np.concatenate((change, self._travel, change - self._travel, target, values[Q] - target))
+        jump = values[UP] - last.up
+        row = np.concatenate((change, self._travel, change - self._travel, target, values[Q] - target, jump))
         self._count += 1
         self._sum += row
         self._squares += row * row
@@ -200,7 +234,7 @@ class Watchdog:
     def _begin(self, rate: np.ndarray, stamp: float) -> None:
         """Begin a window."""
         self._rate, self._travel = rate, np.zeros(15)
-        self._sum, self._squares, self._count = np.zeros(69), np.zeros(69), 0
+        self._sum, self._squares, self._count = np.zeros(72), np.zeros(72), 0
         self._began, self._began_now, self._ticks = stamp, self._now, 0
 
     def _find_frozen(self, stamp: float, target: np.ndarray) -> None:
@@ -216,42 +250,63 @@ class Watchdog:
             seen = f"frozen: {self._joints[joint]} has repeated its angle for {1e3 * still[joint]:.0f} ms"
             raise SensorFault(f"{seen} while its target moved; does its driver still read the encoder?")
 
+    def _require_rate(self) -> None:
+        """Compare the calls of `step` since the window began with their rate."""
+        calls = self._ticks / max(self._now - self._began_now, 1e-9)
+        if not 1.0 / self.limits.rate <= calls * self._dt <= self.limits.rate:
+            raise SensorFault(f"rate: `step` is called {calls:.4g} times a second, not {1.0 / self._dt:.0f}")
+
     def _compare_changes(self) -> None:
         """Compare speeds with changes, joints with their targets, and the calls of `step` with their rate."""
-        limits, elapsed = self.limits, self._now - self._began_now
-        calls = self._ticks / max(elapsed, 1e-9)
-        if not 1.0 / limits.rate <= calls * self._dt <= limits.rate:
-            raise SensorFault(f"rate: `step` is called {calls:.0f} times a second, not {1.0 / self._dt:.0f}")
+        self._require_rate()
         mean = self._sum / self._count
         variance = np.maximum(self._squares / self._count - mean * mean, 0.0)
-        # Twelve joints, and the three numbers of up as one.
-        change, travel, gap = np.sqrt(np.add.reduceat(variance[:45].reshape(3, 15), range(13), axis=1))
-        share = gap / np.hypot(self._noise, limits.mismatch * np.maximum(change, travel))
-        joint, target, off = variance[Q], variance[45:57], variance[57:]
-        swings = np.minimum(joint, target) > limits.swing**2
-        opposed = np.where(swings, (off - joint - target) / 2.0, 0.0) / np.sqrt(np.maximum(joint * target, 1e-12))
-        aside = np.abs(mean[57:])
+        up, gyro, gap, jump = variance.reshape(24, 3)[[4, 9, 14, 23]].sum(axis=1).tolist()
+        # Noise of `up` is in its change alone; half of its jumps from one measurement to the next is noise.
+        self._compare_up(np.array((up - jump / 2.0, gyro, (up + gyro - gap) / 2.0)))
+        change, travel, gap = np.sqrt(variance[:45].reshape(3, 15)[:, Q])
+        share = gap / np.hypot(self.limits.joint_noise, self.limits.mismatch * np.maximum(change, travel))
         if share.max() > 1.0:
             worst = int(np.argmax(share))
             times = f"{travel[worst] / max(change[worst], 1e-9):.2g} times"
             sign = " and against it" if gap[worst] > math.hypot(change[worst], travel[worst]) else ""
-            if worst < 12:
-                seen = f"joint velocity: {self._joints[worst]} has {times} the speed at which its angle changes{sign}"
-                raise SensorFault(f"{seen}; check its unit and its sign")
-            seen = f"gyro: angular_velocity is {times} what up turns by{sign}"
-            raise SensorFault(f"{seen}; is it in deg/s, is a sign wrong, are axes exchanged?")
-        if aside.max() > limits.off_target:
-            worst = int(np.argmax(aside))
-            seen = f"off target: {self._joints[worst]} is {aside[worst]:.2f} rad off its targets"
-            raise SensorFault(f"{seen}; is its motor off, its sign or its zero wrong, or is it blocked?")
-        if opposed.max() > limits.opposed:
-            seen = f"opposed: {self._joints[int(np.argmax(opposed))]} moves against its targets"
-            raise SensorFault(f"{seen}; is its sign wrong, or are two joints exchanged?")
-        shares = share[:12].max(), share[12], aside.max() / limits.off_target, opposed.max() / limits.opposed
-        self._use(("joint velocity", "gyro", "off target", "opposed"), shares)
+            seen = f"joint velocity: {self._joints[worst]} has {times} the speed at which its angle changes{sign}"
+            raise SensorFault(f"{seen}; check its unit and its sign")
+        self._use({"joint velocity": share.max()})
+        self._compare_targets(variance[Q], variance[45:57], variance[57:69], np.abs(mean[57:69]))
 
-    def _use(self, names: Sequence[str], shares: Sequence[float]) -> None:
-        for name, share in zip(names, shares, strict=True):
+    def _compare_up(self, powers: np.ndarray) -> None:
+        """Compare what `up` turns by with the gyro: the power of both, and the power that they share."""
+        limits = self.limits
+        self._turned = 0.5 * (self._turned + powers)
+        up, gyro, shared = self._turned.tolist()
+        larger = max(up, gyro, limits.turned**2)
+        share = (1.0 - shared / larger) / limits.unlike if larger > limits.turned**2 else 0.0
+        if share > 1.0:
+            seen = f"gyro: angular_velocity is {math.sqrt(gyro / max(up, 1e-12)):.2g} times what up turns by"
+            raise SensorFault(
+                f"{seen}, {shared / larger:.0%} alike; is it in deg/s, is a sign or an axis wrong, one dead?"
+            )
+        self._use({"gyro": share})
+
+    def _compare_targets(self, joint: np.ndarray, target: np.ndarray, off: np.ndarray, aside: np.ndarray) -> None:
+        """Compare joints with their targets: variances of both and of their difference, and its mean."""
+        limits, swing = self.limits, self.limits.swing**2
+        opposed = np.where(np.minimum(joint, target) > swing, (off - joint - target) / 2.0, 0.0)
+        self._judge("off target", aside / limits.off_target)
+        self._judge("opposed", opposed / np.sqrt(np.maximum(joint * target, 1e-12)) / limits.opposed)
+        moving = np.where(target > 2.25 * swing, target, 0.0)
+        self._judge("still", limits.still * np.sqrt(moving / np.maximum(joint, 1e-12)))
+
+    def _judge(self, name: str, shares: np.ndarray) -> None:
+        """Keep the largest of the joints' shares of a limit; raise a fault where it is above 1 or no number."""
+        worst = int(np.argmax(shares))
+        if not shares[worst] <= 1.0:
+            raise SensorFault(f"{name}: {self._joints[worst]} {WRONG_JOINTS[name].format(shares[worst])}")
+        self._use({name: shares[worst]})
+
+    def _use(self, shares: Mapping[str, float]) -> None:
+        for name, share in shares.items():
             self.used[name] = max(self.used.get(name, 0.0), float(share))
 
 

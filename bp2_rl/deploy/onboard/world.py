@@ -7,7 +7,8 @@ import numpy as np
 
 from bp2_rl.robot.easing import eased
 
-from .controller import DriveTargets, command_limits, read_settings
+from .contents import read_bundle
+from .controller import DriveTargets, command_limits
 from .link import COMMAND, SENSORS, BadLink
 from .robot import DT, SimulatedRobot
 
@@ -54,7 +55,7 @@ class RehearsalWorld:
     """
 
     def __init__(self, folder: Path | str, robot: str, plan: RehearsalPlan):
-        settings = read_settings(folder)
+        settings, _ = read_bundle(folder)
         self.robot, self.plan = SimulatedRobot(folder, robot), plan
         self._operator, self._most = settings["operator"], settings["command"]["most"]
         control = settings["control"]
@@ -68,11 +69,6 @@ class RehearsalWorld:
         self._trim = 0.0
         self._limits = command_limits(settings)
         self._told = np.zeros(3)
-
-    @property
-    def lost(self) -> tuple[int, int]:
-        """Number of datagrams lost, and number of datagrams sent."""
-        return self._out.lost + self._in.lost, self._out.put_in + self._in.put_in
 
     def says(self, k: int, now: float) -> list[tuple[bytes, np.ndarray]]:
         """The datagrams that leave in the millisecond k: every fifth the command and what the sensors report."""
@@ -105,7 +101,6 @@ class RehearsalWorld:
         """What came of it: speeds over the part that the speed was held, m/s, and where the robot ended."""
         x, y, _, speed = self.places.T
         held = speed[round(self.plan.ramp / DT) :] if not self.plan.fault else speed[:0]
-        lost, sent = self.lost
         return {
             "mean_speed": float(held.mean()) if len(held) else None,
             "least_second": _least_mean(held, 1000),
@@ -113,8 +108,8 @@ class RehearsalWorld:
             "beside_line": float(np.abs(y).max()),
             "final_speed": float(speed[-500:].mean()),
             "fell_at": self.fell_at,
-            "lost": float(lost),
-            "sent": float(sent),
+            "lost": float(self._out.lost + self._in.lost),
+            "sent": float(self._out.put_in + self._in.put_in),
         }
 
     def _steer(self, time: float) -> np.ndarray:

@@ -1,0 +1,27 @@
+"""Seal a bundle anew after its owner has edited a file, such as the limits in `deploy.json`.
+
+python -m onboard.seal                     # in the bundle's folder
+"""
+
+import sys
+from pathlib import Path
+
+from .contents import BundleError, seal
+from .controller import OnboardController
+
+
+def main() -> int:
+    """Seal the bundle of this code; return 2 if that cannot be, or if the sealed bundle cannot be loaded."""
+    folder = Path(__file__).resolve().parent.parent
+    try:
+        changed = seal(folder)
+        OnboardController(folder)
+    except BundleError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"sealed {folder}; changed: {', '.join(changed) or 'nothing'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
