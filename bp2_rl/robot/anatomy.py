@@ -74,8 +74,11 @@ class Leg:
     def reach(self, compression: float = 0.0) -> tuple[float, float]:
         """Least and greatest distance of the sole from the hip axis that the knee's range allows, m."""
         thigh, lower = self.thigh_length, self.lower_length - compression
-        ends = sorted(math.sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(knee)) for knee in self.ranges[2])
-        return ends[0], ends[1]
+        low, high = self.ranges[2]
+        # The leg is straight at 0 and folded at +-pi, and so on, which may be inside the range.
+        knees = low, high, *(math.pi * n for n in range(math.ceil(low / math.pi), math.floor(high / math.pi) + 1))
+        distances = [math.hypot(thigh + lower * math.cos(knee), lower * math.sin(knee)) for knee in knees]
+        return min(distances), max(distances)
 
     @property
     def links(self) -> tuple[Link, ...]:

@@ -27,6 +27,10 @@ LIKE = 0.1
 """Relative difference up to which two loops count as one."""
 DRAG = 0.2
 """Share of the peak torque above which a joint's resistance at the motor's no-load speed is doubted."""
+STRETCH = 0.75
+"""Share of the straight leg's length below which the greatest reach is doubted."""
+STROKE = 0.1
+"""Share of the straight leg's length below which the difference of greatest and least reach is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
 
@@ -109,6 +113,7 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
             for name, leg in (("fore", fore), ("hind", hind))
         ),
         f"spring: {hardware.spring_stiffness:g} N/m" if anatomy.sprung else "rigid shanks",
+        *_reach_doubts(robot),
         "",
         *_joint_lines(robot, robot.reading),
         "",
@@ -118,6 +123,18 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         *(f"assumed: {what}" for what in robot.assumed),
     ]
     return "\n".join(lines)
+
+
+def _reach_doubts(robot: RobotFile) -> list[str]:
+    """Doubt knees whose range keeps a leg bent, or of one length."""
+    doubts: list[str] = []
+    for name, leg in zip(("fore", "hind"), robot.anatomy.legs[1::2], strict=True):
+        (nearest, farthest), length = leg.reach(), leg.thigh_length + leg.lower_length
+        if farthest < STRETCH * length or farthest - nearest < STROKE * length:
+            doubts.append(
+                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: mend the knee's range"
+            )
+    return doubts
 
 
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:

@@ -129,6 +129,58 @@ def sprung() -> str:
 </mujoco>"""
 
 
+PLAIN_JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("abad", "hip", "knee"))
+"""The joints of `plain`, in the order of `MOTOR_NAMES`."""
+
+
+def plain(
+    *,
+    knee_range: str = "-2.6 -0.3",
+    joints: tuple[str, str, str] = ("", "", ""),
+    actuator: str = '<motor joint="{joint}" ctrlrange="-30 30"/>',
+    foot: str = '<geom name="{leg}_foot" type="sphere" size="0.02" pos="0 0 -0.21" mass="0"/>',
+    trunk: str = '<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
+    extra: str = "",
+) -> str:
+    """A quadruped of 13.2 kg without any oddity, but for what is asked of it.
+
+    Args:
+        knee_range: rad.
+        joints: attributes that abad, hip and knee have besides.
+        actuator: of every joint; {joint} stands for its name.
+        foot: below each knee; {leg} stands for the leg's name and {side} for 1 on the left and -1 on the right.
+        trunk: the trunk's joint and mass.
+        extra: what the model has besides, such as a keyframe.
+    """
+    legs = ""
+    for leg, x, y in zip(LEGS, (1, 1, -1, -1), (-1, 1, -1, 1), strict=True):
+        legs += f"""
+    <body name="{leg}_hip_link" pos="{0.2 * x} {0.05 * y} 0">
+      <inertial pos="0 0 0" mass="0.6" diaginertia="5e-4 7e-4 5e-4"/>
+      <joint name="{leg}_abad" axis="1 0 0" range="-0.8 0.8" {joints[0]}/>
+      <body name="{leg}_thigh" pos="0 {0.08 * y} 0">
+        <inertial pos="0 0 -0.03" mass="1" diaginertia="5e-3 5e-3 1e-3"/>
+        <joint name="{leg}_hip" axis="0 1 0" range="-1.5 2.5" {joints[1]}/>
+        <body name="{leg}_shank" pos="0 0 -0.21">
+          <inertial pos="0 0 -0.1" mass="0.2" diaginertia="1.5e-3 1.5e-3 5e-5"/>
+          <joint name="{leg}_knee" axis="0 1 0" range="{knee_range}" {joints[2]}/>
+          {foot.format(leg=leg, side=y)}
+        </body>
+      </body>
+    </body>"""
+    return f"""
+<mujoco model="plain">
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="trunk" pos="0 0 0.4">{trunk}{legs}
+    </body>
+  </worldbody>
+  <actuator>{"".join(actuator.format(joint=joint) for joint in PLAIN_JOINTS)}</actuator>
+  {extra}
+</mujoco>"""
+
+
 def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
     """Return how far the model built from a reading is from the original in a random state.
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from odd_robots import anymal_like, sprung
+from odd_robots import anymal_like, plain, sprung
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -237,6 +237,16 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
     stiff = load_robot(write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5")))
     assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)  # (0.3 + 0.5 x 30) / 23.7
+
+
+@pytest.mark.parametrize(
+    ("knee_range", "doubted"),
+    [("-2.6 -0.3", False), ("-3.1416 3.1416", False), ("-2.9 -2.6", True), ("-0.5 -0.4", True)],
+)
+def test_the_sheet_doubts_a_knee_that_hardly_stretches_a_leg(knee_range: str, doubted: bool, tmp_path: Path):
+    (tmp_path / "model.xml").write_text(plain(knee_range=knee_range))
+    robot = load_robot(write(tmp_path, robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")))
+    assert ("! fore legs of 0.44 m reach from" in sheet(robot, stand(robot))) == doubted
 
 
 def test_the_sheet_says_where_training_has_other_gains():
