@@ -27,6 +27,8 @@ STRAIGHT = 0.82
 """ASSUMED: share of the straight leg's length at which a robot stands whose model has no keyframe."""
 SLENDER = 0.07
 """ASSUMED: a leg's radius over its thigh's length, where no capsule tells."""
+ROUNDING = 1e-6
+"""rad, by which a keyframe may leave a range."""
 LONGEST = 0.1
 """m, ASSUMED: travel of a spring without a stop."""
 
@@ -37,6 +39,8 @@ FREE, HINGE, SLIDE = (int(kind) for kind in (
 SPHERE, CAPSULE, CYLINDER = (int(kind) for kind in (
     _Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER
 ))  # fmt: skip
+ACTUATOR_GROUPS = 31
+"""Groups of actuators that a model can disable, each by a bit of its own."""
 ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
@@ -142,7 +146,10 @@ def read_model(
     )
     legs = fr, fl, rr, rl
     if stand[1] == stand[2] == 0.0:
+        notes.append(f"no keyframe tells how it stands: ASSUMED with legs at {STRAIGHT:g} of their length")
         stand = _assumed_stand(legs)
+    elif not np.allclose(np.reshape(stand, (4, 3))[::2] * (-1, 1, 1), np.reshape(stand, (4, 3))[1::2], atol=1e-3):
+        notes.append("the keyframe's right legs do not mirror the left ones: [stand] has the left ones'")
     body, size = _merge(model, data, trunk, np.zeros(3), np.eye(3)), _trunk_size(model, data, trunk, legs)
     anatomy = Anatomy.of_parts(
         body,
@@ -171,8 +178,7 @@ def _require_inertias(spec: mujoco.MjSpec, body: Any, path: Path) -> None:
     heavy = [
         geom
         for geom in body.geoms
-        if geom.type in (_Geom.mjGEOM_MESH, _Geom.mjGEOM_SDF)
-        and (geom.mass > 0.0 if math.isfinite(geom.mass) else geom.density > 0.0)
+        if _from_mesh(geom) and (geom.mass > 0.0 if math.isfinite(geom.mass) else geom.density > 0.0)
     ]
     inferred = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE == spec.compiler.inertiafromgeom
     if heavy and (inferred or not body.explicitinertial) and (list(body.joints) or body.parent.name != "world"):
@@ -184,9 +190,14 @@ def _require_inertias(spec: mujoco.MjSpec, body: Any, path: Path) -> None:
         _require_inertias(spec, child, path)
 
 
+def _from_mesh(geom: Any) -> bool:
+    """Return whether a geom is a mesh, or a box or the like that MuJoCo fits to one."""
+    return bool(geom.meshname) or geom.type in (_Geom.mjGEOM_MESH, _Geom.mjGEOM_SDF)
+
+
 def _strip(spec: mujoco.MjSpec) -> None:
     for geom in list(spec.geoms):
-        if geom.type in (_Geom.mjGEOM_MESH, _Geom.mjGEOM_SDF, _Geom.mjGEOM_HFIELD):
+        if _from_mesh(geom) or geom.type == _Geom.mjGEOM_HFIELD:
             spec.delete(geom)
         else:
             geom.material = ""
@@ -472,6 +483,9 @@ def _read_joint(model: mujoco.MjModel, j: int, sign: int, zero: float, notes: li
     if model.jnt_actfrclimited[j]:
         limits.append(float(np.min(np.abs(model.jnt_actfrcrange[j]))))
     for i in range(model.nu):
+        group = int(model.actuator_group[i])
+        if 0 <= group < ACTUATOR_GROUPS and model.opt.disableactuator >> group & 1:
+            continue
         if int(model.actuator_trntype[i]) in ON_JOINT and model.actuator_trnid[i, 0] == j:
             gear = abs(float(model.actuator_gear[i, 0]))
             if model.actuator_forcelimited[i]:
@@ -573,13 +587,19 @@ def _stand(
     keys = {model.key(i).name: i for i in range(model.nkey)}
     key = next((keys[name] for name in ("stand", "home", *keys) if name in keys), None)
     if key is None:
-        notes.append(f"no keyframe tells how it stands: ASSUMED with legs at {STRAIGHT:g} of their length")
         return (0.0,) * len(MOTOR_NAMES)
-    return tuple(
-        joint.sign * float(model.key_qpos[key, model.jnt_qposadr[j]]) + joint.offset
-        for chain, one in zip(chains, found, strict=True)
-        for j, joint in zip(chain.joints[:3], one.joints, strict=True)
-    )
+    joints = [joint for one in found for joint in one.joints]
+    theirs = [model.key_qpos[key, model.jnt_qposadr[j]] for chain in chains for j in chain.joints[:3]]
+    drawn = [joint.sign * float(angle) + joint.offset for joint, angle in zip(joints, theirs, strict=True)]
+    angles = np.clip(drawn, *np.transpose([ends for one in found for ends in one.leg.ranges]))
+    beyond = np.abs(drawn - angles)
+    if np.max(beyond) > ROUNDING:
+        names = ", ".join(joint.name for joint, off in zip(joints, beyond, strict=True) if off > ROUNDING)
+        notes.append(
+            f"the keyframe '{model.key(key).name}' is up to {np.max(beyond):.3g} rad beyond the ranges of {names}: the "
+            "ranges' ends are taken"
+        )
+    return tuple(float(angle) for angle in angles)
 
 
 def _bend(leg: str, one: _LegReading, stand: float, notes: list[str]) -> Any:

@@ -64,10 +64,11 @@ class LegNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class StandNumbers:
-    """Hip and knee angles, rad, of the standing pose, one number or fore and hind legs'; abduction is zero."""
+    """Angles, rad, of the left legs in the standing pose, one number or fore and hind legs'; right legs mirror them."""
 
     hip: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
     knee: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
+    abad: Annotated[float | tuple[float, float], Within(-10.0, 10.0)] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,9 +272,16 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
             lower_radius=thick,
         )
     changes: dict[str, Any] = {"name": written.name}
-    if written.stand is not None:
-        hip, knee = (x if isinstance(x, tuple) else (x, x) for x in (written.stand.hip, written.stand.knee))
-        changes["stand"] = tuple(a for i in (0, 0, 1, 1) for a in (0.0, hip[i], knee[i]))
+    if (stand := written.stand) is not None:
+        left = [np.broadcast_to(angle, 2) for angle in (stand.abad, stand.hip, stand.knee)]
+        both = ((-abad, hip, knee, abad, hip, knee) for abad, hip, knee in zip(*left, strict=True))
+        changes["stand"] = tuple(float(angle) + 0.0 for legs in both for angle in legs)
+        if reading is not None:  # of a model whose knees bend either way, [stand] tells
+            knees = changes["stand"][2::3]
+            changes["legs"] = tuple(
+                dataclasses.replace(leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend)
+                for leg, knee in zip(anatomy.legs, knees, strict=True)
+            )
     for name in ("thigh_radius", "lower_radius", "weighed_mass"):
         if (value := getattr(written, name)) is not None:
             changes[name] = value

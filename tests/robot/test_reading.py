@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from odd_robots import anymal_like, disagreement, drawn_crouching, sprung
+from odd_robots import anymal_like, disagreement, drawn_crouching, plain, sprung
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
@@ -99,6 +99,48 @@ def test_where_the_position_loop_has_a_damping_a_joint_keeps_its_own(tmp_path: P
 def test_a_keyframe_tells_how_it_stands():
     reading = read_mjcf(playground(GO1 / "scene_mjx_feetonly_flat_terrain.xml"))
     assert reading.anatomy.stand == pytest.approx((0.1, 0.9, -1.8, -0.1, 0.9, -1.8) * 2)
+
+
+def keyframe(*legs: str) -> str:
+    """A keyframe of `plain` with these angles of FR, FL, RR and RL."""
+    return f'<keyframe><key name="home" qpos="0 0 .3 1 0 0 0 {" ".join(legs)}"/></keyframe>'
+
+
+def test_a_keyframe_beyond_a_range_stands_at_its_end_and_is_noted(tmp_path: Path):
+    reading = read_mjcf(write(tmp_path, plain(extra=keyframe(*["0 1.28 -2.62"] * 4))))
+    assert reading.anatomy.stand == (0.0, 1.28, -2.6) * 4
+    names = "FR_knee, FL_knee, RR_knee, RL_knee"
+    (note,) = [note for note in reading.notes if "keyframe" in note]
+    assert note.startswith(f"the keyframe 'home' is up to 0.02 rad beyond the ranges of {names}:")
+
+
+def test_a_keyframe_with_straight_legs_does_not_tell_how_it_stands(tmp_path: Path):
+    reading = read_mjcf(write(tmp_path, plain(knee_range="-2.6 0", extra=keyframe(*["0 0 0"] * 4))))
+    assert reading.anatomy.stand[2] < -1.0
+    assert any("no keyframe tells" in note for note in reading.notes)
+
+
+def test_a_keyframe_whose_right_legs_stand_otherwise_is_noted(tmp_path: Path):
+    uneven = plain(extra=keyframe("0 .8 -1.5", "0 .7 -1.4", "0 .8 -1.5", "0 .8 -1.5"))
+    assert any("do not mirror" in note for note in read_mjcf(write(tmp_path, uneven)).notes)
+
+
+@pytest.mark.parametrize("kind", ["box", "sphere", "capsule", "mesh"])
+def test_a_geom_that_is_fitted_to_a_mesh_is_left_out_as_the_mesh_is(kind: str, tmp_path: Path):
+    inertial = '<freejoint/><inertial pos="0 0 0" mass="6" diaginertia=".05 .1 .1"/>'
+    mesh = '<asset><mesh name="m" file="gone.stl"/></asset>'
+    fitted = plain(trunk=f'{inertial}<geom type="{kind}" mesh="m" mass="0"/>', extra=mesh)
+    assert read_mjcf(write(tmp_path, fitted)).anatomy == read_mjcf(write(tmp_path, plain(trunk=inertial))).anatomy
+    with pytest.raises(ReadingError, match="the mass of body 'trunk' comes from a mesh"):
+        read_mjcf(write(tmp_path, plain(trunk=f'<freejoint/><geom type="{kind}" mesh="m"/>', extra=mesh)))
+
+
+def test_an_actuator_that_is_disabled_limits_nothing(tmp_path: Path):
+    both = '<motor joint="{joint}" ctrlrange="-30 30"/><motor joint="{joint}" ctrlrange="-5 5" group="3"/>'
+    limited = read_mjcf(write(tmp_path, plain(actuator=both)))
+    free = read_mjcf(write(tmp_path, plain(actuator=both, extra='<option actuatorgroupdisable="3"/>')))
+    assert [joint.peak_torque for joint in limited.joints] == [5.0] * 12
+    assert [joint.peak_torque for joint in free.joints] == [30.0] * 12
 
 
 def test_without_a_keyframe_every_foot_is_below_its_hip(go1: Path):

@@ -99,6 +99,34 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
 
 
 @pytest.mark.parametrize("pointing", [True, False])
+@pytest.mark.parametrize(
+    ("fore", "hind"),
+    [((0.2, 0.8, -1.5), (0.2, 0.8, -1.5)), ((-0.1, 0.9, -1.8), (0.15, -0.6, 1.4)), ((0.0, 1.28, -2.62), (0, 1, -2))],
+)
+def test_a_keyframe_goes_through_a_file_whole(fore, hind, pointing: bool, tmp_path: Path):
+    """Abduction, too, and within the ranges that the file is held to: the keyframe may leave them."""
+    legs = [f"{side * leg[0]} {leg[1]} {leg[2]}" for leg in (fore, hind) for side in (-1, 1)]
+    key = f'<keyframe><key qpos="0 0 .3 1 0 0 0 {" ".join(legs)}"/></keyframe>'
+    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6", extra=key))
+    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml" if pointing else None)
+    robot = load_robot(write(tmp_path, text))
+    expected = np.clip([(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)], -2.6, 2.6)
+    np.testing.assert_allclose(np.reshape(robot.anatomy.stand, (4, 3)), expected, rtol=1e-6)
+
+
+def test_the_stand_tells_how_a_knee_bends_that_can_do_both(tmp_path: Path):
+    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6"))
+    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")
+    forwards = re.sub("(?m)^hip = .*$", "hip = -0.6", re.sub("(?m)^knee = .*$", "knee = 1.2", text))
+    for content, bend in ((text, -1), (forwards, 1)):
+        robot = load_robot(write(tmp_path, content))
+        assert [leg.bend for leg in robot.anatomy.legs] == [bend] * 4
+        target = np.reshape(robot.anatomy.stand, (4, 3))
+        feet = foot_position(target, 0.0, robot.hardware)
+        np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+
+
+@pytest.mark.parametrize("pointing", [True, False])
 def test_a_sprung_robot_goes_through_a_file(pointing: bool, tmp_path: Path):
     model = tmp_path / "model.xml"
     model.write_text(sprung())
