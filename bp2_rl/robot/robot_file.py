@@ -19,6 +19,7 @@ from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import read_bytes
 from bp2_rl.base.serialization import from_json
 from bp2_rl.base.templates import render
+from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
@@ -386,9 +387,22 @@ def robot_text(
         foot_radius=foot_radius,
         text=json.dumps,
         row=_row,
+        assumed=_assumed(reading),
+        torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
+        gains=all(joint.stiffness > 0.0 for joint in reading.joints),
         by_joint=by_joint,
         mean=lambda name: float(np.mean([getattr(joint, name) for joint in reading.joints])),
     )
+
+
+def _assumed(reading: RobotReading) -> list[str]:
+    """Return the keys of the numbers that a model does not say."""
+    keys = ["motors.corner_speed", "motors.no_load_speed"]
+    if not all(math.isfinite(joint.peak_torque) for joint in reading.joints):
+        keys.append("motors.peak_torque")
+    if not all(joint.armature > 0.0 for joint in reading.joints):
+        keys.append("motors.armature")
+    return keys
 
 
 def _row(values: Iterable[float]) -> str:

@@ -117,6 +117,8 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
         "",
         *_joint_lines(robot, robot.reading),
         "",
+        *_motor_lines(robot),
+        "",
         *_stand_lines(robot, stood),
         *_symmetry(robot),
         *([] if robot.reading is None else [f"! {note}" for note in robot.reading.notes]),
@@ -138,20 +140,35 @@ def _reach_doubts(robot: RobotFile) -> list[str]:
 
 
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
-    """One line a joint: what it is called in the model, and its range, stand and motor."""
-    hardware: HardwareSpec = robot.hardware
-    peak, speed = (np.broadcast_to(x, 12) for x in (hardware.joint_peak_torque, hardware.joint_no_load_speed))
-    lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6} {'peak, Nm':>9} {'no load, rad/s':>15}"]
+    """One line a joint: what it is called in the model, and its range and stand."""
+    lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6}"]
     for i, name in enumerate(MOTOR_NAMES):
         theirs = ""
         if reading is not None:
             joint = reading.joints[i]
             theirs = f"{'-' if joint.sign < 0 else '+'}{joint.name} {joint.offset:+.3f}"
         low, high = robot.anatomy.legs[i // 3].ranges[i % 3]
-        lines.append(
-            f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f} {peak[i]:9.4g} "
-            f"{speed[i]:15.4g}"
-        )
+        lines.append(f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}")
+    return lines
+
+
+def _motor_lines(robot: RobotFile) -> list[str]:
+    """One line a number of the motors, with ASSUMED beside what the file lists as assumed, and a doubt."""
+    hardware: HardwareSpec = robot.hardware
+    lines = [f"{'at the joint':22} {'abad':>8} {'hip':>8} {'knee':>8}"]
+    for key, what, by_joint in (
+        ("peak_torque", "peak torque, Nm", hardware.joint_peak_torque),
+        ("corner_speed", "corner speed, rad/s", hardware.joint_corner_speed),
+        ("no_load_speed", "no-load speed, rad/s", hardware.joint_no_load_speed),
+        ("armature", "rotor inertia, kg m2", hardware.reflected_inertia),
+        ("joint_friction", "friction, Nm", hardware.losses.joint_friction),
+        ("joint_viscosity", "viscosity, Nm s/rad", hardware.losses.joint_viscosity),
+    ):
+        abad, hip, knee = np.broadcast_to(by_joint, 12)[:3]
+        assumed = "  ASSUMED" if any(key in entry for entry in robot.assumed) else ""
+        lines.append(f"{what:22} {abad:8.4g} {hip:8.4g} {knee:8.4g}{assumed}")
+    if np.min(hardware.reflected_inertia) == 0.0:
+        lines.append("! no motor's rotor has an inertia of 0: give armature in [motors], rotor x gear ratio^2")
     return lines
 
 
@@ -161,7 +178,8 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     share = np.abs(stood.torque) / peak
     worst = int(np.argmax(share))
     stiffness, damping = (np.broadcast_to(x, 12)[:3] for x in gains(robot))
-    loop = f"gains {stiffness.tolist()} Nm/rad, {damping.tolist()} Nm s/rad"
+    whose = "gains" if robot.stiffness is not None else "training's own loop, ASSUMED as the file has no [gains]:"
+    loop = f"{whose} {_shown(stiffness)} Nm/rad, {_shown(damping)} Nm s/rad"
     if stood.fallen_after is not None:
         lines = [
             f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
@@ -180,6 +198,10 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     if stood.touching:
         lines.append(f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs")
     return lines
+
+
+def _shown(values: Float[np.ndarray, " joints"]) -> str:
+    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
 
 
 def _note_of_gains(robot: RobotFile) -> list[str]:

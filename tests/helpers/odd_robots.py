@@ -1,5 +1,7 @@
 """Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those of the model built of them."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -136,7 +138,7 @@ PLAIN_JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("abad", "hip
 def plain(
     *,
     knee_range: str = "-2.6 -0.3",
-    joints: tuple[str, str, str] = ("", "", ""),
+    joints: Sequence[str] = ("", "", ""),
     actuator: str = '<motor joint="{joint}" ctrlrange="-30 30"/>',
     foot: str = '<geom name="{leg}_foot" type="sphere" size="0.02" pos="0 0 -0.21" mass="0"/>',
     trunk: str = '<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',

@@ -17,10 +17,11 @@ from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.reading import read_mjcf
-from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
+from bp2_rl.robot.robot_file import RobotFile, load_robot, mirrored, robot_text
 from bp2_rl.robot.sheet import sheet, stand, trained_gains
 from bp2_rl.settings.presets import preset
 
@@ -124,6 +125,47 @@ def test_the_stand_tells_how_a_knee_bends_that_can_do_both(tmp_path: Path):
         target = np.reshape(robot.anatomy.stand, (4, 3))
         feet = foot_position(target, 0.0, robot.hardware)
         np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+
+
+def filled_in(folder: Path, model: str, pointing: bool = True) -> RobotFile:
+    """Return what `new` and `check` make of a model."""
+    (folder / "model.xml").write_text(model)
+    reading = read_mjcf(folder / "model.xml")
+    return load_robot(write(folder, robot_text(reading, "model.xml" if pointing else None)))
+
+
+def line_of(text: str, start: str) -> str:
+    (line,) = [line for line in text.splitlines() if line.startswith(start)]
+    return line
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+@pytest.mark.parametrize("mass", [3, 6, 25, 60])
+def test_what_a_model_does_not_say_is_not_invented(mass: int, pointing: bool, tmp_path: Path):
+    """Motors without gains, limits and inertia: the robot stands at any weight, and the sheet says what is assumed."""
+    trunk = f'<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="{mass}"/>'
+    robot = filled_in(tmp_path, plain(actuator='<motor joint="{joint}"/>', trunk=trunk), pointing)
+    assert (robot.stiffness, robot.damping) == (None, None)
+    assert {"motors.peak_torque", "motors.armature"} < set(robot.assumed)
+    torque = robot.hardware.size.torque * BUILT.joint_peak_torque  # of a robot of this size, by similarity with BP2
+    np.testing.assert_allclose(robot.hardware.peak_torque, [torque] * 3, rtol=1e-6)  # 7 digits in the file
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
+    said = sheet(robot, stood)
+    for number in ("peak torque, Nm", "rotor inertia", "corner speed", "no-load speed"):
+        assert line_of(said, number).endswith("ASSUMED")
+    assert "training's own loop, ASSUMED" in line_of(said, "stands 5 s")
+
+
+def test_what_a_model_says_is_not_assumed(tmp_path: Path):
+    position = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
+    robot = filled_in(tmp_path, plain(actuator=position, joints=('armature="0.02"',) * 3))
+    assert robot.assumed == ("motors.corner_speed", "motors.no_load_speed")
+    assert (robot.stiffness, robot.damping) == ((60.0, 60.0, 60.0), (2.0, 2.0, 2.0))
+    assert (robot.hardware.peak_torque, robot.hardware.rotor_inertia) == ((30.0, 30.0, 30.0), (0.02, 0.02, 0.02))
+    said = sheet(robot, stand(robot))
+    assert not line_of(said, "peak torque, Nm").endswith("ASSUMED")
+    assert "[60, 60, 60] Nm/rad" in line_of(said, "stands 5 s")
 
 
 @pytest.mark.parametrize("pointing", [True, False])
