@@ -19,7 +19,7 @@ from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
-from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
+from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
@@ -36,6 +36,15 @@ _Geom = mujoco.mjtGeom
 FREE, HINGE, SLIDE = (int(kind) for kind in (
     mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 ))  # fmt: skip
+BY_JOINT = {
+    "armature": "armature, kg m2,",
+    "damping": "damping, Nm s/rad,",
+    "friction": "friction, Nm,",
+    "peak_torque": "peak torque, Nm,",
+    "stiffness": "stiffness, Nm/rad,",
+    "actuator_damping": "actuator's damping, Nm s/rad,",
+}
+"""What a robot file gives for abad, hip and knee, whatever the leg."""
 SPHERE, CAPSULE, CYLINDER = (int(kind) for kind in (
     _Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER
 ))  # fmt: skip
@@ -160,9 +169,11 @@ def read_model(
         thigh_radius=_radius(model, [chain.bodies[1] for chain in chains], legs[0].thigh_length),
         lower_radius=_radius(model, [body for chain in chains for body in chain.bodies[2:]], legs[0].thigh_length),
     )
+    joints_read = tuple(joint for one in found for joint in one.joints)
+    _note_differences(joints_read, notes)
     return RobotReading(
         anatomy=anatomy,
-        joints=tuple(joint for one in found for joint in one.joints),
+        joints=joints_read,
         spring=_spring(model, chains, notes),
         friction=float(np.mean([one.friction for one in found])),
         contacts=tuple(one.contact for one in found),
@@ -624,6 +635,16 @@ def _assumed_stand(legs: Sequence[Leg]) -> tuple[float, ...]:
         hip = -math.atan2(lower * math.sin(knee), thigh + lower * math.cos(knee))
         angles += [float(np.clip(0.0, *leg.ranges[0])), float(np.clip(hip, *leg.ranges[1])), knee]
     return tuple(angles)
+
+
+def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
+    """Say where legs differ in what a robot file gives for abad, hip and knee alone."""
+    for name, what in BY_JOINT.items():
+        for i, kind in enumerate(JOINTS):
+            values = [getattr(joint, name) for joint in joints[i::3]]
+            if not np.allclose(values, values[0], rtol=1e-6):
+                shown = ", ".join(f"{value:g}" for value in values)
+                notes.append(f"the legs' {what} at the {kind} differ ({shown}): their mean is taken")
 
 
 def _trunk_size(model: mujoco.MjModel, data: mujoco.MjData, trunk: int, legs: Sequence[Leg]) -> Vector:

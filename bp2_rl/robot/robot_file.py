@@ -391,7 +391,6 @@ def robot_text(
         torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
         gains=all(joint.stiffness > 0.0 for joint in reading.joints),
         by_joint=by_joint,
-        mean=lambda name: float(np.mean([getattr(joint, name) for joint in reading.joints])),
     )
 
 

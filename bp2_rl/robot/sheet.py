@@ -12,7 +12,7 @@ from jaxtyping import Float
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES, PHYSICS_STEP
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec, at_joints
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.reading import RobotReading
 from bp2_rl.robot.robot_file import RobotFile, mirrored
@@ -161,8 +161,8 @@ def _motor_lines(robot: RobotFile) -> list[str]:
         ("corner_speed", "corner speed, rad/s", hardware.joint_corner_speed),
         ("no_load_speed", "no-load speed, rad/s", hardware.joint_no_load_speed),
         ("armature", "rotor inertia, kg m2", hardware.reflected_inertia),
-        ("joint_friction", "friction, Nm", hardware.losses.joint_friction),
-        ("joint_viscosity", "viscosity, Nm s/rad", hardware.losses.joint_viscosity),
+        ("joint_friction", "friction, Nm", at_joints(hardware.losses.joint_friction)),
+        ("joint_viscosity", "viscosity, Nm s/rad", at_joints(hardware.losses.joint_viscosity)),
     ):
         abad, hip, knee = np.broadcast_to(by_joint, 12)[:3]
         assumed = "  ASSUMED" if any(key in entry for entry in robot.assumed) else ""
@@ -219,7 +219,7 @@ def _note_of_gains(robot: RobotFile) -> list[str]:
 def _resistance(robot: RobotFile) -> list[str]:
     """Doubt joints that take much of what their motors give, as those of models do that damp for the loop's sake."""
     hardware, losses = robot.hardware, robot.hardware.losses
-    drag = losses.joint_friction + losses.joint_viscosity * np.asarray(hardware.joint_no_load_speed)
+    drag = at_joints(losses.joint_friction) + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
     share = float(np.max(drag / np.asarray(hardware.joint_peak_torque)))
     if share <= DRAG:
         return []

@@ -135,6 +135,24 @@ def test_a_geom_that_is_fitted_to_a_mesh_is_left_out_as_the_mesh_is(kind: str, t
         read_mjcf(write(tmp_path, plain(trunk=f'<freejoint/><geom type="{kind}" mesh="m"/>', extra=mesh)))
 
 
+def test_joints_keep_their_own_friction_and_damping(tmp_path: Path):
+    joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
+    reading = read_mjcf(write(tmp_path, plain(joints=joints)))
+    assert [(joint.friction, joint.damping) for joint in reading.joints] == [(1.0, 0.2), (1.0, 0.2), (3.0, 1.0)] * 4
+    assert not any("differ" in note for note in reading.notes)
+
+
+def test_legs_that_differ_where_a_file_has_one_number_are_noted(tmp_path: Path):
+    """Fore and hind, left and right: every leg has a motor of its own, and a file one of abad, hip and knee."""
+    text = plain(joints=["", 'frictionloss="1"', 'armature="0.02"'])
+    uneven = text.replace('name="RL_hip" axis="0 1 0" range="-1.5 2.5" frictionloss="1"', 'name="RL_hip" axis="0 1 0"')
+    uneven = uneven.replace('joint="FR_knee" ctrlrange="-30 30"', 'joint="FR_knee" ctrlrange="-45 45"')
+    assert uneven.count("frictionloss") == 3
+    notes = read_mjcf(write(tmp_path, uneven)).notes
+    assert "the legs' friction, Nm, at the hip differ (1, 1, 1, 0): their mean is taken" in notes
+    assert "the legs' peak torque, Nm, at the knee differ (45, 30, 30, 30): their mean is taken" in notes
+
+
 def test_an_actuator_that_is_disabled_limits_nothing(tmp_path: Path):
     both = '<motor joint="{joint}" ctrlrange="-30 30"/><motor joint="{joint}" ctrlrange="-5 5" group="3"/>'
     limited = read_mjcf(write(tmp_path, plain(actuator=both)))

@@ -15,9 +15,10 @@ from odd_robots import anymal_like, plain, sprung
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
-from bp2_rl.robot.hardware import BUILT
+from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
 from bp2_rl.robot.reading import read_mjcf
@@ -155,6 +156,19 @@ def test_what_a_model_does_not_say_is_not_invented(mass: int, pointing: bool, tm
     for number in ("peak torque, Nm", "rotor inertia", "corner speed", "no-load speed"):
         assert line_of(said, number).endswith("ASSUMED")
     assert "training's own loop, ASSUMED" in line_of(said, "stands 5 s")
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
+    joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
+    robot = filled_in(tmp_path, plain(joints=joints), pointing)
+    losses = robot.hardware.losses
+    assert (losses.joint_friction, losses.joint_viscosity) == ((1.0, 1.0, 3.0), (0.2, 0.2, 1.0))
+    said = sheet(robot, stand(robot))
+    assert line_of(said, "friction, Nm").split()[-3:] == ["1", "1", "3"]
+    # The knee: 3 Nm and 1 Nm s/rad x 25 rad/s of 30 Nm.
+    assert "! joints resist with up to 93% of the peak torque" in said
+    assert from_json(HardwareSpec, to_json(robot.hardware)) == robot.hardware
 
 
 def test_what_a_model_says_is_not_assumed(tmp_path: Path):
