@@ -15,16 +15,16 @@ from bp2_rl.cli.dispatch import Command, choose, entries
 
 @dataclasses.dataclass(frozen=True)
 class NewConfig(Bounded, path="--"):
-    """Write a robot file, filled in from an MJCF, with CONFIRM beside each number that you must confirm.
+    """Write a robot file, filled in from an MJCF or URDF, with CONFIRM beside each number that you must confirm.
 
-    Structure tells which joint is which: a free trunk with four legs of abduction, hip and knee. Meshes may be missing.
+    Structure tells which joint is which: a trunk with four legs of abduction, hip and knee. Meshes may be missing.
 
     Examples:
         bp2 robot new my_robot.xml     # writes my_robot.toml
     """
 
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
-    """An MJCF file; it stays where it is, and the robot file points at it."""
+    """An MJCF or URDF file; it stays where it is, and the robot file points at it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="ROBOT.toml")] = None
     """The robot file; by default beside the model, under its name. One that is there is not replaced."""
     numbers: bool = False

@@ -1,4 +1,4 @@
-"""From the MJCF of any quadruped to its `Anatomy`: structure alone tells which joint is which, unless names do.
+"""From the MJCF or URDF of any quadruped to its `Anatomy`: structure alone tells which joint is which, unless names do.
 
 Every part that moves is merged with what is welded to it and expressed in the frames of `Anatomy`, in which a leg hangs
 straight down at zero angles; `JointReading` keeps the sign and the offset between these angles and the model's own.
@@ -7,9 +7,11 @@ Meshes are left out and need not be there: masses come from `<inertial>`.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -31,6 +33,8 @@ ROUNDING = 1e-6
 """rad, by which a keyframe may leave a range."""
 LONGEST = 0.1
 """m, ASSUMED: travel of a spring without a stop."""
+FREED = "free joint of a base that was fixed"
+"""Name of the joint that a fixed base gets."""
 
 _Geom = mujoco.mjtGeom
 FREE, HINGE, SLIDE = (int(kind) for kind in (
@@ -41,6 +45,7 @@ BY_JOINT = {
     "damping": "damping, Nm s/rad,",
     "friction": "friction, Nm,",
     "peak_torque": "peak torque, Nm,",
+    "speed": "greatest speed, rad/s,",
     "stiffness": "stiffness, Nm/rad,",
     "actuator_damping": "actuator's damping, Nm s/rad,",
 }
@@ -69,6 +74,7 @@ class JointReading:
     damping: float  # Nm s/rad
     friction: float  # Nm
     peak_torque: float  # Nm; inf: the model has no limit
+    speed: float  # rad/s, the limit in its URDF; inf: the model has none
     stiffness: float  # Nm/rad, of its position actuator; 0: it has none
     actuator_damping: float  # Nm s/rad, of that; the joint's, where that has none
 
@@ -97,7 +103,7 @@ class RobotReading:
 def read_mjcf(
     path: Path, *, joints: Sequence[str] = (), feet: Sequence[str] = (), foot_radius: float | None = None
 ) -> RobotReading:
-    """Read the robot in an MJCF file.
+    """Read the robot in an MJCF or URDF file.
 
     Args:
         path: of the file; its meshes need not be there.
@@ -110,13 +116,16 @@ def read_mjcf(
         ReadingError: one line that says what cannot be read and how to mend it.
     """
     try:
-        return read_model(load_mjcf(path, joints), joints=joints, feet=feet, foot_radius=foot_radius)
+        model = load_mjcf(path, joints)
+        return read_model(model, joints=joints, feet=feet, foot_radius=foot_radius, speeds=_speeds(path))
     except ReadingError as error:
         raise ReadingError(f"{path}: {error}") from error
 
 
 def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
-    """Compile an MJCF file without its meshes; where `joints` are named, the robot's others are welded.
+    """Compile an MJCF or URDF file without its meshes.
+
+    A fixed base becomes free. Where `joints` are named, the robot's others are welded.
 
     Raises:
         ReadingError: the file is no MJCF, or a part's mass comes from a mesh.
@@ -124,6 +133,7 @@ def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
     read_bytes(path, LARGEST_TEXT)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+        _free(spec)
         for top in spec.worldbody.bodies:
             _require_inertias(spec, top, path)
         _strip(spec)
@@ -135,15 +145,33 @@ def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
         raise ReadingError(f"it is not an MJCF that MuJoCo can read: {one_line(str(error))}") from error
 
 
+def _speeds(path: Path) -> dict[str, float]:
+    """Return the limits of the joints' speeds that a URDF gives, rad/s, by the joints' names; MuJoCo drops them."""
+    try:
+        root = ElementTree.fromstring(read_bytes(path, LARGEST_TEXT))
+        limits = {joint.get("name", ""): joint.find("limit") for joint in root.iterfind("joint")}
+        given = {name: float(limit.get("velocity", 0.0)) for name, limit in limits.items() if limit is not None}
+    except (ElementTree.ParseError, ValueError):  # MuJoCo reads what is no XML, and no velocities
+        return {}
+    return {name: speed for name, speed in given.items() if speed > 0.0} if root.tag == "robot" else {}
+
+
 def read_model(
-    model: mujoco.MjModel, *, joints: Sequence[str] = (), feet: Sequence[str] = (), foot_radius: float | None = None
+    model: mujoco.MjModel,
+    *,
+    joints: Sequence[str] = (),
+    feet: Sequence[str] = (),
+    foot_radius: float | None = None,
+    speeds: Mapping[str, float] = MappingProxyType({}),
 ) -> RobotReading:
-    """Read the robot in a compiled model; arguments and errors as `read_mjcf`."""
+    """Read the robot in a compiled model; arguments and errors as `read_mjcf`, `speeds` the joints' limits, rad/s."""
     trunk = _trunk(model)
     _require_no_couplings(model)
     chains = _legs(model, trunk, joints)
     data = _at_zero(model)
     notes: list[str] = []
+    if model.joint(int(model.body_jntadr[trunk])).name == FREED:
+        notes.append(f"body '{model.body(trunk).name}' was fixed to the world: it got a free joint")
     found = [
         _read_leg(model, data, chain, foot, notes)
         for chain, foot in zip(chains, _feet(model, data, chains, feet, foot_radius), strict=True)
@@ -169,7 +197,9 @@ def read_model(
         thigh_radius=_radius(model, [chain.bodies[1] for chain in chains], legs[0].thigh_length),
         lower_radius=_radius(model, [body for chain in chains for body in chain.bodies[2:]], legs[0].thigh_length),
     )
-    joints_read = tuple(joint for one in found for joint in one.joints)
+    joints_read = tuple(
+        dataclasses.replace(joint, speed=speeds.get(joint.name, math.inf)) for one in found for joint in one.joints
+    )
     _note_differences(joints_read, notes)
     return RobotReading(
         anatomy=anatomy,
@@ -182,6 +212,17 @@ def read_model(
 
 
 # --- The model without its meshes ----------------------------------------------------------------------------
+
+
+def _free(spec: mujoco.MjSpec) -> None:
+    """Give the one body that carries joints a free joint, if none has one: a URDF cannot, and MuJoCo fixes its base."""
+    tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
+    if len(tops) != 1 or list(tops[0].joints) or any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
+        return
+    for key in spec.keys:
+        key.qpos = [*tops[0].pos, 1.0, 0.0, 0.0, 0.0, *key.qpos] if len(key.qpos) else key.qpos
+        key.qvel = [*[0.0] * 6, *key.qvel] if len(key.qvel) else key.qvel
+    tops[0].add_freejoint(name=FREED)
 
 
 def _require_inertias(spec: mujoco.MjSpec, body: Any, path: Path) -> None:
@@ -252,7 +293,8 @@ def _trunk(model: mujoco.MjModel) -> int:
     carrying = [body for body in free if _moved_by(model, body)]
     if len(carrying) != 1:
         raise ReadingError(
-            "its base is fixed: give the trunk a <freejoint/> (a URDF's base is fixed in MuJoCo, too)"
+            "its base is fixed, and no one body carries the legs: give the trunk a <freejoint/>; if MuJoCo wrote the "
+            "file from a URDF, the base is lost: read the URDF itself"
             if not carrying
             else f"it holds {len(carrying)} robots: leave one"
         )
@@ -518,6 +560,7 @@ def _read_joint(model: mujoco.MjModel, j: int, sign: int, zero: float, notes: li
         damping=resisting,
         friction=float(model.dof_frictionloss[dof]),
         peak_torque=min(limit for limit in limits if limit > 0.0),
+        speed=math.inf,
         stiffness=stiffness,
         actuator_damping=damping,
     )

@@ -372,10 +372,10 @@ def robot_text(
         foot_radius: as `read_mjcf` was told.
     """
 
-    def by_joint(name: str, otherwise: float) -> str:
+    def by_joint(name: str, otherwise: float, factor: float = 1.0) -> str:
         values = [getattr(joint, name) for joint in reading.joints]
         known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
-        return _row(sum(known[i::3]) / len(LEGS) for i in range(3))
+        return _row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
 
     return render(
         "robot/robot_file.toml",
@@ -388,6 +388,7 @@ def robot_text(
         text=json.dumps,
         row=_row,
         assumed=_assumed(reading),
+        urdf=any(math.isfinite(joint.speed) for joint in reading.joints),
         torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
         gains=all(joint.stiffness > 0.0 for joint in reading.joints),
         by_joint=by_joint,
@@ -396,7 +397,9 @@ def robot_text(
 
 def _assumed(reading: RobotReading) -> list[str]:
     """Return the keys of the numbers that a model does not say."""
-    keys = ["motors.corner_speed", "motors.no_load_speed"]
+    keys = ["motors.corner_speed"]
+    if not all(math.isfinite(joint.speed) for joint in reading.joints):
+        keys.append("motors.no_load_speed")
     if not all(math.isfinite(joint.peak_torque) for joint in reading.joints):
         keys.append("motors.peak_torque")
     if not all(joint.armature > 0.0 for joint in reading.joints):

@@ -183,6 +183,40 @@ def plain(
 </mujoco>"""
 
 
+def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "") -> str:
+    """The URDF of `plain`; with a `root`, the base is fixed to a link of this name, which has no mass."""
+
+    def link(name: str, mass: float, com: str, inertia: str, collision: str = "") -> str:
+        xx, yy, zz = inertia.split()
+        moments = f'ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"'
+        body = f'<origin xyz="{com}"/><mass value="{mass}"/><inertia {moments}/>'
+        return f'<link name="{name}"><inertial>{body}</inertial>{collision}</link>'
+
+    def joint(name: str, parent: str, child: str, at: str, axis: str, low: float, high: float) -> str:
+        limit = f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="{velocity}"/>'
+        ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
+        return f'<joint name="{name}" type="revolute">{ends}<axis xyz="{axis}"/>{limit}</joint>'
+
+    box = '<collision><geometry><box size="0.4 0.18 0.1"/></geometry></collision>'
+    ball = '<collision><origin xyz="0 0 -0.21"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    moments = " ".join(str(6.0 / 3.0 * (a * a + b * b)) for a, b in ((0.09, 0.05), (0.2, 0.05), (0.2, 0.09)))
+    parts = [link("trunk", 6, "0 0 0", moments, box)]
+    if root:
+        fixed = f'<joint name="fixed" type="fixed"><parent link="{root}"/><child link="trunk"/></joint>'
+        parts += [f'<link name="{root}"/>', fixed]
+    for leg, x, y in zip(LEGS, (1, 1, -1, -1), (-1, 1, -1, 1), strict=True):
+        abad, hip, knee = (f"{leg}_{name}" for name in ("abad", "hip", "knee"))
+        parts += [
+            link(f"{leg}_hip_link", 0.6, "0 0 0", "5e-4 7e-4 5e-4"),
+            link(f"{leg}_thigh", 1, "0 0 -0.03", "5e-3 5e-3 1e-3"),
+            link(f"{leg}_shank", 0.2, "0 0 -0.1", "1.5e-3 1.5e-3 5e-5", ball),
+            joint(abad, "trunk", f"{leg}_hip_link", f"{0.2 * x} {0.05 * y} 0", "1 0 0", -0.8, 0.8),
+            joint(hip, f"{leg}_hip_link", f"{leg}_thigh", f"0 {0.08 * y} 0", "0 1 0", -1.5, 2.5),
+            joint(knee, f"{leg}_thigh", f"{leg}_shank", "0 0 -0.21", "0 1 0", -2.6, -0.3),
+        ]
+    return f'<robot name="plain">{"".join(parts)}</robot>'
+
+
 def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
     """Return how far the model built from a reading is from the original in a random state.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from odd_robots import anymal_like, disagreement, drawn_crouching, plain, sprung
+from odd_robots import anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
@@ -227,7 +227,9 @@ REFUSED = {
     "5 limbs": arm,
     "a wheel cannot be": lambda: with_ankle(False),
     "an ankle cannot be": lambda: with_ankle(True),
-    "base is fixed": lambda: anymal_like().replace("<freejoint/>", ""),
+    "the base is lost: read the URDF itself": lambda: re.sub('<body name="trunk".*', "", plain()).replace(
+        "</body>\n  </worldbody>", "</worldbody>"
+    ),
     "closes a loop": lambda: anymal_like().replace(
         "<actuator>", '<equality><connect body1="LF_SHANK" body2="base" anchor="0 0 0"/></equality><actuator>'
     ),
@@ -254,6 +256,39 @@ def test_what_cannot_be_is_refused_by_name(complaint: str, tmp_path: Path):
     assert complaint in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert str(refusal.value).startswith(str(path))
+
+
+def test_a_base_that_is_fixed_becomes_free(tmp_path: Path):
+    """An MJCF's as a URDF's; its keyframe, too, then has the base's place in front."""
+    stand = '<keyframe><key name="home" qpos="{}0 .8 -1.5 0 .8 -1.5 0 .8 -1.5 0 .8 -1.5"/></keyframe>'
+    free = plain(extra=stand.format("0 0 .4 1 0 0 0 "))
+    fixed = plain(extra=stand.format("")).replace("<freejoint/>", "")
+    theirs, ours = read_mjcf(write(tmp_path, free)), read_mjcf(write(tmp_path, fixed))
+    assert ours.anatomy == theirs.anatomy
+    assert ours.notes == ("body 'trunk' was fixed to the world: it got a free joint", *theirs.notes)
+
+
+@pytest.mark.parametrize("root", ["", "dummy", "world"])
+def test_the_urdf_of_a_robot_is_the_robot(root: str, tmp_path: Path):
+    """As the same robot's MJCF has it, base included; some URDFs hang it below a link without a mass."""
+    reading, path = read_mjcf(write(tmp_path, plain())), tmp_path / "robot.urdf"
+    path.write_text(urdf(root=root))
+    ours = read_mjcf(path)
+    assert ours.anatomy.mass == pytest.approx(13.2, rel=1e-12)
+    for a, b in zip(
+        [ours.anatomy.trunk, *(link for leg in ours.anatomy.legs for link in leg.links)],
+        [reading.anatomy.trunk, *(link for leg in reading.anatomy.legs for link in leg.links)],
+        strict=True,
+    ):
+        np.testing.assert_allclose([a.mass, *a.com, *a.inertia], [b.mass, *b.com, *b.inertia], rtol=1e-12, atol=1e-15)
+    legs = [[*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges] for leg in ours.anatomy.legs]
+    assert legs == [[*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges] for leg in reading.anatomy.legs]
+    assert {(joint.peak_torque, joint.speed) for joint in ours.joints} == {(30.0, 20.0)}
+    assert any("got a free joint" in note for note in ours.notes)
+    path.write_text(urdf(velocity="fast", root=root))
+    assert {joint.speed for joint in read_mjcf(path).joints} == {math.inf}, "no number is no limit"
+    inertia, bias, feet = disagreement(load_mjcf(path), ours)
+    assert max(inertia, bias, feet) < 1e-12, "rounding alone is left"
 
 
 def test_named_joints_weld_the_others(tmp_path: Path):

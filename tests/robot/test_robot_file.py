@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from odd_robots import anymal_like, plain, sprung
+from odd_robots import anymal_like, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -169,6 +169,23 @@ def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
     # The knee: 3 Nm and 1 Nm s/rad x 25 rad/s of 30 Nm.
     assert "! joints resist with up to 93% of the peak torque" in said
     assert from_json(HardwareSpec, to_json(robot.hardware)) == robot.hardware
+
+
+@pytest.mark.parametrize(("effort", "velocity"), [(30, 20), (0, 20), (30, 0)])
+def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(effort: float, velocity: float, tmp_path: Path):
+    """A limit of 0 stands for none."""
+    (tmp_path / "robot.urdf").write_text(urdf(effort=effort, velocity=velocity))
+    text = robot_text(read_mjcf(tmp_path / "robot.urdf"), "robot.urdf")
+    robot = load_robot(write(tmp_path, text))
+    assert ("motors.peak_torque" in robot.assumed) == (effort == 0)
+    assert ("motors.no_load_speed" in robot.assumed) == (velocity == 0)
+    assert robot.hardware.no_load_speed == ((velocity or 25.0),) * 3
+    if effort and velocity:
+        assert robot.hardware.peak_torque == (30.0, 30.0, 30.0)
+        assert line_of(text, "peak_torque").endswith("the URDF's effort")
+        assert line_of(text, "no_load_speed").endswith("the URDF's velocity")
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
 
 
 def test_what_a_model_says_is_not_assumed(tmp_path: Path):
