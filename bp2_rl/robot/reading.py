@@ -21,7 +21,9 @@ from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
+from bp2_rl.robot.effects import FAST, Effects, effects_of, mass_matrix
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
@@ -30,7 +32,7 @@ STRAIGHT = 0.82
 SLENDER = 0.07
 """ASSUMED: a leg's radius over its thigh's length, where no capsule tells."""
 ROUNDING = 1e-6
-"""rad, by which a keyframe may leave a range."""
+"""rad, by which a keyframe may leave a range; N, Nm, or a share, from which on a difference is told."""
 LONGEST = 0.1
 """m, ASSUMED: travel of a spring without a stop."""
 FREED = "free joint of a base that was fixed"
@@ -53,9 +55,6 @@ BY_JOINT = {
 SPHERE, CAPSULE, CYLINDER = (int(kind) for kind in (
     _Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER
 ))  # fmt: skip
-ACTUATOR_GROUPS = 31
-"""Groups of actuators that a model can disable, each by a bit of its own."""
-ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 CLOSING = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
 
@@ -168,12 +167,12 @@ def read_model(
     trunk = _trunk(model)
     _require_no_couplings(model)
     chains = _legs(model, trunk, joints)
-    data = _at_zero(model)
+    data, effects = _at_zero(model), effects_of(model)
     notes: list[str] = []
     if model.joint(int(model.body_jntadr[trunk])).name == FREED:
         notes.append(f"body '{model.body(trunk).name}' was fixed to the world: it got a free joint")
     found = [
-        _read_leg(model, data, chain, foot, notes)
+        _read_leg(model, data, effects, chain, foot, notes)
         for chain, foot in zip(chains, _feet(model, data, chains, feet, foot_radius), strict=True)
     ]
     stand = _stand(model, chains, found, notes)
@@ -201,6 +200,9 @@ def read_model(
         dataclasses.replace(joint, speed=speeds.get(joint.name, math.inf)) for one in found for joint in one.joints
     )
     _note_differences(joints_read, notes)
+    dofs = [int(model.jnt_dofadr[j]) for chain in chains for j in chain.joints[:3]]
+    _note_left_out(effects, [joint.name for joint in joints_read], dofs, notes)
+    _note_mass_matrix(model, trunk, chains, anatomy, joints_read, notes)
     return RobotReading(
         anatomy=anatomy,
         joints=joints_read,
@@ -424,7 +426,9 @@ def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def _read_leg(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, foot: _Foot, notes: list[str]) -> _LegReading:
+def _read_leg(
+    model: mujoco.MjModel, data: mujoco.MjData, effects: Effects, chain: _Chain, foot: _Foot, notes: list[str]
+) -> _LegReading:
     anchors = [np.array(data.xanchor[j]) for j in chain.joints]
     axes = [np.array(data.xaxis[j]) for j in chain.joints]
     name = [model.joint(j).name for j in chain.joints]
@@ -447,7 +451,7 @@ def _read_leg(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, foot: _
         toe = _merge(model, data, chain.bodies[3], data.xpos[chain.bodies[3]], turned[2])
     along = (turned[0] @ axes[0])[0], (turned[0] @ axes[1])[1], (turned[0] @ axes[2])[1]
     joints = [
-        _read_joint(model, j, int(math.copysign(1, towards)), -turn, notes)
+        _read_joint(model, effects, j, int(math.copysign(1, towards)), -turn, notes)
         for j, towards, turn in zip(chain.joints[:3], along, angle, strict=True)
     ]
     abad_range, hip_range, knee_range = (
@@ -524,31 +528,16 @@ def _vector(xyz: np.ndarray, flat: bool = False) -> Vector:
     return (0.0 if flat else x), y, z
 
 
-def _read_joint(model: mujoco.MjModel, j: int, sign: int, zero: float, notes: list[str]) -> JointReading:
+def _read_joint(
+    model: mujoco.MjModel, effects: Effects, j: int, sign: int, zero: float, notes: list[str]
+) -> JointReading:
     """Read a joint whose angle in `Anatomy` is `zero` as the model is drawn."""
     name, dof = model.joint(j).name, int(model.jnt_dofadr[j])
     offset = zero - sign * float(model.qpos0[model.jnt_qposadr[j]])
     if model.jnt_limited[j]:  # of the angles that are one, that whose range is about zero
         offset -= 2.0 * math.pi * round((sign * float(np.mean(model.jnt_range[j])) + offset) / (2.0 * math.pi))
-    if model.jnt_stiffness[j] > 0.0:
-        notes.append(f"the spring of {model.jnt_stiffness[j]:g} Nm/rad parallel to joint '{name}' is left out")
-    limits, stiffness, damping = [math.inf], 0.0, 0.0
-    if model.jnt_actfrclimited[j]:
-        limits.append(float(np.min(np.abs(model.jnt_actfrcrange[j]))))
-    for i in range(model.nu):
-        group = int(model.actuator_group[i])
-        if 0 <= group < ACTUATOR_GROUPS and model.opt.disableactuator >> group & 1:
-            continue
-        if int(model.actuator_trntype[i]) in ON_JOINT and model.actuator_trnid[i, 0] == j:
-            gear = abs(float(model.actuator_gear[i, 0]))
-            if model.actuator_forcelimited[i]:
-                limits.append(gear * float(np.min(np.abs(model.actuator_forcerange[i]))))
-            if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE:
-                stiffness -= gear**2 * float(model.actuator_biasprm[i, 1])
-                damping -= gear**2 * float(model.actuator_biasprm[i, 2])
-            elif model.actuator_ctrllimited[i]:
-                limits.append(gear * float(model.actuator_gainprm[i, 0] * np.min(np.abs(model.actuator_ctrlrange[i]))))
-    resisting = float(model.dof_damping[dof])
+    stiffness, damping = float(effects.stiffness[dof]), float(effects.actuator_damping[dof])
+    resisting = float(effects.damping[dof])
     if stiffness > 0.0 and damping == 0.0 < resisting:
         notes.append("joints' damping is taken for that of the position loop, which has none of its own")
         damping, resisting = resisting, 0.0
@@ -556,14 +545,34 @@ def _read_joint(model: mujoco.MjModel, j: int, sign: int, zero: float, notes: li
         name=name,
         sign=sign,
         offset=offset + 0.0,
-        armature=float(model.dof_armature[dof]),
+        armature=float(effects.armature[dof, dof]),
         damping=resisting,
         friction=float(model.dof_frictionloss[dof]),
-        peak_torque=min(limit for limit in limits if limit > 0.0),
+        peak_torque=float(effects.peak_torque[dof]),
         speed=math.inf,
         stiffness=stiffness,
         actuator_damping=damping,
     )
+
+
+def _note_left_out(effects: Effects, names: Sequence[str], dofs: Sequence[int], notes: list[str]) -> None:
+    """Say what acts on joints and is no number of a robot file."""
+    unheld = np.where(effects.stiffness == 0.0, effects.actuator_damping, 0.0)  # a DC motor's, or a loop's of speed
+    for values, unit, what in (
+        (effects.spring, "Nm/rad", "springs parallel to joints"),
+        (effects.beyond, f"Nm at {FAST:g} rad/s", "damping that is not viscous"),
+        (unheld, "Nm s/rad", "damping by actuators that are told nothing and have no stiffness"),
+        (effects.told_damping, "Nm s/rad", "damping by actuators that are told how much"),
+    ):
+        felt: dict[str, list[str]] = {}
+        for name, dof in zip(names, dofs, strict=True):
+            if abs(values[dof]) > ROUNDING:
+                felt.setdefault(f"{values[dof]:.4g} {unit}", []).append(name)
+        if felt:
+            at = "; ".join(f"{amount} at {', '.join(joints)}" for amount, joints in felt.items())
+            notes.append(f"left out: {what}, {at}")
+    if effects.others > ROUNDING:
+        notes.append(f"left out: forces of a fluid or against gravity, up to {effects.others:.3g} N or Nm")
 
 
 def _range(model: mujoco.MjModel, j: int, joint: JointReading, notes: list[str]) -> Range:
@@ -688,6 +697,38 @@ def _note_differences(joints: Sequence[JointReading], notes: list[str]) -> None:
             if not np.allclose(values, values[0], rtol=1e-6):
                 shown = ", ".join(f"{value:g}" for value in values)
                 notes.append(f"the legs' {what} at the {kind} differ ({shown}): their mean is taken")
+
+
+def _note_mass_matrix(
+    model: mujoco.MjModel,
+    trunk: int,
+    chains: Sequence[_Chain],
+    anatomy: Anatomy,
+    joints: Sequence[JointReading],
+    notes: list[str],
+) -> None:
+    """Compare the model's mass matrix, in a pose drawn at random, with that of the robot that its file can hold."""
+    built = build_spec(anatomy).compile()
+    ours, theirs, order = mujoco.MjData(built), _at_zero(model), [j for chain in chains for j in chain.joints]
+    ours.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    built.dof_armature[:] = 0.0
+    draws, motors = np.random.default_rng(0), [j for chain in chains for j in chain.joints[:3]]
+    for i, (motor, joint, j) in enumerate(zip(MOTOR_NAMES, joints, motors, strict=True)):
+        angle = draws.uniform(*anatomy.legs[i // 3].ranges[i % 3])
+        ours.qpos[built.joint(motor).qposadr] = angle
+        theirs.qpos[model.jnt_qposadr[j]] = joint.sign * (angle - joint.offset)
+        built.dof_armature[built.joint(motor).dofadr] = np.mean([one.armature for one in joints[i % 3 :: 3]])
+    mujoco.mj_kinematics(built, ours)
+    mujoco.mj_kinematics(model, theirs)
+    sign = np.ones(built.nv)
+    sign[6:] = np.sign(np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1))
+    first = int(model.body_dofadr[trunk])
+    dofs = [*range(first, first + 6), *model.jnt_dofadr[order]]
+    wanted = mass_matrix(model, theirs.qpos)[np.ix_(dofs, dofs)] * np.outer(sign, sign)
+    size = np.sqrt(np.diag(wanted))
+    off = float(np.max(np.abs(mass_matrix(built, ours.qpos) - wanted) / np.outer(size, size)))
+    if off > ROUNDING:
+        notes.append(f"the robot's mass matrix is not the model's: it is off by up to {off:.2g} of its diagonal")
 
 
 def _trunk_size(model: mujoco.MjModel, data: mujoco.MjData, trunk: int, legs: Sequence[Leg]) -> Vector:

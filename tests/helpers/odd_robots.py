@@ -220,7 +220,7 @@ def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "") -> s
 def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
     """Return how far the model built from a reading is from the original in a random state.
 
-    Relative differences of mass matrix, armature left out, and bias force; and the feet's greatest distance, m.
+    Relative differences of mass matrix and bias force; and the feet's greatest distance, m.
     """
     draws = np.random.default_rng(seed)
     built = build_spec(reading.anatomy).compile()
@@ -230,6 +230,9 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
     ours.qpos[:7] = theirs.qpos[at : at + 7] = draws.normal(size=7)
     ours.qvel[:6] = theirs.qvel[dof : dof + 6] = draws.normal(size=6)
     order, sign = np.arange(built.nv) + dof, np.ones(built.nv)
+    built.dof_armature[:] = 0.0
+    for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True):
+        built.dof_armature[built.joint(name).dofadr] = joint.armature
     pairs = [
         (name, joint.name, joint.sign, joint.offset) for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True)
     ]
@@ -249,7 +252,7 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
         mujoco.mj_forward(model, data)
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        inertias.append(inertia - np.diag(model.dof_armature))
+        inertias.append(inertia)
     theirs_in_ours = inertias[1][np.ix_(order, order)] * np.outer(sign, sign)
     bias = theirs.qfrc_bias[order] * sign
     apart = [

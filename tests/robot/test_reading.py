@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from odd_robots import anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
+from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
@@ -135,6 +135,85 @@ def test_a_geom_that_is_fitted_to_a_mesh_is_left_out_as_the_mesh_is(kind: str, t
         read_mjcf(write(tmp_path, plain(trunk=f'<freejoint/><geom type="{kind}" mesh="m"/>', extra=mesh)))
 
 
+EFFECTS = {
+    '<motor joint="{joint}" ctrlrange="-3 3" gear="-9" armature="0.001" damping="0.02"/>': (0.081, 1.62, 27, 0, 0),
+    '<position joint="{joint}" kp="60" kv="2" armature=".02" damping=".4" forcerange="-8 8"/>': (0.02, 0.4, 8, 60, 2),
+    '<position joint="{joint}" kp="60" kv="2" gear="2" forcerange="-30 20" ctrlrange="-4 -1"/>': (0, 0, 40, 240, 8),
+    '<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="3"/>': (0, 0, math.inf, 60, 3),
+    '<pid joint="{joint}" kp="50" kv="1" ki="2" forcerange="-30 30"/>': (0, 0, 30, 50, 1),
+    '<general joint="{joint}" gainprm="4" biastype="affine" biasprm="0 -4 -0.5" forcerange="-9 9"/>': (0, 0, 9, 4, 0.5),
+}
+"""Actuators, and by hand: armature and damping times gear^2, the peak torque, and gains times gear^2."""
+
+
+@pytest.mark.parametrize("pair", EFFECTS.items())
+def test_what_an_actuator_does_counts_wherever_the_model_says_it(pair, tmp_path: Path):
+    """The differences by which it is measured are exact but for a product's rounding: 1e-12."""
+    actuator, expected = pair
+    path = write(tmp_path, plain(actuator=actuator))
+    reading = read_mjcf(path)
+    for joint in reading.joints:
+        found = joint.armature, joint.damping, joint.peak_torque, joint.stiffness, joint.actuator_damping
+        assert found == pytest.approx(expected, rel=1e-12)
+    assert not any("left out" in note or "mass matrix" in note for note in reading.notes)
+    assert max(disagreement(load_mjcf(path), reading)) < 1e-12, "rounding alone is left"
+
+
+def test_a_tendon_on_one_joint_counts_as_the_joint_does(tmp_path: Path):
+    """kg m2 and Nm s/rad of a tendon that grows by 2 m/rad."""
+    tendons = "".join(
+        f'<fixed armature="0.01" damping="0.1"><joint joint="{joint}" coef="2"/></fixed>' for joint in PLAIN_JOINTS
+    )
+    path = write(tmp_path, plain(extra=f"<tendon>{tendons}</tendon>"))
+    reading = read_mjcf(path)
+    assert {(joint.armature, joint.damping) for joint in reading.joints} == {(0.04, 0.4)}
+    assert max(disagreement(load_mjcf(path), reading)) < 1e-12
+
+
+LEFT_OUT = {
+    # 9^2 x (0.01 x 10 + 0.003 x 10^2) x 10, without the linear part
+    "damping that is not viscous, 324 Nm at 10 rad/s at FR_abad, FR_hip": {
+        "actuator": '<motor joint="{joint}" gear="9" damping="0.02 0.01 0.003"/>'
+    },
+    "damping that is not viscous, 50 Nm at 10 rad/s at FR_hip, FL_hip, RR_hip, RL_hip": {
+        "joints": ["", 'damping="0.3 0.5"', ""]
+    },
+    # K^2 / R x gear^2
+    "damping by actuators that are told nothing and have no stiffness, 1.62 Nm s/rad at FR_abad": {
+        "actuator": '<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9"/>'
+    },
+    "damping by actuators that are told how much, 2 Nm s/rad at FR_abad": {
+        "actuator": '<damper joint="{joint}" kv="2" ctrlrange="0 1"/>'
+    },
+    "forces of a fluid or against gravity": {"extra": '<option density="1.2"/>'},
+    "springs parallel to joints, 7 Nm/rad at FR_knee": {"joints": ["", "", 'stiffness="7"']},
+}
+
+
+@pytest.mark.parametrize("note", LEFT_OUT)
+def test_what_a_file_cannot_hold_is_noted(note: str, tmp_path: Path):
+    reading = read_mjcf(write(tmp_path, plain(**LEFT_OUT[note])))
+    assert any(one.startswith(f"left out: {note}") for one in reading.notes)
+    assert len([one for one in reading.notes if "left out" in one]) == 1
+    assert reading.joints[1].damping == pytest.approx({0: 1.62, 1: 0.3}.get(list(LEFT_OUT).index(note), 0.0), rel=1e-9)
+
+
+def test_a_dc_motor_peaks_at_standstill(tmp_path: Path):
+    """gear K U / R."""
+    motor = '<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
+    assert {joint.peak_torque for joint in read_mjcf(write(tmp_path, plain(actuator=motor))).joints} == {43.2}
+
+
+def test_a_mass_matrix_that_the_file_cannot_hold_is_noted(tmp_path: Path):
+    """A rotor at one knee: the file has the mean of four, which the lightest knees feel the most."""
+    uneven = plain().replace('name="FR_knee" axis="0 1 0"', 'name="FR_knee" axis="0 1 0" armature="0.1"')
+    notes = read_mjcf(write(tmp_path, uneven)).notes
+    (note,) = [note for note in notes if "mass matrix" in note]
+    lightest = 1.5e-3 + 0.2 * 0.1**2  # kg m2, of a shank about its knee
+    assert float(note.split("up to ")[1].split()[0]) == pytest.approx(0.025 / lightest, rel=0.01)  # two digits
+    assert any("armature, kg m2, at the knee differ (0.1, 0, 0, 0)" in note for note in notes)
+
+
 def test_joints_keep_their_own_friction_and_damping(tmp_path: Path):
     joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
     reading = read_mjcf(write(tmp_path, plain(joints=joints)))
@@ -191,7 +270,7 @@ def test_geometry_masses_count_as_mujoco_counts_them(tmp_path: Path):
 def test_a_spring_parallel_to_a_joint_is_noted(go1: Path, tmp_path: Path):
     text = anymal_like().replace('range="-100 90"', 'range="-100 90" stiffness="7"')
     notes = read_mjcf(write(tmp_path, text)).notes
-    assert "the spring of 7 Nm/rad parallel to joint 'RF_HAA' is left out" in notes
+    assert "left out: springs parallel to joints, 7 Nm/rad at RF_HAA, LF_HAA, RH_HAA, LH_HAA" in notes
 
 
 # --- What cannot be is refused by name ---------------------------------------------------------------------------
