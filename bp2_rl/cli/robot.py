@@ -31,8 +31,8 @@ class NewConfig(Bounded, path="--"):
     """Write the numbers themselves, the left legs', so that the model is not needed any more."""
     joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
     """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell; all others are welded."""
-    feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GEOM ...")] = ()
-    """A geom or a site in each foot, FR FL RR RL; by default the farthest sphere of each leg."""
+    feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """A geom, site or body in each foot, FR FL RR RL; by default the farthest sphere or end of a capsule."""
     foot_radius: Annotated[float | None, Within(0.0, 1.0, open_below=True)] = None
     """m, of the feet, where they are no spheres."""
 

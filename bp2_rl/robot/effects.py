@@ -19,7 +19,6 @@ TOLD = 1e9
 ENDLESS = 1e6
 """Nm, from which on a torque has no limit."""
 
-FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 ONE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 """Joints of one coordinate."""
 Dofs = Float[np.ndarray, " nv"]
@@ -42,7 +41,8 @@ class Effects:
 
 def effects_of(model: mujoco.MjModel) -> Effects:
     """Measure what joints and actuators do."""
-    free = copy.copy(model)
+    free, weightless = copy.copy(model), copy.copy(model)
+    weightless.body_mass[:] = weightless.body_inertia[:] = 0.0
     for limited in (free.actuator_forcelimited, free.actuator_ctrllimited, free.jnt_actfrclimited):
         limited[:] = False
     rest, moved = _after(free), _after(free, position=STEP)
@@ -51,7 +51,7 @@ def effects_of(model: mujoco.MjModel) -> Effects:
     actuator_damping = (rest.qfrc_actuator - _after(free, STEP).qfrc_actuator) / STEP
     told_damping = (told.qfrc_actuator - told_and_moving.qfrc_actuator) / STEP
     return Effects(
-        armature=mass_matrix(_weightless(model), rest.qpos),
+        armature=mass_matrix(weightless, rest),
         spring=(rest.qfrc_spring - moved.qfrc_spring) / STEP,
         damping=damping,
         beyond=-fast.qfrc_damper - FAST * damping,
@@ -63,32 +63,21 @@ def effects_of(model: mujoco.MjModel) -> Effects:
     )
 
 
-def mass_matrix(model: mujoco.MjModel, qpos: Float[np.ndarray, " nq"]) -> Float[np.ndarray, "nv nv"]:
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "nv nv"]:
     """Return the mass matrix in a state, with all that MuJoCo adds to the bodies'."""
-    data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
-    data.qpos[:] = qpos
+    matrix = np.zeros((model.nv, model.nv))
     for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission, mujoco.mj_makeM):
         stage(model, data)
     mujoco.mj_fullM(model, data, matrix)
     return matrix
 
 
-def _weightless(model: mujoco.MjModel) -> mujoco.MjModel:
-    bare = copy.copy(model)
-    bare.body_mass[:] = bare.body_inertia[:] = 0.0
-    return bare
-
-
 def _after(model: mujoco.MjModel, speed: float = 0.0, *, position: float = 0.0, command: float = 0.0) -> mujoco.MjData:
-    """Return all forces with every joint but free ones at this position and speed, and every actuator so told."""
-    data = mujoco.MjData(model)
-    data.qpos[:], data.ctrl[:], data.act[:] = 0.0, command, command
-    for j in range(model.njnt):
-        at, dof = model.jnt_qposadr[j], model.jnt_dofadr[j]
-        if model.jnt_type[j] in ONE:
-            data.qpos[at], data.qvel[dof] = position, speed
-        else:
-            data.qpos[at + 3 * int(model.jnt_type[j] == FREE)] = 1.0  # not turned
+    """Return all forces with every joint but the free ones moved from where it is drawn, and every actuator so told."""
+    data, one = mujoco.MjData(model), np.isin(model.jnt_type, ONE)
+    data.qpos[model.jnt_qposadr[one]] += position
+    data.qvel[model.jnt_dofadr[one]] = speed
+    data.ctrl[:] = data.act[:] = command
     for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation):
         stage(model, data)
     return data

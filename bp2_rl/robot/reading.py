@@ -23,20 +23,23 @@ from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
 from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
+from bp2_rl.robot.coordinates import motor_indices
 from bp2_rl.robot.effects import FAST, Effects, effects_of, mass_matrix
 
 PARALLEL = 1e-3
 """rad, by which a joint's axis may be off."""
 STRAIGHT = 0.82
 """ASSUMED: share of the straight leg's length at which a robot stands whose model has no keyframe."""
+LEVEL = 0.1
+"""Share of a foot's radius by which spheres may be nearer to the knee than the farthest that touch as it does."""
 SLENDER = 0.07
 """ASSUMED: a leg's radius over its thigh's length, where no capsule tells."""
 ROUNDING = 1e-6
 """rad, by which a keyframe may leave a range; N, Nm, or a share, from which on a difference is told."""
 LONGEST = 0.1
 """m, ASSUMED: travel of a spring without a stop."""
-FREED = "free joint of a base that was fixed"
-"""Name of the joint that a fixed base gets."""
+LIGHTEST = 1e-12
+"""kg m2, of a principal moment in place of one that is not positive."""
 
 _Geom = mujoco.mjtGeom
 FREE, HINGE, SLIDE = (int(kind) for kind in (
@@ -108,15 +111,17 @@ def read_mjcf(
         path: of the file; its meshes need not be there.
         joints: the twelve joints' names in the order of `MOTOR_NAMES`; the robot's other joints are then welded. Empty
             where the structure tells: a free trunk with four legs of abad, hip and knee.
-        feet: a geom or a site in each foot, in the order of the legs; empty: the farthest sphere of each leg.
+        feet: a geom, a site or a body in each foot, in the order of the legs; empty: the farthest sphere of each leg,
+            or end of a capsule.
         foot_radius: m, of the feet's spheres; None for that of the geoms.
 
     Raises:
         ReadingError: one line that says what cannot be read and how to mend it.
     """
     try:
-        model = load_mjcf(path, joints)
-        return read_model(model, joints=joints, feet=feet, foot_radius=foot_radius, speeds=_speeds(path))
+        model, notes = _load(path, joints)
+        found = read_model(model, joints=joints, feet=feet, foot_radius=foot_radius, speeds=_speeds(path))
+        return dataclasses.replace(found, notes=(*notes, *found.notes))
     except ReadingError as error:
         raise ReadingError(f"{path}: {error}") from error
 
@@ -129,15 +134,22 @@ def load_mjcf(path: Path, joints: Sequence[str] = ()) -> mujoco.MjModel:
     Raises:
         ReadingError: the file is no MJCF, or a part's mass comes from a mesh.
     """
+    return _load(path, joints)[0]
+
+
+def _load(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile a file as `load_mjcf`; return what was mended, too."""
     read_bytes(path, LARGEST_TEXT)
+    notes: list[str] = []
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        _free(spec)
+        _free(spec, notes)
+        _mend_inertias(spec, notes)
         for top in spec.worldbody.bodies:
             _require_inertias(spec, top, path)
         _strip(spec)
         _weld_others(spec, joints)
-        return spec.compile()
+        return spec.compile(), notes
     except ReadingError:
         raise
     except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
@@ -169,8 +181,6 @@ def read_model(
     chains = _legs(model, trunk, joints)
     data, effects = _at_zero(model), effects_of(model)
     notes: list[str] = []
-    if model.joint(int(model.body_jntadr[trunk])).name == FREED:
-        notes.append(f"body '{model.body(trunk).name}' was fixed to the world: it got a free joint")
     found = [
         _read_leg(model, data, effects, chain, foot, notes)
         for chain, foot in zip(chains, _feet(model, data, chains, feet, foot_radius), strict=True)
@@ -216,7 +226,7 @@ def read_model(
 # --- The model without its meshes ----------------------------------------------------------------------------
 
 
-def _free(spec: mujoco.MjSpec) -> None:
+def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Give the one body that carries joints a free joint, if none has one: a URDF cannot, and MuJoCo fixes its base."""
     tops = [body for body in spec.worldbody.bodies if body.find_all("joint")]
     if len(tops) != 1 or list(tops[0].joints) or any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
@@ -224,7 +234,25 @@ def _free(spec: mujoco.MjSpec) -> None:
     for key in spec.keys:
         key.qpos = [*tops[0].pos, 1.0, 0.0, 0.0, 0.0, *key.qpos] if len(key.qpos) else key.qpos
         key.qvel = [*[0.0] * 6, *key.qvel] if len(key.qvel) else key.qvel
-    tops[0].add_freejoint(name=FREED)
+    tops[0].add_freejoint()
+    spec.compiler.fusestatic = False  # so that a URDF's links keep their names
+    notes.append(f"body '{tops[0].name}' was fixed to the world: it got a free joint")
+
+
+def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Put the nearest inertia that a body can have in place of one that none can have, as URDFs have them."""
+    mended: list[str] = []
+    for body in spec.bodies:
+        if not np.all(np.isfinite(body.fullinertia)) or spec.compiler.balanceinertia:
+            continue
+        moments, axes = np.linalg.eigh(Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix)
+        if moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
+            low, middle, high = np.maximum(moments, LIGHTEST)
+            nearest = low, middle, min(high, (1.0 - 1e-9) * (low + middle))  # within, as MuJoCo allows no rounding
+            body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
+            mended.append(body.name)
+    if mended:
+        notes.append(f"no body has the inertia of {', '.join(mended)}: the nearest that one can have is taken")
 
 
 def _require_inertias(spec: mujoco.MjSpec, body: Any, path: Path) -> None:
@@ -597,47 +625,71 @@ def _feet(
 
 
 def _named_foot(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, name: str, radius: float | None) -> _Foot:
-    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if geom < 0 and site < 0:
-        raise ReadingError(f"`feet` names '{name}', and there is no such geom or site (meshes are left out)")
-    body = model.geom_bodyid[geom] if geom >= 0 else model.site_bodyid[site]
-    if model.body_weldid[body] != chain.bodies[-1]:
+    geom, site, body = (
+        mujoco.mj_name2id(model, kind, name)
+        for kind in (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY)
+    )
+    if max(geom, site, body) < 0:
+        raise ReadingError(f"`feet` names '{name}', and there is no such geom, site or body (meshes are left out)")
+    holder = model.geom_bodyid[geom] if geom >= 0 else model.site_bodyid[site] if site >= 0 else body
+    if model.body_weldid[holder] != chain.bodies[-1]:
         raise ReadingError(f"`feet` names '{name}', which is not on the last link of its leg: order FR, FL, RR, RL")
-    if geom >= 0 and model.geom_type[geom] == SPHERE:
-        radius = float(model.geom_size[geom, 0]) if radius is None else radius
+    if geom >= 0 and int(model.geom_type[geom]) in (SPHERE, CAPSULE):
+        return _lowest(model, data, chain, [geom], radius)
     if radius is None:
         raise ReadingError(f"'{name}' is no sphere: say the radius of the sphere that it becomes as `foot_radius`, m")
-    center = data.geom_xpos[geom] if geom >= 0 else data.site_xpos[site]
+    center = data.geom_xpos[geom] if geom >= 0 else data.site_xpos[site] if site >= 0 else data.xpos[body]
     return _Foot(name, np.array(center), radius, float(model.geom_friction[geom, 0]) if geom >= 0 else 1.0)
 
 
 def _farthest(model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, radius: float | None) -> _Foot:
-    """Return the sphere, or a capsule's round end, that is farthest from the knee; one that collides comes first."""
+    """Return the foot of a leg: its farthest sphere that collides, or capsule that does, or one that does not.
+
+    Raises:
+        ReadingError: there is none, or a part of another shape that collides is farther from the knee.
+    """
+    geoms = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == chain.bodies[-1]]
+    colliding = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
+    kinds = [[g for g in of if model.geom_type[g] == kind] for of in (colliding, geoms) for kind in (SPHERE, CAPSULE)]
+    link = f"the last link of the leg, body '{model.body(chain.bodies[-1]).name}', has"
+    mend = "name a geom, a site or a body in each foot as `feet`, with a `foot_radius`"
+    if not any(kinds):
+        raise ReadingError(f"{link} no sphere that could be its foot: {mend}")
+    foot = _lowest(model, data, chain, next(of for of in kinds if of), radius)
     knee = data.xanchor[chain.joints[2]]
-    found: list[tuple[bool, bool, float, _Foot]] = []
-    for g in range(model.ngeom):
-        kind, size = int(model.geom_type[g]), model.geom_size[g]
-        round_ends = kind in (SPHERE, CAPSULE)
-        if model.body_weldid[model.geom_bodyid[g]] != chain.bodies[-1] or not round_ends:
-            continue
-        half = data.geom_xmat[g].reshape(3, 3)[:, 2] * (size[1] if kind == CAPSULE else 0.0)
-        center = max((data.geom_xpos[g] + half, data.geom_xpos[g] - half), key=lambda at: np.linalg.norm(at - knee))
-        collides = bool(model.geom_contype[g] or model.geom_conaffinity[g])
-        foot = _Foot(
-            model.geom(g).name or f"geom {g}",
-            np.array(center),
-            float(size[0]) if radius is None else radius,
-            float(model.geom_friction[g, 0]),
-        )
-        reach = float(np.linalg.norm(center - knee)) + foot.radius
-        found.append((collides, kind == SPHERE, reach, foot))
-    if not found:
-        raise ReadingError(
-            f"the last link of the leg, body '{model.body(chain.bodies[-1]).name}', has no sphere that could be its "
-            "foot: name a geom or a site in each foot as `feet`, with a `foot_radius`"
-        )
-    return max(found, key=lambda entry: entry[:3])[3]
+    length = float(np.linalg.norm(foot.center - knee))
+    down = (foot.center - knee) / length
+    for g in colliding:
+        axes, box = data.geom_xmat[g].reshape(3, 3), model.geom_aabb[g]
+        farthest = down @ (data.geom_xpos[g] + axes @ box[:3] - knee) + np.abs(axes.T @ down) @ box[3:]
+        if model.geom_type[g] not in (SPHERE, CAPSULE) and farthest > length + (1.0 + LEVEL) * foot.radius:
+            raise ReadingError(f"{link} '{foot.name}', and beyond it '{model.geom(g).name or f'geom {g}'}': {mend}")
+    return foot
+
+
+def _lowest(
+    model: mujoco.MjModel, data: mujoco.MjData, chain: _Chain, geoms: Sequence[int], radius: float | None
+) -> _Foot:
+    """Return the sphere that is farthest from the knee's axis; the middle of all that are equally far.
+
+    So of a capsule across a toe it is the middle, on either side of the robot, and of one along a shank the end.
+    """
+    j = chain.joints[2]
+    centers, radii, of = [], [], []
+    for g in geoms:
+        half = data.geom_xmat[g].reshape(3, 3)[:, 2] * (model.geom_size[g, 1] if model.geom_type[g] == CAPSULE else 0.0)
+        centers += [data.geom_xpos[g] + half, data.geom_xpos[g] - half]
+        radii += [float(model.geom_size[g, 0])] * 2
+        of += [g] * 2
+    reach = np.linalg.norm(np.cross(centers - data.xanchor[j], data.xaxis[j]), axis=1) + radii
+    first = int(np.argmax(reach))
+    lowest = reach > reach[first] - LEVEL * radii[first]
+    return _Foot(
+        model.geom(of[first]).name or f"geom {of[first]}",
+        np.mean(np.array(centers)[lowest], axis=0),
+        float(np.mean(np.array(radii)[lowest])) if radius is None else radius,
+        float(model.geom_friction[of[first], 0]),
+    )
 
 
 # --- What is told by more than one leg -----------------------------------------------------------------------
@@ -708,25 +760,24 @@ def _note_mass_matrix(
     notes: list[str],
 ) -> None:
     """Compare the model's mass matrix, in a pose drawn at random, with that of the robot that its file can hold."""
-    built = build_spec(anatomy).compile()
-    ours, theirs, order = mujoco.MjData(built), _at_zero(model), [j for chain in chains for j in chain.joints]
-    ours.qpos[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-    built.dof_armature[:] = 0.0
-    draws, motors = np.random.default_rng(0), [j for chain in chains for j in chain.joints[:3]]
-    for i, (motor, joint, j) in enumerate(zip(MOTOR_NAMES, joints, motors, strict=True)):
-        angle = draws.uniform(*anatomy.legs[i // 3].ranges[i % 3])
-        ours.qpos[built.joint(motor).qposadr] = angle
+    built, order = build_spec(anatomy).compile(), [j for chain in chains for j in chain.joints]
+    ours, theirs, motors = mujoco.MjData(built), _at_zero(model), motor_indices(built.nv)
+    angles = np.random.default_rng(0).uniform(*np.transpose([ends for leg in anatomy.legs for ends in leg.ranges]))
+    ours.qpos[:7], ours.qpos[motors + 1] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), angles
+    for joint, j, angle in zip(joints, [j for chain in chains for j in chain.joints[:3]], angles, strict=True):
         theirs.qpos[model.jnt_qposadr[j]] = joint.sign * (angle - joint.offset)
-        built.dof_armature[built.joint(motor).dofadr] = np.mean([one.armature for one in joints[i % 3 :: 3]])
-    mujoco.mj_kinematics(built, ours)
-    mujoco.mj_kinematics(model, theirs)
-    sign = np.ones(built.nv)
-    sign[6:] = np.sign(np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1))
-    first = int(model.body_dofadr[trunk])
-    dofs = [*range(first, first + 6), *model.jnt_dofadr[order]]
-    wanted = mass_matrix(model, theirs.qpos)[np.ix_(dofs, dofs)] * np.outer(sign, sign)
+    built.dof_armature[:] = 0.0
+    built.dof_armature[motors] = np.tile(np.mean(np.reshape([joint.armature for joint in joints], (4, 3)), axis=0), 4)
+    found, wanted = mass_matrix(built, ours), mass_matrix(model, theirs)
+    free = np.arange(6) + model.body_dofadr[trunk]
+    if np.any(held := [*model.dof_armature[free], *model.dof_damping[free]]):
+        notes.append(f"left out: armature or damping of the trunk's free joint, up to {max(held):g}")
+    dofs = [*free, *model.jnt_dofadr[order]]
+    sign = np.sign([*[1.0] * 6, *np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1)])
+    wanted = wanted[np.ix_(dofs, dofs)] * np.outer(sign, sign)
+    wanted[range(6), range(6)] -= model.dof_armature[free]
     size = np.sqrt(np.diag(wanted))
-    off = float(np.max(np.abs(mass_matrix(built, ours.qpos) - wanted) / np.outer(size, size)))
+    off = float(np.max(np.abs(found - wanted) / np.outer(size, size)))
     if off > ROUNDING:
         notes.append(f"the robot's mass matrix is not the model's: it is off by up to {off:.2g} of its diagonal")
 

@@ -375,7 +375,7 @@ def robot_text(
     def by_joint(name: str, otherwise: float, factor: float = 1.0) -> str:
         values = [getattr(joint, name) for joint in reading.joints]
         known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
-        return _row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
+        return row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
 
     return render(
         "robot/robot_file.toml",
@@ -386,7 +386,7 @@ def robot_text(
         feet=list(feet),
         foot_radius=foot_radius,
         text=json.dumps,
-        row=_row,
+        row=row,
         assumed=_assumed(reading),
         urdf=any(math.isfinite(joint.speed) for joint in reading.joints),
         torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
@@ -397,15 +397,15 @@ def robot_text(
 
 def _assumed(reading: RobotReading) -> list[str]:
     """Return the keys of the numbers that a model does not say."""
-    keys = ["motors.corner_speed"]
-    if not all(math.isfinite(joint.speed) for joint in reading.joints):
-        keys.append("motors.no_load_speed")
-    if not all(math.isfinite(joint.peak_torque) for joint in reading.joints):
-        keys.append("motors.peak_torque")
-    if not all(joint.armature > 0.0 for joint in reading.joints):
-        keys.append("motors.armature")
-    return keys
+    said = {
+        "motors.corner_speed": False,
+        "motors.no_load_speed": all(math.isfinite(joint.speed) for joint in reading.joints),
+        "motors.peak_torque": all(math.isfinite(joint.peak_torque) for joint in reading.joints),
+        "motors.armature": all(joint.armature > 0.0 for joint in reading.joints),
+    }
+    return [key for key, known in said.items() if not known]
 
 
-def _row(values: Iterable[float]) -> str:
+def row(values: Iterable[float]) -> str:
+    """Return numbers as TOML has them."""
     return f"[{', '.join(f'{0.0 if abs(value) < 1e-12 else value:.7g}' for value in values)}]"

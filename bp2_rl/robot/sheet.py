@@ -15,7 +15,7 @@ from bp2_rl.robot.coordinates import joint_positions, joint_velocities
 from bp2_rl.robot.hardware import HardwareSpec, at_joints
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.reading import RobotReading
-from bp2_rl.robot.robot_file import RobotFile, mirrored
+from bp2_rl.robot.robot_file import RobotFile, mirrored, row
 
 STAND_TIME = 5.0
 """s, for which a robot must stand."""
@@ -179,7 +179,7 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     worst = int(np.argmax(share))
     stiffness, damping = (np.broadcast_to(x, 12)[:3] for x in gains(robot))
     whose = "gains" if robot.stiffness is not None else "training's own loop, ASSUMED as the file has no [gains]:"
-    loop = f"{whose} {_shown(stiffness)} Nm/rad, {_shown(damping)} Nm s/rad"
+    loop = f"{whose} {row(stiffness)} Nm/rad, {row(damping)} Nm s/rad"
     if stood.fallen_after is not None:
         lines = [
             f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
@@ -198,10 +198,6 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     if stood.touching:
         lines.append(f"! it touches with {', '.join(stood.touching)}: mend [stand], or the radii of trunk and legs")
     return lines
-
-
-def _shown(values: Float[np.ndarray, " joints"]) -> str:
-    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
 
 
 def _note_of_gains(robot: RobotFile) -> list[str]:

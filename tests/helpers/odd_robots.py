@@ -183,8 +183,16 @@ def plain(
 </mujoco>"""
 
 
-def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "") -> str:
-    """The URDF of `plain`; with a `root`, the base is fixed to a link of this name, which has no mass."""
+def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", rooted: str = "", foot: str = "") -> str:
+    """The URDF of `plain`.
+
+    Args:
+        effort: Nm, of every joint.
+        velocity: rad/s, of every joint.
+        root: name of a link to which the base is fixed.
+        rooted: what that link has; without, it has no mass.
+        foot: in place of the balls, what a link of 0.05 kg in each foot has.
+    """
 
     def link(name: str, mass: float, com: str, inertia: str, collision: str = "") -> str:
         xx, yy, zz = inertia.split()
@@ -203,13 +211,17 @@ def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "") -> s
     parts = [link("trunk", 6, "0 0 0", moments, box)]
     if root:
         fixed = f'<joint name="fixed" type="fixed"><parent link="{root}"/><child link="trunk"/></joint>'
-        parts += [f'<link name="{root}"/>', fixed]
+        parts += [f'<link name="{root}">{rooted}</link>', fixed]
     for leg, x, y in zip(LEGS, (1, 1, -1, -1), (-1, 1, -1, 1), strict=True):
         abad, hip, knee = (f"{leg}_{name}" for name in ("abad", "hip", "knee"))
+        if foot:
+            ends = f'<parent link="{leg}_shank"/><child link="{leg}_foot"/><origin xyz="0 0 -0.21"/>'
+            parts += [link(f"{leg}_foot", 0.05, "0 0 0", "1e-5 1e-5 1e-5", foot)]
+            parts += [f'<joint name="{leg}_ankle" type="fixed">{ends}</joint>']
         parts += [
             link(f"{leg}_hip_link", 0.6, "0 0 0", "5e-4 7e-4 5e-4"),
             link(f"{leg}_thigh", 1, "0 0 -0.03", "5e-3 5e-3 1e-3"),
-            link(f"{leg}_shank", 0.2, "0 0 -0.1", "1.5e-3 1.5e-3 5e-5", ball),
+            link(f"{leg}_shank", 0.2, "0 0 -0.1", "1.5e-3 1.5e-3 5e-5", "" if foot else ball),
             joint(abad, "trunk", f"{leg}_hip_link", f"{0.2 * x} {0.05 * y} 0", "1 0 0", -0.8, 0.8),
             joint(hip, f"{leg}_hip_link", f"{leg}_thigh", f"0 {0.08 * y} 0", "0 1 0", -1.5, 2.5),
             joint(knee, f"{leg}_thigh", f"{leg}_shank", "0 0 -0.21", "0 1 0", -2.6, -0.3),

@@ -11,6 +11,9 @@ import pytest
 from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
+from bp2_rl.robot.conventions import LEGS
+from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.kinematics import foot_position
 from bp2_rl.robot.reading import ReadingError, load_mjcf, read_mjcf
 
 GO1, SPOT = Path("_src/locomotion/go1/xmls"), Path("_src/locomotion/spot/xmls")
@@ -273,6 +276,91 @@ def test_a_spring_parallel_to_a_joint_is_noted(go1: Path, tmp_path: Path):
     assert "left out: springs parallel to joints, 7 Nm/rad at RF_HAA, LF_HAA, RH_HAA, LH_HAA" in notes
 
 
+# --- Feet --------------------------------------------------------------------------------------------------------
+
+
+def foot(*shapes: str) -> str:
+    return "".join(f'<geom name="{{leg}}_foot{i or ""}" mass="0" {shape}/>' for i, shape in enumerate(shapes))
+
+
+SHAPES = {
+    "a sphere": foot('type="sphere" size="0.02" pos="0 0 -0.21"'),
+    "a sphere at the outer side": foot('type="sphere" size="0.02" pos="0 {side}e-2 -0.21"'),
+    "a capsule across the toe": foot('type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21"'),
+    "one turned on the left": foot('type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="{side}.57079632679 0 0"'),
+    "one at the outer side": foot('type="capsule" size="0.02" fromto="0 {side}e-2 -0.21 0 {side}e-1 -0.21"'),
+    "one that rounding tilts": foot('type="capsule" size="0.02 0.03" pos="0 0 -0.21" euler="1.570796 0 0"'),
+    "one that hangs outwards": foot('type="capsule" size="0.02" fromto="0 0 -0.19 0 {side}e-2 -0.21"'),
+    "a capsule along the shank": foot('type="capsule" size="0.015" fromto="0 0 -0.02 0 0 -0.21"'),
+    "a capsule and a cylinder above": foot(
+        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.21"', 'type="cylinder" size="0.03" fromto="0 0 0 0 0 -0.15"'
+    ),
+    "spheres on either side": foot(
+        'type="sphere" size="0.02" pos="0 -0.03 -0.21"', 'type="sphere" size="0.02" pos="0 0.03 -0.21"'
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_foot_touches_where_the_models_does_and_left_and_right_are_mirror_images(shape: str, tmp_path: Path):
+    """As the robot stands, in C MuJoCo: the lowest point of the model's foot is that of the sphere, to rounding."""
+    path = write(tmp_path, plain(foot=SHAPES[shape]))
+    reading, model = read_mjcf(path), load_mjcf(path)
+    right, left = np.array([leg.foot for leg in reading.anatomy.legs]).reshape(2, 2, 3).swapaxes(0, 1)
+    np.testing.assert_allclose(right * (1, -1, 1), left, atol=1e-9)
+    data, stand = mujoco.MjData(model), np.reshape(reading.anatomy.stand, (4, 3))
+    data.qpos[:7], data.qpos[7:] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), stand.ravel()
+    mujoco.mj_kinematics(model, data)
+    soles = foot_position(stand, reading.anatomy.geometry.foot_radius, HardwareSpec(body=reading.anatomy))
+    for leg, sole in zip(LEGS, soles, strict=True):
+        geoms = [g for g in range(model.ngeom) if (model.geom(g).name or "").startswith(f"{leg}_foot")]
+        lowest = min(_lowest_point(model, data, g) for g in geoms)
+        radius = reading.anatomy.legs[LEGS.index(leg)].foot_radius
+        assert sole[2] - radius == pytest.approx(lowest, abs=1e-7)  # six digits of pi / 2 tilt a capsule by 1e-8 m
+
+
+def _lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
+    """Height of a sphere's, capsule's or cylinder's lowest point, m."""
+    up = float(data.geom_xmat[geom].reshape(3, 3)[2, 2])
+    radius, half = model.geom_size[geom, :2]
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        radius *= math.sqrt(1.0 - up**2)
+    half = 0.0 if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE else half
+    return float(data.geom_xpos[geom, 2] - abs(up) * half - radius)
+
+
+NO_SPHERES = {
+    "has no sphere that could be its foot: name": foot('type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"'),
+    "has no sphere": foot('type="cylinder" size="0.02" fromto="0 -0.02 -0.21 0 0.02 -0.21"'),
+    "has 'FR_foot', and beyond it 'FR_foot1': name": foot(
+        'type="capsule" size="0.015" fromto="0 0 0 0 0 -0.2"', 'type="box" size="0.03 0.02 0.01" pos="0 0 -0.22"'
+    ),
+}
+
+
+@pytest.mark.parametrize("complaint", NO_SPHERES)
+def test_a_foot_that_is_no_sphere_is_refused_by_name_and_may_be_named(complaint: str, tmp_path: Path):
+    path = write(tmp_path, plain(foot=NO_SPHERES[complaint]))
+    with pytest.raises(ReadingError, match=complaint):
+        read_mjcf(path)
+    last = "_foot1" if "beyond" in complaint else "_foot"
+    reading = read_mjcf(path, feet=[f"{leg}{last}" for leg in LEGS], foot_radius=0.01)
+    assert {leg.foot_radius for leg in reading.anatomy.legs} == {0.01}
+    assert reading.anatomy.legs[0].foot == pytest.approx((0.0, 0.0, -0.21 if complaint == "has no sphere" else -0.22))
+
+
+def test_a_urdfs_link_may_be_named_as_a_foot(tmp_path: Path):
+    """A mesh is left out, and the link has nothing else."""
+    path = tmp_path / "robot.urdf"
+    mesh = '<collision><geometry><mesh filename="package://robot/foot.stl"/></geometry></collision>'
+    path.write_text(urdf(foot=mesh))
+    with pytest.raises(ReadingError, match="name a geom, a site or a body in each foot as `feet`"):
+        read_mjcf(path)
+    reading = read_mjcf(path, feet=[f"{leg}_foot" for leg in LEGS], foot_radius=0.02)
+    assert [leg.foot for leg in reading.anatomy.legs] == [(0.0, 0.0, -0.21)] * 4
+    assert reading.anatomy.mass == pytest.approx(13.2 + 4 * 0.05)
+
+
 # --- What cannot be is refused by name ---------------------------------------------------------------------------
 
 
@@ -347,6 +435,23 @@ def test_a_base_that_is_fixed_becomes_free(tmp_path: Path):
     assert ours.notes == ("body 'trunk' was fixed to the world: it got a free joint", *theirs.notes)
 
 
+def test_an_inertia_that_no_body_has_becomes_the_nearest_that_one_has(tmp_path: Path):
+    """Of moments 1, 1 and 3 the third becomes 2, as a flat plate's; about the same axes, and noted."""
+    path, moments = tmp_path / "robot.urdf", '<inertia ixx="1e-3" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="-1e-3"/>'
+    thigh = '<mass value="1"/><inertia ixx="5e-3" iyy="5e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
+    assert urdf().count(thigh) == 4
+    path.write_text(urdf().replace(thigh, '<mass value="1"/>' + moments))
+    reading = read_mjcf(path)
+    for leg in reading.anatomy.legs:
+        np.testing.assert_allclose(leg.thigh.inertia, [1e-3, 1.5e-3, 1.5e-3, 0, 0, -0.5e-3], rtol=1e-8, atol=1e-12)
+    names = "FR_thigh, FL_thigh, RR_thigh, RL_thigh"
+    assert f"no body has the inertia of {names}: the nearest that one can have is taken" in reading.notes
+
+
+EQUAL_MOMENTS = '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="1e-6" ixz="1e-6" iyz="1e-6"/>'
+"""As descriptions have it of a link that stands for nothing; two of the principal moments are 0."""
+
+
 @pytest.mark.parametrize("root", ["", "dummy", "world"])
 def test_the_urdf_of_a_robot_is_the_robot(root: str, tmp_path: Path):
     """As the same robot's MJCF has it, base included; some URDFs hang it below a link without a mass."""
@@ -364,6 +469,10 @@ def test_the_urdf_of_a_robot_is_the_robot(root: str, tmp_path: Path):
     assert legs == [[*leg.anchor, *leg.hip, *leg.knee, *leg.foot, *leg.ranges] for leg in reading.anatomy.legs]
     assert {(joint.peak_torque, joint.speed) for joint in ours.joints} == {(30.0, 20.0)}
     assert any("got a free joint" in note for note in ours.notes)
+    path.write_text(urdf(root=root, rooted='<inertial><mass value="1e-6"/>' + EQUAL_MOMENTS + "</inertial>"))
+    mended = read_mjcf(path)
+    assert mended.anatomy.mass == pytest.approx(13.2, rel=1e-6), "1e-6 kg on top"
+    assert any("no body has the inertia of" in note for note in mended.notes) == bool(root)
     path.write_text(urdf(velocity="fast", root=root))
     assert {joint.speed for joint in read_mjcf(path).joints} == {math.inf}, "no number is no limit"
     inertia, bias, feet = disagreement(load_mjcf(path), ours)
@@ -381,7 +490,7 @@ def test_named_joints_weld_the_others(tmp_path: Path):
 def test_names_that_are_wrong_are_refused(tmp_path: Path, go1: Path):
     with pytest.raises(ReadingError, match="12 names"):
         read_mjcf(go1, joints=["FR_hip_joint"] * 12)
-    with pytest.raises(ReadingError, match="no such geom or site"):
+    with pytest.raises(ReadingError, match="no such geom, site or body"):
         read_mjcf(go1, feet=["FR", "FL", "RR", "HL"])
     with pytest.raises(ReadingError, match="last link of its leg"):
         read_mjcf(go1, feet=["FL", "FR", "RR", "RL"])
