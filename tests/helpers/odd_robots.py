@@ -279,9 +279,11 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
 
 
 def _foot(data: mujoco.MjData, model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Return where a foot's sphere is: a geom, the lower end of one that is a capsule, or a site."""
+    """Return where a foot's sphere is: a geom, a site, or of a capsule the lower end, the middle if it lies."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) >= 0:
         return data.site(name).xpos
     geom = int(name.removeprefix("geom ")) if name.startswith("geom ") else model.geom(name).id
-    half = model.geom_size[geom, 1] if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+    w, x, y, z = model.geom_quat[geom]
+    lies = abs(w * w - x * x - y * y + z * z) < 0.1  # the vertical part of its axis
+    half = 0.0 if lies or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CAPSULE else model.geom_size[geom, 1]
     return data.geom_xpos[geom] - half * data.geom_xmat[geom].reshape(3, 3)[:, 2]

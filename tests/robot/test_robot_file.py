@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from odd_robots import anymal_like, plain, sprung, urdf
+from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
@@ -21,7 +21,7 @@ from bp2_rl.robot.anatomy import Anatomy
 from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.reading import read_mjcf
+from bp2_rl.robot.reading import load_mjcf, read_mjcf
 from bp2_rl.robot.robot_file import RobotFile, load_robot, mirrored, robot_text
 from bp2_rl.robot.sheet import sheet, stand, trained_gains
 from bp2_rl.settings.presets import preset
@@ -217,6 +217,96 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
     leg = load_robot(asset_path("robots/go1.toml")).anatomy.legs[1]
     assert mirrored(mirrored(leg)) == leg
     assert mirrored(leg) != leg
+
+
+# --- Every shape of robot ----------------------------------------------------------------------------------------
+
+
+def longer_hind_legs() -> str:
+    """The legs of `plain`, with 3 cm more below each hind knee and another weight there."""
+    fore, hind = plain().split('<body name="RR_hip_link"')
+    more = hind.replace('pos="0 0 -0.21" mass="0"', 'pos="0 0 -0.24" mass="0"').replace('mass="0.2"', 'mass="0.3"')
+    return f'{fore}<body name="RR_hip_link"{more}'
+
+
+def with_an_arm() -> str:
+    link = '<inertial pos="0 0 0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>'
+    arm = f'<body pos="0 0 0.05"><joint name="arm" axis="0 1 0"/>{link}</body>'
+    return plain().replace('<body name="FR_hip_link"', f'{arm}<body name="FR_hip_link"')
+
+
+POSITION = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
+IN_DEGREES = plain().replace('angle="radian"', 'angle="degree"').replace("-0.8 0.8", "-46 46").replace(
+    "-1.5 2.5", "-86 143").replace("-2.6 -0.3", "-149 -17")  # fmt: skip
+KEY = '<keyframe><key name="{}" qpos="0 0 .3 1 0 0 0 {}"/></keyframe>'
+TIPS = tuple(f"{leg}_tip" for leg in ("fr", "fl", "rr", "rl"))
+EVERY_SHAPE = {
+    "motors alone": plain(),
+    "motors without limits": plain(actuator='<motor joint="{joint}"/>'),
+    "no motors": plain(actuator=""),
+    "position actuators": plain(actuator=POSITION),
+    "position actuators without damping": plain(actuator='<position joint="{joint}" kp="60"/>'),
+    "a loop of two actuators": plain(actuator='<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="2"/>'),
+    "pid": plain(actuator='<pid joint="{joint}" kp="60" kv="2" ki="1" forcerange="-30 30"/>'),
+    "dc motors": plain(
+        actuator='<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
+    ),
+    "dampers": plain(actuator='<motor joint="{joint}"/><damper joint="{joint}" kv="1" ctrlrange="0 1"/>'),
+    "actuators disabled": plain(
+        actuator=POSITION.replace("/>", ' group="1"/>'), extra='<option actuatorgroupdisable="1"/>'
+    ),
+    "armature behind gears": plain(actuator='<motor joint="{joint}" gear="-9" armature="1e-4" ctrlrange="-3 3"/>'),
+    "friction and damping by joint": plain(joints=['frictionloss="1"', 'damping="0.2"', 'frictionloss="2"']),
+    "springs parallel to joints": plain(joints=['stiffness="5" springref="0.1"', "", 'damping="0.1 0.2"']),
+    "knees to both sides": plain(knee_range="-3.1416 3.1416"),
+    "lopsided knees": plain(knee_range="-2.6 1.9"),
+    "knees forwards": plain(knee_range="0.3 2.6"),
+    "knees without a range": plain().replace('range="-2.6 -0.3"', ""),
+    "a keyframe": plain(extra=KEY.format("home", " ".join(["-.1 .8 -1.5", ".1 .8 -1.5"] * 2))),
+    "a keyframe beyond the range": plain(extra=KEY.format("home", " ".join(["0 1.28 -2.62"] * 4))),
+    "a keyframe with straight legs": plain(extra=KEY.format("zero", " ".join(["0 0 -.3"] * 4))),
+    "capsules across the toes": plain(
+        foot='<geom name="{leg}_foot" type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21" mass="0"/>'
+    ),
+    "degrees": IN_DEGREES,
+    "defaults": plain(extra='<default><joint armature="0.02" damping="0.1" frictionloss="0.2"/></default>'),
+    "a fixed base": plain().replace("<freejoint/>", ""),
+    "a free joint with a default's armature": plain(
+        trunk='<joint type="free"/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
+        extra='<default><joint armature="0.02"/></default>',
+    ),
+    "geoms fitted to meshes": plain(
+        trunk='<freejoint/><inertial pos="0 0 0" mass="6" diaginertia=".05 .1 .1"/><geom type="box" mesh="m"/>',
+        extra='<asset><mesh name="m" file="gone.stl"/></asset>',
+    ),
+    "hind legs of their own": longer_hind_legs(),
+    "an arm": with_an_arm(),
+    "a URDF": urdf(),
+    "a URDF below a dummy": urdf(root="base"),
+    "a URDF without limits": urdf(effort=0, velocity=0),
+    "turned frames, welded feet, hind knees forwards": anymal_like(),
+    "drawn crouching": drawn_crouching(),
+    "springs in the shanks": sprung(),
+}
+
+
+@pytest.mark.parametrize("shape", EVERY_SHAPE)
+def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: Path):
+    """Its mass matrix in random poses is C MuJoCo's own of the model, to the rounding of angles in degrees."""
+    text = EVERY_SHAPE[shape]
+    path = tmp_path / ("model.urdf" if text.startswith("<robot") else "model.xml")
+    path.write_text(text)
+    joints = PLAIN_JOINTS if "arm" in shape.split() else ()
+    feet, radius = (TIPS, 0.012) if shape == "springs in the shanks" else ((), None)
+    reading, model = read_mjcf(path, joints=joints, feet=feet, foot_radius=radius), load_mjcf(path, joints)
+    model.dof_armature[:6] = 0.0  # of the trunk's free joint, which no robot has
+    for seed in range(2):
+        assert max(disagreement(model, reading, seed=seed)) < 1e-12
+    content = robot_text(reading, path.name, joints=joints, feet=feet, foot_radius=radius)
+    robot = load_robot(write(tmp_path, content))
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
+    assert preset("imitation", "cpu", robot=str(tmp_path / "robot.toml")).env.gait.height > 0.4
 
 
 # --- What is refused ---------------------------------------------------------------------------------------------
