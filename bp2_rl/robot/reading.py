@@ -145,8 +145,7 @@ def _load(path: Path, joints: Sequence[str]) -> tuple[mujoco.MjModel, list[str]]
         spec = mujoco.MjSpec.from_file(str(path))
         _free(spec, notes)
         _mend_inertias(spec, notes)
-        for top in spec.worldbody.bodies:
-            _require_inertias(spec, top, path)
+        _require_inertias(spec)
         _strip(spec)
         _weld_others(spec, joints)
         return spec.compile(), notes
@@ -255,21 +254,20 @@ def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
         notes.append(f"no body has the inertia of {', '.join(mended)}: the nearest that one can have is taken")
 
 
-def _require_inertias(spec: mujoco.MjSpec, body: Any, path: Path) -> None:
+def _require_inertias(spec: mujoco.MjSpec) -> None:
     """Refuse a moving part whose mass comes from a mesh."""
-    heavy = [
-        geom
-        for geom in body.geoms
-        if _from_mesh(geom) and (geom.mass > 0.0 if math.isfinite(geom.mass) else geom.density > 0.0)
-    ]
     inferred = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE == spec.compiler.inertiafromgeom
-    if heavy and (inferred or not body.explicitinertial) and (list(body.joints) or body.parent.name != "world"):
-        raise ReadingError(
-            f"the mass of body '{body.name}' comes from a mesh, and meshes are not read: give it an <inertial> "
-            "(MuJoCo's `compile` writes it)"
+    for body in spec.worldbody.find_all("body"):
+        heavy = any(
+            _from_mesh(geom) and (geom.mass > 0.0 if math.isfinite(geom.mass) else geom.density > 0.0)
+            for geom in body.geoms
         )
-    for child in body.bodies:
-        _require_inertias(spec, child, path)
+        moves = list(body.joints) or body.parent.name != "world"
+        if heavy and moves and (inferred or not body.explicitinertial):
+            raise ReadingError(
+                f"the mass of body '{body.name}' comes from a mesh, and meshes are not read: give it an <inertial> "
+                "(MuJoCo's `compile` writes it)"
+            )
 
 
 def _from_mesh(geom: Any) -> bool:
@@ -283,10 +281,8 @@ def _strip(spec: mujoco.MjSpec) -> None:
             spec.delete(geom)
         else:
             geom.material = ""
-    for site in spec.sites:
-        site.material = ""
-    for tendon in spec.tendons:
-        tendon.material = ""
+    for element in (*spec.sites, *spec.tendons):
+        element.material = ""
     for kind in ("sensors", "pairs", "skins", "meshes", "hfields", "materials", "textures"):
         for element in list(getattr(spec, kind)):
             spec.delete(element)
@@ -442,14 +438,10 @@ class _Foot(NamedTuple):
 
 def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
     """Return the state as the model is drawn, springs at rest, in the trunk's frame."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = model.qpos0
-    for j in range(model.njnt):
-        at = model.jnt_qposadr[j]
-        if model.jnt_type[j] == FREE:
-            data.qpos[at : at + 7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-        elif model.jnt_type[j] == SLIDE:
-            data.qpos[at] = model.qpos_spring[at]
+    data, slides = mujoco.MjData(model), model.jnt_qposadr[model.jnt_type == SLIDE]
+    data.qpos[slides] = model.qpos_spring[slides]
+    for at in model.jnt_qposadr[model.jnt_type == FREE]:
+        data.qpos[at : at + 7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     mujoco.mj_kinematics(model, data)
     return data
 
@@ -460,7 +452,7 @@ def _read_leg(
     anchors = [np.array(data.xanchor[j]) for j in chain.joints]
     axes = [np.array(data.xaxis[j]) for j in chain.joints]
     name = [model.joint(j).name for j in chain.joints]
-    _require_axis(name[0], "abduction", axes[0], _along(axes[0], 0), "x, forward")
+    _require_axis(name[0], "abduction", axes[0], abs(axes[0][0]), "x, forward")
     across = math.hypot(axes[1][1], axes[1][2])
     _require_axis(name[1], "hip", axes[1], across, "y, to the left, at some angle of the abduction")
     # The abduction's zero is where the hip axis is level; hip's and knee's, where what hangs on them hangs below.
@@ -469,12 +461,12 @@ def _read_leg(
     turned = [_turn(0, angle[0])]
     angle.append(_to_hang(turned[0] @ (anchors[2] - anchors[1]), name[2], name[1]))
     turned.append(_turn(1, angle[1]) @ turned[0])
-    _require_axis(name[2], "knee", axes[2], _along(turned[0] @ axes[2], 1), "the hip's")
+    _require_axis(name[2], "knee", axes[2], abs(turned[0] @ axes[2])[1], "the hip's")
     angle.append(_to_hang(turned[1] @ (foot.center - anchors[2]), foot.name, name[2]))
     turned.append(_turn(1, angle[2]) @ turned[1])
     seat, toe = (0.0, 0.0, 0.0), None
     if len(chain.joints) == 4:
-        _require_axis(name[3], "spring", axes[3], _along(turned[2] @ axes[3], 2), "the lower leg's, knee to foot")
+        _require_axis(name[3], "spring", axes[3], abs(turned[2] @ axes[3])[2], "the lower leg's, knee to foot")
         seat = _vector(turned[2] @ (data.xpos[chain.bodies[3]] - anchors[2]), flat=False)
         toe = _merge(model, data, chain.bodies[3], data.xpos[chain.bodies[3]], turned[2])
     along = (turned[0] @ axes[0])[0], (turned[0] @ axes[1])[1], (turned[0] @ axes[2])[1]
@@ -509,10 +501,6 @@ def _require_axis(joint: str, role: str, axis: np.ndarray, share: float, wanted:
             f"joint '{joint}' turns about ({shown}) in the trunk's frame, and as its leg's {role} it should turn about "
             f"{wanted}: other joint axes cannot be; if the trunk's x does not point forward, turn the trunk's frame"
         )
-
-
-def _along(axis: np.ndarray, i: int) -> float:
-    return float(abs(axis[i]))
 
 
 def _turn(axis: int, angle: float) -> np.ndarray:
