@@ -231,8 +231,8 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
     if len(tops) != 1 or list(tops[0].joints) or any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
         return
     for key in spec.keys:
-        key.qpos = [*tops[0].pos, 1.0, 0.0, 0.0, 0.0, *key.qpos] if len(key.qpos) else key.qpos
-        key.qvel = [*[0.0] * 6, *key.qvel] if len(key.qvel) else key.qvel
+        key.qpos = [*tops[0].pos, 1.0, 0.0, 0.0, 0.0, *key.qpos] if len(key.qpos) else []
+        key.qvel = []
     tops[0].add_freejoint()
     spec.compiler.fusestatic = False  # so that a URDF's links keep their names
     notes.append(f"body '{tops[0].name}' was fixed to the world: it got a free joint")
@@ -241,9 +241,8 @@ def _free(spec: mujoco.MjSpec, notes: list[str]) -> None:
 def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Put the nearest inertia that a body can have in place of one that none can have, as URDFs have them."""
     mended: list[str] = []
-    for body in spec.bodies:
-        if not np.all(np.isfinite(body.fullinertia)) or spec.compiler.balanceinertia:
-            continue
+    full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
+    for body in full if not spec.compiler.balanceinertia else ():
         moments, axes = np.linalg.eigh(Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix)
         if moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
             low, middle, high = np.maximum(moments, LIGHTEST)
@@ -251,7 +250,7 @@ def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
             body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
             mended.append(body.name)
     if mended:
-        notes.append(f"no body has the inertia of {', '.join(mended)}: the nearest that one can have is taken")
+        notes.append(f"no body can have the inertia of {', '.join(mended)}: the nearest that one can have is taken")
 
 
 def _require_inertias(spec: mujoco.MjSpec) -> None:
@@ -662,20 +661,17 @@ def _lowest(
 
     So of a capsule across a toe it is the middle, on either side of the robot, and of one along a shank the end.
     """
-    j = chain.joints[2]
-    centers, radii, of = [], [], []
-    for g in geoms:
-        half = data.geom_xmat[g].reshape(3, 3)[:, 2] * (model.geom_size[g, 1] if model.geom_type[g] == CAPSULE else 0.0)
-        centers += [data.geom_xpos[g] + half, data.geom_xpos[g] - half]
-        radii += [float(model.geom_size[g, 0])] * 2
-        of += [g] * 2
+    j, of = chain.joints[2], np.tile(geoms, 2)  # a geom for each of its two ends
+    half = np.where(model.geom_type[of] == CAPSULE, model.geom_size[of, 1], 0.0) * np.repeat((1.0, -1.0), len(geoms))
+    centers = data.geom_xpos[of] + half[:, None] * data.geom_xmat[of].reshape(-1, 3, 3)[:, :, 2]
+    radii = model.geom_size[of, 0]
     reach = np.linalg.norm(np.cross(centers - data.xanchor[j], data.xaxis[j]), axis=1) + radii
     first = int(np.argmax(reach))
     lowest = reach > reach[first] - LEVEL * radii[first]
     return _Foot(
         model.geom(of[first]).name or f"geom {of[first]}",
-        np.mean(np.array(centers)[lowest], axis=0),
-        float(np.mean(np.array(radii)[lowest])) if radius is None else radius,
+        np.mean(centers[lowest], axis=0),
+        float(np.mean(radii[lowest])) if radius is None else radius,
         float(model.geom_friction[of[first], 0]),
     )
 
@@ -696,11 +692,11 @@ def _stand(
     drawn = [joint.sign * float(angle) + joint.offset for joint, angle in zip(joints, theirs, strict=True)]
     angles = np.clip(drawn, *np.transpose([ends for one in found for ends in one.leg.ranges]))
     beyond = np.abs(drawn - angles)
-    if np.max(beyond) > ROUNDING:
-        names = ", ".join(joint.name for joint, off in zip(joints, beyond, strict=True) if off > ROUNDING)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > ROUNDING:
         notes.append(
-            f"the keyframe '{model.key(key).name}' is up to {np.max(beyond):.3g} rad beyond the ranges of {names}: the "
-            "ranges' ends are taken"
+            f"the keyframe '{model.key(key).name}' leaves the joints' ranges by up to {beyond[worst]:.3g} rad, at "
+            f"'{joints[worst].name}': the ranges' ends are taken"
         )
     return tuple(float(angle) for angle in angles)
 
@@ -752,8 +748,8 @@ def _note_mass_matrix(
     ours, theirs, motors = mujoco.MjData(built), _at_zero(model), motor_indices(built.nv)
     angles = np.random.default_rng(0).uniform(*np.transpose([ends for leg in anatomy.legs for ends in leg.ranges]))
     ours.qpos[:7], ours.qpos[motors + 1] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), angles
-    for joint, j, angle in zip(joints, [j for chain in chains for j in chain.joints[:3]], angles, strict=True):
-        theirs.qpos[model.jnt_qposadr[j]] = joint.sign * (angle - joint.offset)
+    moved = model.jnt_qposadr[[j for chain in chains for j in chain.joints[:3]]]
+    theirs.qpos[moved] = [joint.sign * (angle - joint.offset) for joint, angle in zip(joints, angles, strict=True)]
     built.dof_armature[:] = 0.0
     built.dof_armature[motors] = np.tile(np.mean(np.reshape([joint.armature for joint in joints], (4, 3)), axis=0), 4)
     found, wanted = mass_matrix(built, ours), mass_matrix(model, theirs)
@@ -764,8 +760,7 @@ def _note_mass_matrix(
     sign = np.sign([*[1.0] * 6, *np.sum(ours.xaxis[1:] * theirs.xaxis[order], axis=1)])
     wanted = wanted[np.ix_(dofs, dofs)] * np.outer(sign, sign)
     wanted[range(6), range(6)] -= model.dof_armature[free]
-    size = np.sqrt(np.diag(wanted))
-    off = float(np.max(np.abs(found - wanted) / np.outer(size, size)))
+    off = np.max((found - wanted) ** 2 / np.outer(np.diag(wanted), np.diag(wanted))) ** 0.5
     if off > ROUNDING:
         notes.append(f"the robot's mass matrix is not the model's: it is off by up to {off:.2g} of its diagonal")
 
