@@ -18,6 +18,7 @@ from bp2_rl.base.bounds import Range, Within
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
 _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
+_LEAST_MOMENT = 1e-12  # kg m2
 
 Vector = tuple[float, float, float]
 Inertia = tuple[float, float, float, float, float, float]
@@ -37,6 +38,15 @@ class Link:
         """Return the inertia as a matrix (3, 3), kg m2."""
         xx, yy, zz, xy, xz, yz = self.inertia
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
+    """Return the nearest principal moments (3), kg m2, that a body can have: positive, none above the others' sum.
+
+    They keep off that sum by a margin, a share for rounding, which MuJoCo does not allow for.
+    """
+    positive = np.maximum(moments, _LEAST_MOMENT)
+    return np.minimum(positive, (1.0 - margin) * (positive.sum() - positive))
 
 
 @dataclasses.dataclass(frozen=True)

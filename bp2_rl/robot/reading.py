@@ -20,7 +20,7 @@ from jaxtyping import Float
 from bp2_rl.base.bounds import Range
 from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
-from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector
+from bp2_rl.robot.anatomy import Anatomy, Inertia, Leg, Link, Vector, possible_moments
 from bp2_rl.robot.building import build_spec
 from bp2_rl.robot.conventions import JOINTS, LEGS, MOTOR_NAMES
 from bp2_rl.robot.coordinates import motor_indices
@@ -38,8 +38,6 @@ ROUNDING = 1e-6
 """rad, by which a keyframe may leave a range; N, Nm, or a share, from which on a difference is told."""
 LONGEST = 0.1
 """m, ASSUMED: travel of a spring without a stop."""
-LIGHTEST = 1e-12
-"""kg m2, of a principal moment in place of one that is not positive."""
 
 _Geom = mujoco.mjtGeom
 FREE, HINGE, SLIDE = (int(kind) for kind in (
@@ -244,10 +242,10 @@ def _mend_inertias(spec: mujoco.MjSpec, notes: list[str]) -> None:
     full = [body for body in spec.bodies if np.all(np.isfinite(body.fullinertia))]
     for body in full if not spec.compiler.balanceinertia else ():
         moments, axes = np.linalg.eigh(Link(1.0, (0.0, 0.0, 0.0), tuple(body.fullinertia)).inertia_matrix)
-        if moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
-            low, middle, high = np.maximum(moments, LIGHTEST)
-            nearest = low, middle, min(high, (1.0 - 1e-9) * (low + middle))  # within, as MuJoCo allows no rounding
+        nearest = possible_moments(moments, margin=1e-9)  # MuJoCo finds the axes anew, to that
+        if np.any(nearest != moments):
             body.fullinertia = six(axes @ np.diag(nearest) @ axes.T)
+        if not np.allclose(nearest, moments, rtol=ROUNDING, atol=0.0):
             mended.append(body.name)
     if mended:
         notes.append(f"no body can have the inertia of {', '.join(mended)}: the nearest that one can have is taken")
