@@ -1,5 +1,6 @@
 """Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those of the model built of them."""
 
+import re
 from collections.abc import Sequence
 
 import mujoco
@@ -181,6 +182,11 @@ def plain(
   <actuator>{"".join(actuator.format(joint=joint) for joint in PLAIN_JOINTS)}</actuator>
   {extra}
 </mujoco>"""
+
+
+def without_a_base() -> str:
+    """The legs of `plain` fixed to the world, as MuJoCo writes a URDF whose base it has fused."""
+    return re.sub('<body name="trunk".*', "", plain()).replace("</body>\n  </worldbody>", "</worldbody>")
 
 
 def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", rooted: str = "", foot: str = "") -> str:
