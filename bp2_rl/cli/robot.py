@@ -15,24 +15,24 @@ from bp2_rl.cli.dispatch import Command, choose, entries
 
 @dataclasses.dataclass(frozen=True)
 class NewConfig(Bounded, path="--"):
-    """Write a robot file, filled in from an MJCF, with CONFIRM beside each number that you must confirm.
+    """Write a robot file, filled in from an MJCF or URDF, with CONFIRM beside each number that you must confirm.
 
-    Structure tells which joint is which: a free trunk with four legs of abduction, hip and knee. Meshes may be missing.
+    Structure tells which joint is which: a trunk with four legs of abduction, hip and knee. Meshes may be missing.
 
     Examples:
         bp2 robot new my_robot.xml     # writes my_robot.toml
     """
 
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL.xml")]
-    """An MJCF file; it stays where it is, and the robot file points at it."""
+    """An MJCF or URDF file; it stays where it is, and the robot file points at it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="ROBOT.toml")] = None
     """The robot file; by default beside the model, under its name. One that is there is not replaced."""
     numbers: bool = False
     """Write the numbers themselves, the left legs', so that the model is not needed any more."""
     joints: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT ...")] = ()
     """The twelve joints, FR FL RR RL x abad hip knee, where structure does not tell; all others are welded."""
-    feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GEOM ...")] = ()
-    """A geom or a site in each foot, FR FL RR RL; by default the farthest sphere of each leg."""
+    feet: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """A geom, site or body in each foot, FR FL RR RL; by default the farthest sphere or end of a capsule."""
     foot_radius: Annotated[float | None, Within(0.0, 1.0, open_below=True)] = None
     """m, of the feet, where they are no spheres."""
 

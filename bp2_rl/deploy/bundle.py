@@ -187,7 +187,7 @@ def _describe_robots(env: EnvConfig) -> dict[str, dict[str, Any]]:
         described[name] = {
             "motors": _limits({field: getattr(motors, field) for field in MOTORS}),
             "bus": None if motors.bus is None else vars(motors.bus),
-            "losses": None if resistance is None else {k: float(v) for k, v in vars(resistance).items()},
+            "losses": None if resistance is None else _limits(vars(resistance)),
             "stand": {"qpos": stands.qpos[i].tolist(), "torque": stands.torque[i].tolist()},
         }
     return described

@@ -214,9 +214,11 @@ def _resistance(joint_velocity: ca.SX, tau: ca.SX, hardware: HardwareSpec) -> ca
     losses, size = hardware.losses, hardware.size
     turning = ca.tanh(joint_velocity / (JOINT_ROUNDING * size.rate))
     load = tau * ca.tanh(tau / (GEAR_ROUNDING * size.torque))
-    return (losses.joint_friction + (1.0 - losses.gear_efficiency) * load) * turning + (
-        losses.joint_viscosity * joint_velocity
+    friction, viscosity = (
+        ca.DM(np.tile(np.broadcast_to(value, 3)[1:], tau.shape[0] // 2))
+        for value in (losses.joint_friction, losses.joint_viscosity)
     )
+    return (friction + (1.0 - losses.gear_efficiency) * load) * turning + viscosity * joint_velocity
 
 
 def _contact(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from bp2_rl.optimiser.problem import GEAR_ROUNDING, JOINT_ROUNDING, SLIDE_ROUNDING
 from bp2_rl.robot import conventions
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec, at_joints
 
 Motors = Float[np.ndarray, "... motors"]
 Each = Float[np.ndarray, "..."]
@@ -22,8 +22,9 @@ def joint_torque(hardware: HardwareSpec, qd: Motors, tau: Motors) -> Motors:
     """Return the torque that reaches the joints, Nm: the motors' torque less gear loss, dry and viscous friction."""
     losses, size = hardware.losses, hardware.size
     in_gear = tau * (1.0 - losses.gear_efficiency) * _smooth_sign(tau, GEAR_ROUNDING * size.torque)
-    friction = (in_gear + losses.joint_friction) * _smooth_sign(qd, JOINT_ROUNDING * size.rate)
-    return tau - friction - losses.joint_viscosity * qd
+    dry = _motors(at_joints(losses.joint_friction), tau.shape[-1])
+    friction = (in_gear + dry) * _smooth_sign(qd, JOINT_ROUNDING * size.rate)
+    return tau - friction - _motors(at_joints(losses.joint_viscosity), tau.shape[-1]) * qd
 
 
 def drag(hardware: HardwareSpec, share: float, forward: Each) -> Each:

@@ -20,6 +20,7 @@ from bp2_rl.robot.conventions import MOTOR_NAMES
 # derivative stays finite. Inside BP2's joint ranges (knee <= -0.1 rad: cosine <= 0.995) it has no effect.
 _COSINE_MARGIN = 1e-6
 _SHORTEST_SQUARED = 1e-8  # m2
+_LEAST_MOMENT = 1e-12  # kg m2
 
 LONGEST_NAME = 80
 Vector = tuple[float, float, float]
@@ -40,6 +41,15 @@ class Link:
         """Return the inertia as a matrix (3, 3), kg m2."""
         xx, yy, zz, xy, xz, yz = self.inertia
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def possible_moments(moments: Any, margin: float = 1e-12) -> np.ndarray:
+    """Return the nearest principal moments (3), kg m2, that a body can have: positive, none above the others' sum.
+
+    They keep off that sum by a margin, a share for rounding, which MuJoCo does not allow for.
+    """
+    positive = np.maximum(moments, _LEAST_MOMENT)
+    return np.minimum(positive, (1.0 - margin) * (positive.sum() - positive))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,8 +87,11 @@ class Leg:
     def reach(self, compression: float = 0.0) -> tuple[float, float]:
         """Least and greatest distance of the sole from the hip axis that the knee's range allows, m."""
         thigh, lower = self.thigh_length, self.lower_length - compression
-        ends = sorted(math.sqrt(thigh**2 + lower**2 + 2.0 * thigh * lower * math.cos(knee)) for knee in self.ranges[2])
-        return ends[0], ends[1]
+        low, high = self.ranges[2]
+        # The leg is straight at 0 and folded at +-pi, and so on, which may be inside the range.
+        knees = low, high, *(math.pi * n for n in range(math.ceil(low / math.pi), math.floor(high / math.pi) + 1))
+        distances = [math.hypot(thigh + lower * math.cos(knee), lower * math.sin(knee)) for knee in knees]
+        return min(distances), max(distances)
 
     @property
     def links(self) -> tuple[Link, ...]:

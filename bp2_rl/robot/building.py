@@ -13,7 +13,7 @@ import numpy as np
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.robot import bp2, conventions
-from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector
+from bp2_rl.robot.anatomy import Anatomy, Leg, Link, Vector, possible_moments
 from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES
 
 LENGTH = bp2.THIGH_LENGTH + bp2.SHANK_LENGTH + bp2.SPRING_REST_LENGTH + bp2.TOE_LENGTH
@@ -85,13 +85,13 @@ def _set_link(body: Any, link: Link) -> None:
     """Give a body its mass, with the inertia along principal axes, which a uniform scale of the mass keeps."""
     body.explicitinertial, body.mass, body.ipos = True, link.mass, link.com
     if not any(link.inertia[3:]):
-        body.inertia = link.inertia[:3]
+        body.inertia = possible_moments(link.inertia[:3])
         return
     principal, axes = np.linalg.eigh(link.inertia_matrix)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, axes.flatten())
-    body.inertia, body.iquat = principal, quaternion
+    body.inertia, body.iquat = possible_moments(principal), quaternion
 
 
 def _add_trunk(spec: Any, trunk: Any, anatomy: Anatomy) -> None:

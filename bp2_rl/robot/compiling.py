@@ -26,26 +26,30 @@ class ReadingError(UserError):
     """An MJCF that cannot be read, or a robot that is no quadruped with legs of abad, hip and knee."""
 
 
-def compiled_apart(compiling: Callable[..., mujoco.MjModel], *arguments: Any) -> mujoco.MjModel:
-    """Return the model that a module's function makes, computed in a process with little time and memory.
+Compiling = Callable[..., tuple[mujoco.MjModel, list[str]]]
+"""A module's function that makes a model, and notes on it."""
+
+
+def compiled_apart(compiling: Compiling, *arguments: Any) -> tuple[mujoco.MjModel, list[str]]:
+    """Return the model and the notes that a function makes in a process with little time and memory.
 
     Raises:
         ReadingError: the function's own, or the model takes too much time or memory, or crashes MuJoCo.
     """
     with spawned(1, _limit, abandon=True) as pool:
         try:
-            model = pool.submit(_compile, compiling, *arguments).result(LONGEST)
+            model, notes = pool.submit(_compile, compiling, *arguments).result(LONGEST)
         except TimeoutError as error:
             raise ReadingError(f"MuJoCo has not compiled it after {LONGEST} s: leave only the robot") from error
         except (MemoryError, concurrent.futures.BrokenExecutor) as error:
             raise ReadingError(f"it crashes MuJoCo or takes over {MOST >> 30} GB: leave only the robot") from error
-    return mujoco.MjModel.from_binary_path("robot.mjb", {"robot.mjb": model})
+    return mujoco.MjModel.from_binary_path("robot.mjb", {"robot.mjb": model}), notes
 
 
-def _compile(compiling: Callable[..., mujoco.MjModel], *arguments: Any) -> bytes:
-    """Return the model as the bytes of an MJB file."""
+def _compile(compiling: Compiling, *arguments: Any) -> tuple[bytes, list[str]]:
+    """Return the model as the bytes of an MJB file, and the notes."""
     try:
-        model = compiling(*arguments)
+        model, notes = compiling(*arguments)
     except ReadingError as error:
         if any(words in str(error) for words in NO_MEMORY):
             raise MemoryError from error
@@ -57,7 +61,7 @@ def _compile(compiling: Callable[..., mujoco.MjModel], *arguments: Any) -> bytes
         raise ReadingError(f"it holds the name {odd[0]!a}, which no terminal can show: choose another")
     packed = np.empty(size, np.uint8)
     mujoco.mj_saveModel(model, None, packed)
-    return packed.tobytes()
+    return packed.tobytes(), notes
 
 
 def _limit() -> None:

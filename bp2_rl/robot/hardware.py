@@ -63,8 +63,8 @@ class Losses:
     drag_area: Annotated[float, Within(0.0, 10.0)] = 0.0  # m2, drag coefficient x frontal area
     headwind: Annotated[float, Within(-50.0, 50.0)] = 0.0  # m/s, of air that blows towards -x
     gear_efficiency: Annotated[float, Within(0.1, 1.0)] = 1.0  # of the torque, driving and braking alike
-    joint_friction: Annotated[float, Within(0.0, 1000.0)] = 0.0  # Nm, Coulomb's, at the joint
-    joint_viscosity: Annotated[float, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
+    joint_friction: Annotated[ByJoint, Within(0.0, 1000.0)] = 0.0  # Nm, Coulomb's, at the joint
+    joint_viscosity: Annotated[ByJoint, Within(0.0, 10.0)] = 0.0  # Nm s/rad, at the joint
     spring_friction: Annotated[float, Within(0.0, 1e4)] = 0.0  # N, Coulomb's, of the slide that guides the spring
     current_lag: Annotated[float, Within(0.0, 1.0)] = 0.0  # s, time constant of the torque behind its command
     latency: Annotated[float, Within(0.0, 0.020)] = 0.0
@@ -168,27 +168,27 @@ class HardwareSpec:
     @property
     def reflected_inertia(self) -> Any:
         """Rotor inertia at the joint, kg m2; as of the next four a number, or twelve where joints differ."""
-        return _at_joints(self.rotor_inertia, self.gear_ratio**2)
+        return at_joints(self.rotor_inertia, self.gear_ratio**2)
 
     @property
     def joint_peak_torque(self) -> Any:
         """Peak torque at the joint behind this gear, Nm."""
-        return _at_joints(self.peak_torque, self._gear_share)
+        return at_joints(self.peak_torque, self._gear_share)
 
     @property
     def joint_corner_speed(self) -> Any:
         """Speed up to which the peak torque is available, at the joint, rad/s."""
-        return _at_joints(self.corner_speed, 1.0 / self._gear_share)
+        return at_joints(self.corner_speed, 1.0 / self._gear_share)
 
     @property
     def joint_no_load_speed(self) -> Any:
         """Speed at which no driving torque is left, at the joint, rad/s."""
-        return _at_joints(self.no_load_speed, 1.0 / self._gear_share)
+        return at_joints(self.no_load_speed, 1.0 / self._gear_share)
 
     @property
     def joint_braking_speed(self) -> Any:
         """Speed at which no braking torque is left, at the joint, rad/s."""
-        return _at_joints(self.braking_speed, 1.0 / self._gear_share)
+        return at_joints(self.braking_speed, 1.0 / self._gear_share)
 
     @property
     def _gear_share(self) -> float:
@@ -203,8 +203,8 @@ def times(factor: float, value: ByJoint) -> ByJoint:
     return factor * abad, factor * hip, factor * knee
 
 
-def _at_joints(value: ByJoint, factor: float) -> Any:
-    """Return a number for all joints, or an array of twelve."""
+def at_joints(value: ByJoint, factor: float = 1.0) -> Any:
+    """Return a multiple of a number for all joints, or an array of twelve."""
     return np.tile(factor * np.array(value), len(LEGS)) if isinstance(value, tuple) else factor * value
 
 

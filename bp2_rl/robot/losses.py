@@ -21,7 +21,7 @@ import numpy as np
 from bp2_rl.base.arrays import Array, Number
 from bp2_rl.robot import bp2, conventions
 from bp2_rl.robot.coordinates import compression_rates, compressions, joint_velocities, with_legs
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec, at_joints
 
 SHARE_OF_SHANK = 0.25
 """of a shank's inertia about the knee, which gives way at its other end"""
@@ -37,7 +37,7 @@ class Resistance:
     drag: Number  # N s2/m2, 1/2 rho CdA
     headwind: Number  # m/s, of air that blows towards -x
     gear_loss: Number  # share of the motor's torque
-    joint_friction: Number  # Nm
+    joint_friction: Number  # Nm, this and the next one number, or one for each joint
     joint_viscosity: Number  # Nm s/rad
     spring_friction: Number  # N
     rebound_damping: Number  # N s/m
@@ -54,16 +54,16 @@ class Resistance:
             drag=0.5 * conventions.AIR_DENSITY * losses.drag_area,
             headwind=losses.headwind,
             gear_loss=1.0 - losses.gear_efficiency,
-            joint_friction=losses.joint_friction,
-            joint_viscosity=losses.joint_viscosity,
+            joint_friction=at_joints(losses.joint_friction),
+            joint_viscosity=at_joints(losses.joint_viscosity),
             spring_friction=losses.spring_friction,
             rebound_damping=hardware.rebound_damping,
             joint_hold=_least_inertia(hardware) / conventions.PHYSICS_STEP,
             spring_hold=hardware.mass_scale * least_toe / conventions.PHYSICS_STEP,
         )
-        r = resistance
-        parts = r.drag, r.gear_loss, r.joint_friction, r.joint_viscosity, r.spring_friction, r.rebound_damping
-        return resistance if any(parts) else None
+        harmless = "headwind", "joint_hold", "spring_hold"  # without the others
+        parts = [value for name, value in vars(resistance).items() if name not in harmless]
+        return resistance if any(np.any(part) for part in parts) else None
 
 
 def _least_inertia(hardware: HardwareSpec) -> float:

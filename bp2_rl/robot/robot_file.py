@@ -19,6 +19,7 @@ from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import check_values, read_bytes
 from bp2_rl.base.serialization import from_json
 from bp2_rl.base.templates import render
+from bp2_rl.robot import bp2
 from bp2_rl.robot.anatomy import Anatomy, JointConvention, Leg, Link, Vector
 from bp2_rl.robot.conventions import LEGS, MOTOR_NAMES
 from bp2_rl.robot.hardware import ByJoint, HardwareSpec, Losses
@@ -66,10 +67,11 @@ class LegNumbers:
 
 @dataclasses.dataclass(frozen=True)
 class StandNumbers:
-    """Hip and knee angles, rad, of the standing pose, one number or fore and hind legs'; abduction is zero."""
+    """Angles, rad, of the left legs in the standing pose, one number or fore and hind legs'; right legs mirror them."""
 
     hip: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
     knee: Annotated[float | tuple[float, float], Within(-10.0, 10.0)]
+    abad: Annotated[float | tuple[float, float], Within(-10.0, 10.0)] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -277,9 +279,16 @@ def _anatomy(written: WrittenRobot, reading: RobotReading | None) -> Anatomy:
             lower_radius=thick,
         )
     changes: dict[str, Any] = {"name": written.name}
-    if written.stand is not None:
-        hip, knee = (x if isinstance(x, tuple) else (x, x) for x in (written.stand.hip, written.stand.knee))
-        changes["stand"] = tuple(a for i in (0, 0, 1, 1) for a in (0.0, hip[i], knee[i]))
+    if (stand := written.stand) is not None:
+        left = [np.broadcast_to(angle, 2) for angle in (stand.abad, stand.hip, stand.knee)]
+        both = ((-abad, hip, knee, abad, hip, knee) for abad, hip, knee in zip(*left, strict=True))
+        changes["stand"] = tuple(float(angle) + 0.0 for legs in both for angle in legs)
+        if reading is not None:  # of a model whose knees bend either way, [stand] tells
+            knees = changes["stand"][2::3]
+            changes["legs"] = tuple(
+                dataclasses.replace(leg, bend=1 if knee > 0.0 else -1 if knee < 0.0 else leg.bend)
+                for leg, knee in zip(anatomy.legs, knees, strict=True)
+            )
     if written.conventions:
         changes["joints"] = written.conventions
     for name in ("thigh_radius", "lower_radius", "weighed_mass"):
@@ -373,10 +382,10 @@ def robot_text(
         foot_radius: as `read_mjcf` was told.
     """
 
-    def by_joint(name: str, otherwise: float) -> str:
+    def by_joint(name: str, otherwise: float, factor: float = 1.0) -> str:
         values = [getattr(joint, name) for joint in reading.joints]
         known = [value if math.isfinite(value) and value > 0.0 else otherwise for value in values]
-        return _row(sum(known[i::3]) / len(LEGS) for i in range(3))
+        return row(factor * sum(known[i::3]) / len(LEGS) for i in range(3))
 
     return render(
         "robot/robot_file.toml",
@@ -387,11 +396,26 @@ def robot_text(
         feet=list(feet),
         foot_radius=foot_radius,
         text=json.dumps,
-        row=_row,
+        row=row,
+        assumed=_assumed(reading),
+        urdf=any(math.isfinite(joint.speed) for joint in reading.joints),
+        torque=HardwareSpec(body=reading.anatomy).size.torque * bp2.PEAK_TORQUE,
+        gains=all(joint.stiffness > 0.0 for joint in reading.joints),
         by_joint=by_joint,
-        mean=lambda name: float(np.mean([getattr(joint, name) for joint in reading.joints])),
     )
 
 
-def _row(values: Iterable[float]) -> str:
+def _assumed(reading: RobotReading) -> list[str]:
+    """Return the keys of the numbers that a model does not say."""
+    said = {
+        "motors.corner_speed": False,
+        "motors.no_load_speed": all(math.isfinite(joint.speed) for joint in reading.joints),
+        "motors.peak_torque": all(math.isfinite(joint.peak_torque) for joint in reading.joints),
+        "motors.armature": all(joint.armature > 0.0 for joint in reading.joints),
+    }
+    return [key for key, known in said.items() if not known]
+
+
+def row(values: Iterable[float]) -> str:
+    """Return numbers as TOML has them."""
     return f"[{', '.join(f'{0.0 if abs(value) < 1e-12 else value:.7g}' for value in values)}]"

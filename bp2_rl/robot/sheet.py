@@ -12,10 +12,10 @@ from jaxtyping import Float
 from bp2_rl.robot.actuator import Actuator, joint_torque
 from bp2_rl.robot.conventions import GRAVITY, LEGS, MOTOR_NAMES, PHYSICS_STEP
 from bp2_rl.robot.coordinates import joint_positions, joint_velocities
-from bp2_rl.robot.hardware import HardwareSpec
+from bp2_rl.robot.hardware import HardwareSpec, at_joints
 from bp2_rl.robot.model import foot_geom_ids, load_model
 from bp2_rl.robot.reading import RobotReading
-from bp2_rl.robot.robot_file import RobotFile, mirrored
+from bp2_rl.robot.robot_file import RobotFile, mirrored, row
 
 STAND_TIME = 5.0
 """s, for which a robot must stand."""
@@ -27,6 +27,10 @@ LIKE = 0.1
 """Relative difference up to which two loops count as one."""
 DRAG = 0.2
 """Share of the peak torque above which a joint's resistance at the motor's no-load speed is doubted."""
+STRETCH = 0.75
+"""Share of the straight leg's length below which the greatest reach is doubted."""
+STROKE = 0.1
+"""Share of the straight leg's length below which the difference of greatest and least reach is doubted."""
 SAME = 1e-3
 """Relative difference up to which left and right legs are mirror images."""
 
@@ -109,8 +113,11 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
             for name, leg in (("fore", fore), ("hind", hind))
         ),
         f"spring: {hardware.spring_stiffness:g} N/m" if anatomy.sprung else "rigid shanks",
+        *_reach_doubts(robot),
         "",
         *_joint_lines(robot, robot.reading),
+        "",
+        *_motor_lines(robot),
         "",
         *_stand_lines(robot, stood),
         *_symmetry(robot),
@@ -120,21 +127,48 @@ def sheet(robot: RobotFile, stood: StandingTrial) -> str:
     return "\n".join(lines)
 
 
+def _reach_doubts(robot: RobotFile) -> list[str]:
+    """Doubt knees whose range keeps a leg bent, or of one length."""
+    doubts: list[str] = []
+    for name, leg in zip(("fore", "hind"), robot.anatomy.legs[1::2], strict=True):
+        (nearest, farthest), length = leg.reach(), leg.thigh_length + leg.lower_length
+        if farthest < STRETCH * length or farthest - nearest < STROKE * length:
+            doubts.append(
+                f"! {name} legs of {length:.3g} m reach from {nearest:.3g} to {farthest:.3g} m: mend the knee's range"
+            )
+    return doubts
+
+
 def _joint_lines(robot: RobotFile, reading: RobotReading | None) -> list[str]:
-    """One line a joint: what it is called in the model, and its range, stand and motor."""
-    hardware: HardwareSpec = robot.hardware
-    peak, speed = (np.broadcast_to(x, 12) for x in (hardware.joint_peak_torque, hardware.joint_no_load_speed))
-    lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6} {'peak, Nm':>9} {'no load, rad/s':>15}"]
+    """One line a joint: what it is called in the model, and its range and stand."""
+    lines = [f"{'joint':8} {'in the model':34} {'range, rad':>15} {'stand':>6}"]
     for i, name in enumerate(MOTOR_NAMES):
         theirs = ""
         if reading is not None:
             joint = reading.joints[i]
             theirs = f"{'-' if joint.sign < 0 else '+'}{joint.name} {joint.offset:+.3f}"
         low, high = robot.anatomy.legs[i // 3].ranges[i % 3]
-        lines.append(
-            f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f} {peak[i]:9.4g} "
-            f"{speed[i]:15.4g}"
-        )
+        lines.append(f"{name:8} {theirs:34} {f'{low:.2f} to {high:.2f}':>15} {robot.anatomy.stand[i]:6.2f}")
+    return lines
+
+
+def _motor_lines(robot: RobotFile) -> list[str]:
+    """One line a number of the motors, with ASSUMED beside what the file lists as assumed, and a doubt."""
+    hardware: HardwareSpec = robot.hardware
+    lines = [f"{'at the joint':22} {'abad':>8} {'hip':>8} {'knee':>8}"]
+    for key, what, by_joint in (
+        ("peak_torque", "peak torque, Nm", hardware.joint_peak_torque),
+        ("corner_speed", "corner speed, rad/s", hardware.joint_corner_speed),
+        ("no_load_speed", "no-load speed, rad/s", hardware.joint_no_load_speed),
+        ("armature", "rotor inertia, kg m2", hardware.reflected_inertia),
+        ("joint_friction", "friction, Nm", at_joints(hardware.losses.joint_friction)),
+        ("joint_viscosity", "viscosity, Nm s/rad", at_joints(hardware.losses.joint_viscosity)),
+    ):
+        abad, hip, knee = np.broadcast_to(by_joint, 12)[:3]
+        assumed = "  ASSUMED" if any(key in entry for entry in robot.assumed) else ""
+        lines.append(f"{what:22} {abad:8.4g} {hip:8.4g} {knee:8.4g}{assumed}")
+    if np.min(hardware.reflected_inertia) == 0.0:
+        lines.append("! no motor's rotor has an inertia of 0: give armature in [motors], rotor x gear ratio^2")
     return lines
 
 
@@ -144,7 +178,8 @@ def _stand_lines(robot: RobotFile, stood: StandingTrial) -> list[str]:
     share = np.abs(stood.torque) / peak
     worst = int(np.argmax(share))
     stiffness, damping = (np.broadcast_to(x, 12)[:3] for x in gains(robot))
-    loop = f"gains {stiffness.tolist()} Nm/rad, {damping.tolist()} Nm s/rad"
+    whose = "gains" if robot.stiffness is not None else "training's own loop, ASSUMED as the file has no [gains]:"
+    loop = f"{whose} {row(stiffness)} Nm/rad, {row(damping)} Nm s/rad"
     if stood.fallen_after is not None:
         lines = [
             f"! it falls after {stood.fallen_after:.2f} s ({loop}): a stiffer loop in [gains], another [stand], or "
@@ -180,7 +215,7 @@ def _note_of_gains(robot: RobotFile) -> list[str]:
 def _resistance(robot: RobotFile) -> list[str]:
     """Doubt joints that take much of what their motors give, as those of models do that damp for the loop's sake."""
     hardware, losses = robot.hardware, robot.hardware.losses
-    drag = losses.joint_friction + losses.joint_viscosity * np.asarray(hardware.joint_no_load_speed)
+    drag = at_joints(losses.joint_friction) + at_joints(losses.joint_viscosity) * hardware.joint_no_load_speed
     share = float(np.max(drag / np.asarray(hardware.joint_peak_torque)))
     if share <= DRAG:
         return []

@@ -46,7 +46,8 @@ class Draw:
     def resistance(self, resistance: Resistance, hardware: HardwareSpec) -> Resistance:
         """Return the losses with their factors."""
         changed = vars(randomization.randomize_resistance(resistance, self.values(hardware)))
-        return Resistance(**{name: np.asarray(value).item() for name, value in changed.items()})
+        numbers = {name: np.asarray(value) for name, value in changed.items()}
+        return Resistance(**{name: x.item() if x.size == 1 else x for name, x in numbers.items()})
 
     def pushes(self, duration: float) -> tuple[Push, ...]:
         """Return the pushes within so many seconds: each control step has the same chance of one."""

@@ -41,14 +41,18 @@ JOINT = [
     "torque_rate",
 ]
 """Of the motors: a number for each joint, as warm ones have."""
+JOINT_LOSSES = ["joint_friction", "joint_viscosity"]
+"""Of what resists: a number for each joint."""
 NO_BUS = Bus(ENDLESS, ENDLESS, 0.0)
 NO_RESISTANCE = Resistance(*[0.0] * len(Resistance.__dataclass_fields__))
 
 
 def numbers_of(motors: Actuator, resistance: Resistance | None, seconds: float) -> RobotNumbers:
     """A robot, whose motors' torques are computed anew after so many seconds."""
-    by_joint = [np.broadcast_to(np.float64(getattr(motors, name)), conventions.NUM_MOTORS) for name in JOINT]
-    rest = (*_fields(motors.bus or NO_BUS), *_fields(resistance or NO_RESISTANCE), seconds)
+    resisting = dict(vars(resistance or NO_RESISTANCE))
+    values = [*(getattr(motors, name) for name in JOINT), *(resisting.pop(name) for name in JOINT_LOSSES)]
+    by_joint = [np.broadcast_to(np.float64(value), conventions.NUM_MOTORS) for value in values]
+    rest = (*vars(motors.bus or NO_BUS).values(), *resisting.values(), seconds)
     return np.concatenate([*by_joint, np.array(rest, np.float64)])
 
 
@@ -106,10 +110,14 @@ def _compiled(law: Callable[..., tuple[Array, ...]], sizes: tuple[int, ...]) -> 
 
 
 def _read(row: Array) -> tuple[Actuator, Resistance, Array]:
-    joints, rest = jnp.split(row, [len(JOINT) * conventions.NUM_MOTORS])
-    named = dict(zip(JOINT, joints.reshape(len(JOINT), conventions.NUM_MOTORS), strict=True))
-    bus = len(_fields(NO_BUS))
-    return Actuator(**named, bus=Bus(*rest[:bus])), Resistance(*rest[bus:-1]), rest[-1]
+    names = JOINT + JOINT_LOSSES
+    joints, rest = jnp.split(row, [len(names) * conventions.NUM_MOTORS])
+    named = dict(zip(names, joints.reshape(len(names), conventions.NUM_MOTORS), strict=True))
+    resisting = {name: named.pop(name) for name in JOINT_LOSSES}
+    others = [name for name in vars(NO_RESISTANCE) if name not in JOINT_LOSSES]
+    bus = len(vars(NO_BUS))
+    resistance = Resistance(**resisting, **dict(zip(others, rest[bus:-1], strict=True)))
+    return Actuator(**named, bus=Bus(*rest[:bus])), resistance, rest[-1]
 
 
 def _forces(
@@ -138,7 +146,3 @@ def _correct(
     next_torque = share_bus(motors, less, torque_limits(motors, qd, voltage), qd)  # with less torque more flows back
     forces = losses.generalized(losses.loss(resistance, qpos, qvel, next_torque), qvel)
     return next_torque, forces, jnp.max(jnp.abs(outside), keepdims=True)
-
-
-def _fields(part: Bus | Resistance) -> tuple[float, ...]:
-    return tuple(vars(part).values())

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from odd_robots import anymal_like
+from odd_robots import anymal_like, without_a_base
 
 from bp2_rl.cli.robot import main
 
@@ -35,12 +35,12 @@ def test_a_robot_that_ships_is_found_by_its_name(tmp_path: Path, capsys: pytest.
 def test_mistakes_are_one_line(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "there.toml").write_text("")
     (binary := tmp_path / "binary.toml").write_bytes(bytes([255, 0, 254]))
-    (tmp_path / "six.xml").write_text(anymal_like().replace("<freejoint/>", ""))
+    (tmp_path / "fused.xml").write_text(without_a_base())
     for words, complaint in (
         (["new", str(model), "--out", str(tmp_path / "there.toml")], "is there already"),
         (["new", str(model), "--out", str(tmp_path / "no" / "x.toml")], "in a folder that is there"),
         (["new", str(tmp_path / "gone.xml")], "cannot be read"),
-        (["new", str(tmp_path / "six.xml")], "base is fixed"),
+        (["new", str(tmp_path / "fused.xml")], "base is fixed"),
         (["new", str(model), "--foot-radius", "-1"], "--foot-radius must be"),
         (["new", str(model), "--feet", "a"], "four names"),
         (["check", "nobody"], "built, b2, go1"),

@@ -1,5 +1,6 @@
 """What `bp2 export --format onnx` writes, and how it refuses."""
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -11,11 +12,13 @@ import pytest
 
 from bp2_rl.base.errors import UserError
 from bp2_rl.cli import export as command
-from bp2_rl.deploy.bundle import write_bundle
-from bp2_rl.deploy.onboard.controller import OBSERVATION
+from bp2_rl.deploy.bundle import _describe_robots, write_bundle
+from bp2_rl.deploy.onboard.controller import OBSERVATION, numbers
 from bp2_rl.env.observations import LAYOUT
 from bp2_rl.learning.policy import Policy, save_policy
 from bp2_rl.robot import bp2, conventions
+from bp2_rl.robot.losses import Resistance
+from bp2_rl.settings.presets import preset
 
 ALONE = """
 import sys
@@ -38,6 +41,17 @@ def tiny(make_card, **changes) -> Policy:
     weight, bias = np.zeros((size, 4), np.float32), np.zeros(4, np.float32)
     layers = (weight, bias), (np.zeros((4, 12), np.float32), np.zeros(12, np.float32))
     return Policy(card, np.zeros(size, np.float32), np.ones(size, np.float32), layers)
+
+
+def test_friction_by_joint_is_written_by_joint():
+    env = preset("imitation", "smoke", robot="go1").env
+    losses = dataclasses.replace(env.hardware.losses, joint_friction=(1.0, 1.0, 3.0), joint_viscosity=(0.2, 0.2, 1.0))
+    hardware = dataclasses.replace(env.hardware, losses=losses)
+    described = _describe_robots(dataclasses.replace(env, hardware=hardware))["own"]["losses"]
+    ours, theirs = Resistance.from_hardware(hardware), Resistance(**numbers(json.loads(json.dumps(described))))
+    assert described["joint_friction"] == [1.0, 1.0, 3.0] * 4
+    for name, value in vars(ours).items():
+        np.testing.assert_array_equal(getattr(theirs, name), value)
 
 
 @pytest.fixture

@@ -1,5 +1,8 @@
 """Quadrupeds whose MJCF have odd conventions, and how their dynamics compare with those of the model built of them."""
 
+import re
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -129,10 +132,113 @@ def sprung() -> str:
 </mujoco>"""
 
 
+PLAIN_JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("abad", "hip", "knee"))
+"""The joints of `plain`, in the order of `MOTOR_NAMES`."""
+
+
+def plain(
+    *,
+    knee_range: str = "-2.6 -0.3",
+    joints: Sequence[str] = ("", "", ""),
+    actuator: str = '<motor joint="{joint}" ctrlrange="-30 30"/>',
+    foot: str = '<geom name="{leg}_foot" type="sphere" size="0.02" pos="0 0 -0.21" mass="0"/>',
+    trunk: str = '<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
+    extra: str = "",
+) -> str:
+    """A quadruped of 13.2 kg without any oddity, but for what is asked of it.
+
+    Args:
+        knee_range: rad.
+        joints: attributes that abad, hip and knee have besides.
+        actuator: of every joint; {joint} stands for its name.
+        foot: below each knee; {leg} stands for the leg's name and {side} for 1 on the left and -1 on the right.
+        trunk: the trunk's joint and mass.
+        extra: what the model has besides, such as a keyframe.
+    """
+    legs = ""
+    for leg, x, y in zip(LEGS, (1, 1, -1, -1), (-1, 1, -1, 1), strict=True):
+        legs += f"""
+    <body name="{leg}_hip_link" pos="{0.2 * x} {0.05 * y} 0">
+      <inertial pos="0 0 0" mass="0.6" diaginertia="5e-4 7e-4 5e-4"/>
+      <joint name="{leg}_abad" axis="1 0 0" range="-0.8 0.8" {joints[0]}/>
+      <body name="{leg}_thigh" pos="0 {0.08 * y} 0">
+        <inertial pos="0 0 -0.03" mass="1" diaginertia="5e-3 5e-3 1e-3"/>
+        <joint name="{leg}_hip" axis="0 1 0" range="-1.5 2.5" {joints[1]}/>
+        <body name="{leg}_shank" pos="0 0 -0.21">
+          <inertial pos="0 0 -0.1" mass="0.2" diaginertia="1.5e-3 1.5e-3 5e-5"/>
+          <joint name="{leg}_knee" axis="0 1 0" range="{knee_range}" {joints[2]}/>
+          {foot.format(leg=leg, side=y)}
+        </body>
+      </body>
+    </body>"""
+    return f"""
+<mujoco model="plain">
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="trunk" pos="0 0 0.4">{trunk}{legs}
+    </body>
+  </worldbody>
+  <actuator>{"".join(actuator.format(joint=joint) for joint in PLAIN_JOINTS)}</actuator>
+  {extra}
+</mujoco>"""
+
+
+def without_a_base() -> str:
+    """The legs of `plain` fixed to the world, as MuJoCo writes a URDF whose base it has fused."""
+    return re.sub('<body name="trunk".*', "", plain()).replace("</body>\n  </worldbody>", "</worldbody>")
+
+
+def urdf(*, effort: float = 30, velocity: float | str = 20, root: str = "", rooted: str = "", foot: str = "") -> str:
+    """The URDF of `plain`.
+
+    Args:
+        effort: Nm, of every joint.
+        velocity: rad/s, of every joint.
+        root: name of a link to which the base is fixed.
+        rooted: what that link has; without, it has no mass.
+        foot: in place of the balls, what a link of 0.05 kg in each foot has.
+    """
+
+    def link(name: str, mass: float, com: str, inertia: str, collision: str = "") -> str:
+        xx, yy, zz = inertia.split()
+        moments = f'ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"'
+        body = f'<origin xyz="{com}"/><mass value="{mass}"/><inertia {moments}/>'
+        return f'<link name="{name}"><inertial>{body}</inertial>{collision}</link>'
+
+    def joint(name: str, parent: str, child: str, at: str, axis: str, low: float, high: float) -> str:
+        limit = f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="{velocity}"/>'
+        ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
+        return f'<joint name="{name}" type="revolute">{ends}<axis xyz="{axis}"/>{limit}</joint>'
+
+    box = '<collision><geometry><box size="0.4 0.18 0.1"/></geometry></collision>'
+    ball = '<collision><origin xyz="0 0 -0.21"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    moments = " ".join(str(6.0 / 3.0 * (a * a + b * b)) for a, b in ((0.09, 0.05), (0.2, 0.05), (0.2, 0.09)))
+    parts = [link("trunk", 6, "0 0 0", moments, box)]
+    if root:
+        fixed = f'<joint name="fixed" type="fixed"><parent link="{root}"/><child link="trunk"/></joint>'
+        parts += [f'<link name="{root}">{rooted}</link>', fixed]
+    for leg, x, y in zip(LEGS, (1, 1, -1, -1), (-1, 1, -1, 1), strict=True):
+        abad, hip, knee = (f"{leg}_{name}" for name in ("abad", "hip", "knee"))
+        if foot:
+            ends = f'<parent link="{leg}_shank"/><child link="{leg}_foot"/><origin xyz="0 0 -0.21"/>'
+            parts += [link(f"{leg}_foot", 0.05, "0 0 0", "1e-5 1e-5 1e-5", foot)]
+            parts += [f'<joint name="{leg}_ankle" type="fixed">{ends}</joint>']
+        parts += [
+            link(f"{leg}_hip_link", 0.6, "0 0 0", "5e-4 7e-4 5e-4"),
+            link(f"{leg}_thigh", 1, "0 0 -0.03", "5e-3 5e-3 1e-3"),
+            link(f"{leg}_shank", 0.2, "0 0 -0.1", "1.5e-3 1.5e-3 5e-5", "" if foot else ball),
+            joint(abad, "trunk", f"{leg}_hip_link", f"{0.2 * x} {0.05 * y} 0", "1 0 0", -0.8, 0.8),
+            joint(hip, f"{leg}_hip_link", f"{leg}_thigh", f"0 {0.08 * y} 0", "0 1 0", -1.5, 2.5),
+            joint(knee, f"{leg}_thigh", f"{leg}_shank", "0 0 -0.21", "0 1 0", -2.6, -0.3),
+        ]
+    return f'<robot name="plain">{"".join(parts)}</robot>'
+
+
 def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int = 0) -> tuple[float, float, float]:
     """Return how far the model built from a reading is from the original in a random state.
 
-    Relative differences of mass matrix, armature left out, and bias force; and the feet's greatest distance, m.
+    Relative differences of mass matrix and bias force; and the feet's greatest distance, m.
     """
     draws = np.random.default_rng(seed)
     built = build_spec(reading.anatomy).compile()
@@ -142,6 +248,9 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
     ours.qpos[:7] = theirs.qpos[at : at + 7] = draws.normal(size=7)
     ours.qvel[:6] = theirs.qvel[dof : dof + 6] = draws.normal(size=6)
     order, sign = np.arange(built.nv) + dof, np.ones(built.nv)
+    built.dof_armature[:] = 0.0
+    for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True):
+        built.dof_armature[built.joint(name).dofadr] = joint.armature
     pairs = [
         (name, joint.name, joint.sign, joint.offset) for name, joint in zip(MOTOR_NAMES, reading.joints, strict=True)
     ]
@@ -161,7 +270,7 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
         mujoco.mj_forward(model, data)
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        inertias.append(inertia - np.diag(model.dof_armature))
+        inertias.append(inertia)
     theirs_in_ours = inertias[1][np.ix_(order, order)] * np.outer(sign, sign)
     bias = theirs.qfrc_bias[order] * sign
     apart = [
@@ -176,9 +285,11 @@ def disagreement(original: mujoco.MjModel, reading: RobotReading, *, seed: int =
 
 
 def _foot(data: mujoco.MjData, model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Return where a foot's sphere is: a geom, the lower end of one that is a capsule, or a site."""
+    """Return where a foot's sphere is: a geom, a site, or of a capsule the lower end, the middle if it lies."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) >= 0:
         return data.site(name).xpos
     geom = int(name.removeprefix("geom ")) if name.startswith("geom ") else model.geom(name).id
-    half = model.geom_size[geom, 1] if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+    w, x, y, z = model.geom_quat[geom]
+    lies = abs(w * w - x * x - y * y + z * z) < 0.1  # the vertical part of its axis
+    half = 0.0 if lies or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CAPSULE else model.geom_size[geom, 1]
     return data.geom_xpos[geom] - half * data.geom_xmat[geom].reshape(3, 3)[:, 2]

@@ -69,6 +69,16 @@ def test_gear_and_joint_take_their_part_against_the_motion_driving_and_braking(q
     np.testing.assert_allclose(verifier_laws.joint_torque(hardware, v[MOTORS], motors), left, rtol=1e-6)
 
 
+def test_hip_and_knee_are_each_slowed_by_their_own_friction():
+    """2 Nm + .1 x 5 at a hip and 3 Nm + .4 x 5 at a knee; ten roundings from zero speed, so to 1e-6."""
+    hardware = HardwareSpec(losses=Losses(joint_friction=(9.0, 2.0, 3.0), joint_viscosity=(9.0, 0.1, 0.4)))
+    model, v, motors = sagittal.build_model(LEGS, hardware), np.zeros(15), np.full(8, 50.0)
+    v[MOTORS] = 5.0
+    resistance = np.array(model.resistance(v, motors, sagittal.design_vector(hardware))).ravel()
+    np.testing.assert_allclose(resistance, [2.5, 5.0] * 4, rtol=1e-6)
+    np.testing.assert_allclose(verifier_laws.joint_torque(hardware, v[MOTORS], motors), [47.5, 45.0] * 4, rtol=1e-6)
+
+
 def test_nothing_resists_a_joint_at_rest():
     model, p = sagittal.build_model(LEGS, BUILT), sagittal.design_vector(BUILT)
     assert np.all(np.array(model.resistance(np.zeros(15), np.full(8, 50.0), p)) == 0.0)

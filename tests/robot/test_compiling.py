@@ -22,7 +22,9 @@ def packed(model: mujoco.MjModel) -> bytes:
 
 def test_a_model_comes_back_bit_for_bit():
     path = asset_path("bp2_mjcf/bp2.xml")
-    assert packed(load_mjcf(path)) == packed(reading._compile(path, ()))
+    here, notes = reading._compile(path, ())
+    assert packed(load_mjcf(path)) == packed(here)
+    assert notes == []
 
 
 def test_what_is_wrong_with_a_model_is_said_as_if_it_was_compiled_here(tmp_path):
@@ -97,7 +99,7 @@ def test_a_name_with_a_terminals_escapes_is_not_read(tmp_path, capsys):
     assert error.endswith(": it holds the name '\\x1b[31m', which no terminal can show: choose another\n")
 
 
-def crash() -> mujoco.MjModel:
+def crash() -> tuple[mujoco.MjModel, list[str]]:
     os._exit(1)
 
 

@@ -63,6 +63,16 @@ def test_joints_rub_by_coulomb_and_viscosity_against_their_motion():
     np.testing.assert_allclose(found, -2.0 * np.sign(qd) - 0.05 * qd, rtol=1e-12)
 
 
+def test_each_joint_rubs_by_its_own_numbers():
+    rub = resist(Losses(joint_friction=(1.0, 2.0, 3.0), joint_viscosity=(0.0, 0.2, 1.0)))
+    qd = np.linspace(-20.0, 20.0, 12)
+    expected = -np.tile([1.0, 2.0, 3.0], 4) * np.sign(qd) - np.tile([0.0, 0.2, 1.0], 4) * qd
+    np.testing.assert_allclose(loss(rub, STANDING, joint_rates(qd), NO_TORQUE).joint, expected, rtol=1e-12)
+    in_jax = loss(rub, jnp.asarray(STANDING), jnp.asarray(joint_rates(qd)), jnp.asarray(NO_TORQUE)).joint
+    np.testing.assert_allclose(in_jax, expected, rtol=1e-6)  # float32
+    assert Resistance.from_hardware(HardwareSpec(losses=Losses(joint_friction=(0.0, 0.0, 0.0)))) is None
+
+
 @pytest.mark.parametrize("speed", [-0.05, -1e-4, 0.0, 1e-4, 0.05])
 def test_friction_never_turns_a_rotor_round_within_a_step(speed):
     """Nothing a joint moves is lighter than its rotor."""

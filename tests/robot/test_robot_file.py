@@ -12,16 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from odd_robots import anymal_like, sprung
+from odd_robots import PLAIN_JOINTS, anymal_like, disagreement, drawn_crouching, plain, sprung, urdf
 
 from bp2_rl.base.assets import asset_path
 from bp2_rl.base.errors import UserError
+from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.cli import robot as command
 from bp2_rl.robot.anatomy import Anatomy
+from bp2_rl.robot.hardware import BUILT, HardwareSpec
 from bp2_rl.robot.kinematics import foot_position, joint_angles
 from bp2_rl.robot.model import load_model
-from bp2_rl.robot.reading import read_mjcf
-from bp2_rl.robot.robot_file import load_robot, mirrored, robot_text
+from bp2_rl.robot.reading import load_mjcf, read_mjcf
+from bp2_rl.robot.robot_file import RobotFile, load_robot, mirrored, robot_text
 from bp2_rl.robot.sheet import sheet, stand, trained_gains
 from bp2_rl.settings.presets import preset
 
@@ -116,6 +118,105 @@ def test_a_file_filled_in_from_a_model_is_that_model(pointing: bool, tmp_path: P
 
 
 @pytest.mark.parametrize("pointing", [True, False])
+@pytest.mark.parametrize(
+    ("fore", "hind"),
+    [((0.2, 0.8, -1.5), (0.2, 0.8, -1.5)), ((-0.1, 0.9, -1.8), (0.15, -0.6, 1.4)), ((0.0, 1.28, -2.62), (0, 1, -2))],
+)
+def test_a_keyframe_goes_through_a_file_whole(fore, hind, pointing: bool, tmp_path: Path):
+    """Abduction, too, and within the ranges that the file is held to: the keyframe may leave them."""
+    legs = [f"{side * leg[0]} {leg[1]} {leg[2]}" for leg in (fore, hind) for side in (-1, 1)]
+    key = f'<keyframe><key qpos="0 0 .3 1 0 0 0 {" ".join(legs)}"/></keyframe>'
+    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6", extra=key))
+    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml" if pointing else None)
+    robot = load_robot(write(tmp_path, text))
+    expected = np.clip([(side * leg[0], *leg[1:]) for leg in (fore, hind) for side in (-1, 1)], -2.6, 2.6)
+    np.testing.assert_allclose(np.reshape(robot.anatomy.stand, (4, 3)), expected, rtol=1e-6)
+
+
+def test_the_stand_tells_how_a_knee_bends_that_can_do_both(tmp_path: Path):
+    (tmp_path / "model.xml").write_text(plain(knee_range="-2.6 2.6"))
+    text = robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")
+    forwards = re.sub("(?m)^hip = .*$", "hip = -0.6", re.sub("(?m)^knee = .*$", "knee = 1.2", text))
+    for content, bend in ((text, -1), (forwards, 1)):
+        robot = load_robot(write(tmp_path, content))
+        assert [leg.bend for leg in robot.anatomy.legs] == [bend] * 4
+        target = np.reshape(robot.anatomy.stand, (4, 3))
+        feet = foot_position(target, 0.0, robot.hardware)
+        np.testing.assert_allclose(joint_angles(feet, 0.0, robot.hardware), target, atol=1e-9)
+
+
+def filled_in(folder: Path, model: str, pointing: bool = True) -> RobotFile:
+    """Return what `new` and `check` make of a model."""
+    (folder / "model.xml").write_text(model)
+    reading = read_mjcf(folder / "model.xml")
+    return load_robot(write(folder, robot_text(reading, "model.xml" if pointing else None)))
+
+
+def line_of(text: str, start: str) -> str:
+    (line,) = [line for line in text.splitlines() if line.startswith(start)]
+    return line
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+@pytest.mark.parametrize("mass", [3, 6, 25, 60])
+def test_what_a_model_does_not_say_is_not_invented(mass: int, pointing: bool, tmp_path: Path):
+    """Motors without gains, limits and inertia: the robot stands at any weight, and the sheet says what is assumed."""
+    trunk = f'<freejoint/><geom type="box" size="0.2 0.09 0.05" mass="{mass}"/>'
+    robot = filled_in(tmp_path, plain(actuator='<motor joint="{joint}"/>', trunk=trunk), pointing)
+    assert (robot.stiffness, robot.damping) == (None, None)
+    assert {"motors.peak_torque", "motors.armature"} < set(robot.assumed)
+    torque = robot.hardware.size.torque * BUILT.joint_peak_torque  # of a robot of this size, by similarity with BP2
+    np.testing.assert_allclose(robot.hardware.peak_torque, [torque] * 3, rtol=1e-6)  # 7 digits in the file
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
+    said = sheet(robot, stood)
+    for number in ("peak torque, Nm", "rotor inertia", "corner speed", "no-load speed"):
+        assert line_of(said, number).endswith("ASSUMED")
+    assert "training's own loop, ASSUMED" in line_of(said, "stands 5 s")
+
+
+@pytest.mark.parametrize("pointing", [True, False])
+def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
+    joints = ['frictionloss="1" damping="0.2"', 'frictionloss="1" damping="0.2"', 'frictionloss="3" damping="1"']
+    robot = filled_in(tmp_path, plain(joints=joints), pointing)
+    losses = robot.hardware.losses
+    assert (losses.joint_friction, losses.joint_viscosity) == ((1.0, 1.0, 3.0), (0.2, 0.2, 1.0))
+    said = sheet(robot, stand(robot))
+    assert line_of(said, "friction, Nm").split()[-3:] == ["1", "1", "3"]
+    # The knee: 3 Nm and 1 Nm s/rad x 25 rad/s of 30 Nm.
+    assert "! joints resist with up to 93% of the peak torque" in said
+    assert from_json(HardwareSpec, to_json(robot.hardware)) == robot.hardware
+
+
+@pytest.mark.parametrize(("effort", "velocity"), [(30, 20), (0, 20), (30, 0)])
+def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(effort: float, velocity: float, tmp_path: Path):
+    """A limit of 0 stands for none."""
+    (tmp_path / "robot.urdf").write_text(urdf(effort=effort, velocity=velocity))
+    text = robot_text(read_mjcf(tmp_path / "robot.urdf"), "robot.urdf")
+    robot = load_robot(write(tmp_path, text))
+    assert ("motors.peak_torque" in robot.assumed) == (effort == 0)
+    assert ("motors.no_load_speed" in robot.assumed) == (velocity == 0)
+    assert robot.hardware.no_load_speed == ((velocity or 25.0),) * 3
+    if effort and velocity:
+        assert robot.hardware.peak_torque == (30.0, 30.0, 30.0)
+        assert line_of(text, "peak_torque").endswith("the URDF's effort")
+        assert line_of(text, "no_load_speed").endswith("the URDF's velocity")
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
+
+
+def test_what_a_model_says_is_not_assumed(tmp_path: Path):
+    position = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
+    robot = filled_in(tmp_path, plain(actuator=position, joints=('armature="0.02"',) * 3))
+    assert robot.assumed == ("motors.corner_speed", "motors.no_load_speed")
+    assert (robot.stiffness, robot.damping) == ((60.0, 60.0, 60.0), (2.0, 2.0, 2.0))
+    assert (robot.hardware.peak_torque, robot.hardware.rotor_inertia) == ((30.0, 30.0, 30.0), (0.02, 0.02, 0.02))
+    said = sheet(robot, stand(robot))
+    assert not line_of(said, "peak torque, Nm").endswith("ASSUMED")
+    assert "[60, 60, 60] Nm/rad" in line_of(said, "stands 5 s")
+
+
+@pytest.mark.parametrize("pointing", [True, False])
 def test_a_sprung_robot_goes_through_a_file(pointing: bool, tmp_path: Path):
     model = tmp_path / "model.xml"
     model.write_text(sprung())
@@ -133,6 +234,96 @@ def test_a_mirror_image_of_a_mirror_image_is_the_leg():
     leg = load_robot(asset_path("robots/go1.toml")).anatomy.legs[1]
     assert mirrored(mirrored(leg)) == leg
     assert mirrored(leg) != leg
+
+
+# --- Every shape of robot ----------------------------------------------------------------------------------------
+
+
+def longer_hind_legs() -> str:
+    """The legs of `plain`, with 3 cm more below each hind knee and another weight there."""
+    fore, hind = plain().split('<body name="RR_hip_link"')
+    more = hind.replace('pos="0 0 -0.21" mass="0"', 'pos="0 0 -0.24" mass="0"').replace('mass="0.2"', 'mass="0.3"')
+    return f'{fore}<body name="RR_hip_link"{more}'
+
+
+def with_an_arm() -> str:
+    link = '<inertial pos="0 0 0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>'
+    arm = f'<body pos="0 0 0.05"><joint name="arm" axis="0 1 0"/>{link}</body>'
+    return plain().replace('<body name="FR_hip_link"', f'{arm}<body name="FR_hip_link"')
+
+
+POSITION = '<position joint="{joint}" kp="60" kv="2" forcerange="-30 30"/>'
+IN_DEGREES = plain().replace('angle="radian"', 'angle="degree"').replace("-0.8 0.8", "-46 46").replace(
+    "-1.5 2.5", "-86 143").replace("-2.6 -0.3", "-149 -17")  # fmt: skip
+KEY = '<keyframe><key name="{}" qpos="0 0 .3 1 0 0 0 {}"/></keyframe>'
+TIPS = tuple(f"{leg}_tip" for leg in ("fr", "fl", "rr", "rl"))
+EVERY_SHAPE = {
+    "motors alone": plain(),
+    "motors without limits": plain(actuator='<motor joint="{joint}"/>'),
+    "no motors": plain(actuator=""),
+    "position actuators": plain(actuator=POSITION),
+    "position actuators without damping": plain(actuator='<position joint="{joint}" kp="60"/>'),
+    "a loop of two actuators": plain(actuator='<position joint="{joint}" kp="60"/><velocity joint="{joint}" kv="2"/>'),
+    "pid": plain(actuator='<pid joint="{joint}" kp="60" kv="2" ki="1" forcerange="-30 30"/>'),
+    "dc motors": plain(
+        actuator='<dcmotor joint="{joint}" motorconst="0.1" resistance="0.5" gear="9" ctrlrange="-24 24"/>'
+    ),
+    "dampers": plain(actuator='<motor joint="{joint}"/><damper joint="{joint}" kv="1" ctrlrange="0 1"/>'),
+    "actuators disabled": plain(
+        actuator=POSITION.replace("/>", ' group="1"/>'), extra='<option actuatorgroupdisable="1"/>'
+    ),
+    "armature behind gears": plain(actuator='<motor joint="{joint}" gear="-9" armature="1e-4" ctrlrange="-3 3"/>'),
+    "friction and damping by joint": plain(joints=['frictionloss="1"', 'damping="0.2"', 'frictionloss="2"']),
+    "springs parallel to joints": plain(joints=['stiffness="5" springref="0.1"', "", 'damping="0.1 0.2"']),
+    "knees to both sides": plain(knee_range="-3.1416 3.1416"),
+    "lopsided knees": plain(knee_range="-2.6 1.9"),
+    "knees forwards": plain(knee_range="0.3 2.6"),
+    "knees without a range": plain().replace('range="-2.6 -0.3"', ""),
+    "a keyframe": plain(extra=KEY.format("home", " ".join(["-.1 .8 -1.5", ".1 .8 -1.5"] * 2))),
+    "a keyframe beyond the range": plain(extra=KEY.format("home", " ".join(["0 1.28 -2.62"] * 4))),
+    "a keyframe with straight legs": plain(extra=KEY.format("zero", " ".join(["0 0 -.3"] * 4))),
+    "capsules across the toes": plain(
+        foot='<geom name="{leg}_foot" type="capsule" size="0.02" fromto="0 -0.03 -0.21 0 0.03 -0.21" mass="0"/>'
+    ),
+    "degrees": IN_DEGREES,
+    "defaults": plain(extra='<default><joint armature="0.02" damping="0.1" frictionloss="0.2"/></default>'),
+    "a fixed base": plain().replace("<freejoint/>", ""),
+    "a free joint with a default's armature": plain(
+        trunk='<joint type="free"/><geom type="box" size="0.2 0.09 0.05" mass="6"/>',
+        extra='<default><joint armature="0.02"/></default>',
+    ),
+    "geoms fitted to meshes": plain(
+        trunk='<freejoint/><inertial pos="0 0 0" mass="6" diaginertia=".05 .1 .1"/><geom type="box" mesh="m"/>',
+        extra='<asset><mesh name="m" file="gone.stl"/></asset>',
+    ),
+    "hind legs of their own": longer_hind_legs(),
+    "an arm": with_an_arm(),
+    "a URDF": urdf(),
+    "a URDF below a dummy": urdf(root="base"),
+    "a URDF without limits": urdf(effort=0, velocity=0),
+    "turned frames, welded feet, hind knees forwards": anymal_like(),
+    "drawn crouching": drawn_crouching(),
+    "springs in the shanks": sprung(),
+}
+
+
+@pytest.mark.parametrize("shape", EVERY_SHAPE)
+def test_a_robot_of_any_shape_is_read_exactly_and_stands(shape: str, tmp_path: Path):
+    """Its mass matrix in random poses is C MuJoCo's own of the model, to the rounding of angles in degrees."""
+    text = EVERY_SHAPE[shape]
+    path = tmp_path / ("model.urdf" if text.startswith("<robot") else "model.xml")
+    path.write_text(text)
+    joints = PLAIN_JOINTS if "arm" in shape.split() else ()
+    feet, radius = (TIPS, 0.012) if shape == "springs in the shanks" else ((), None)
+    reading, model = read_mjcf(path, joints=joints, feet=feet, foot_radius=radius), load_mjcf(path, joints)
+    model.dof_armature[:6] = 0.0  # of the trunk's free joint, which no robot has
+    for seed in range(2):
+        assert max(disagreement(model, reading, seed=seed)) < 1e-12
+    content = robot_text(reading, path.name, joints=joints, feet=feet, foot_radius=radius)
+    robot = load_robot(write(tmp_path, content))
+    stood = stand(robot)
+    assert (stood.fallen_after, stood.feet_down) == (None, 4)
+    assert preset("imitation", "cpu", robot=str(tmp_path / "robot.toml")).env.gait.height > 0.4
 
 
 # --- What is refused ---------------------------------------------------------------------------------------------
@@ -284,6 +475,16 @@ def test_the_sheet_says_what_to_mend(tmp_path: Path):
     assert robot.anatomy.stand[1] != robot.anatomy.stand[7]
     stiff = load_robot(write(tmp_path, GO1.replace("joint_viscosity = 0.02", "joint_viscosity = 0.5")))
     assert "! joints resist with up to 65% of the peak torque" in sheet(stiff, fallen)  # (0.3 + 0.5 x 30) / 23.7
+
+
+@pytest.mark.parametrize(
+    ("knee_range", "doubted"),
+    [("-2.6 -0.3", False), ("-3.1416 3.1416", False), ("-2.9 -2.6", True), ("-0.5 -0.4", True)],
+)
+def test_the_sheet_doubts_a_knee_that_hardly_stretches_a_leg(knee_range: str, doubted: bool, tmp_path: Path):
+    (tmp_path / "model.xml").write_text(plain(knee_range=knee_range))
+    robot = load_robot(write(tmp_path, robot_text(read_mjcf(tmp_path / "model.xml"), "model.xml")))
+    assert ("! fore legs of 0.44 m reach from" in sheet(robot, stand(robot))) == doubted
 
 
 def test_the_sheet_says_where_training_has_other_gains():

@@ -3,11 +3,15 @@
 import dataclasses
 
 import pytest
+from odd_robots import plain
 
+from bp2_rl.base.errors import UserError
 from bp2_rl.base.serialization import from_json, to_json
 from bp2_rl.robot.hardware import BUILT
 from bp2_rl.robot.kinematics import reach
 from bp2_rl.robot.named import find_robot, robot_names
+from bp2_rl.robot.reading import read_mjcf
+from bp2_rl.robot.robot_file import robot_text
 from bp2_rl.settings import presets
 from bp2_rl.settings.presets.robots import sized, speed_factor
 from bp2_rl.settings.training import TrainConfig
@@ -40,6 +44,27 @@ def test_another_robots_settings_are_those_of_its_size(name):
     # The legs can stretch as far as the gait sweeps.
     stretched = size.length * (env.gait.height**2 + (env.gait.sweep / 2.0) ** 2) ** 0.5
     assert stretched <= reach(hardware=robot)[1]
+
+
+@pytest.mark.parametrize("knee_range", ["-2.6 -0.3", "-2.6 1.9", "-1.9 2.6", "-3.1416 3.1416", "0 2.6", "-9 9"])
+def test_a_knee_that_passes_through_straight_has_the_gait_of_one_that_stops_there(knee_range, tmp_path):
+    """0.55 m of BP2's, which a straight leg reaches whatever else its knee can do."""
+    env = presets.preset("imitation", "cpu", robot=str(robot_of(tmp_path, plain(knee_range=knee_range)))).env
+    assert env.gait.height == presets.preset("imitation", "cpu").env.gait.height == 0.55
+
+
+def test_knees_that_cannot_stretch_for_the_gait_are_refused_by_name(tmp_path):
+    file = robot_of(tmp_path, plain(knee_range="-2.6 -2.5"))
+    with pytest.raises(UserError, match=r"the knees of plain let its legs reach 0.*mend the knees' range"):
+        presets.preset("imitation", "cpu", robot=str(file))
+
+
+def robot_of(folder, model):
+    """Write a model and the robot file that is filled in from it; return the file's path."""
+    (folder / "model.xml").write_text(model)
+    file = folder / "robot.toml"
+    file.write_text(robot_text(read_mjcf(folder / "model.xml"), "model.xml"))
+    return file
 
 
 def test_another_robot_keeps_to_slow_commands_and_learns_with_less_and_less_noise():

@@ -20,7 +20,8 @@ from bp2_rl.simulation.world import Push, World
 
 CONFIG = EnvConfig(reference="kinematic")
 RAMP = Ramp(1.5, acceleration=10.0, hold=0.1)
-SLIPPERY = dataclasses.replace(BUILT, friction=0.3)
+BY_JOINT = dataclasses.replace(BUILT.losses, joint_friction=(1.0, 2.0, 4.0), joint_viscosity=(0.0, 0.05, 0.3))
+SLIPPERY = dataclasses.replace(BUILT, friction=0.3, losses=BY_JOINT)
 LATE = dataclasses.replace(BUILT, losses=dataclasses.replace(BUILT.losses, latency=0.012))
 
 

@@ -37,7 +37,7 @@ class SimulatedRobot:
             robot = settings["robots"][name]
             bus = Bus(**robot["bus"]) if robot["bus"] else None
             self.motors = Actuator(**settings["gains"], **numbers(robot["motors"]), bus=bus)
-            self.resistance = Resistance(**robot["losses"]) if robot["losses"] else None
+            self.resistance = Resistance(**numbers(robot["losses"])) if robot["losses"] else None
             self._fall = settings["fall"]
             self.model = mujoco.MjModel.from_xml_string(files[f"{ROBOT_FOLDER}/{name}.xml"].decode())
             self.model.opt.iterations, self.model.opt.ls_iterations = 100, 50

@@ -12,7 +12,7 @@ from bp2_rl.evaluation.benchmarks.options import Setup
 from bp2_rl.learning.policy import Policy
 from bp2_rl.robot import bp2
 from bp2_rl.robot.easing import EASE
-from bp2_rl.robot.hardware import BUILT, IDEAL, HardwareSpec, robot_name
+from bp2_rl.robot.hardware import BUILT, IDEAL, ByJoint, HardwareSpec, robot_name
 from bp2_rl.robot.named import find_robot
 from bp2_rl.settings.env import ControlConfig, RandomizationConfig
 from bp2_rl.simulation.backend import DRAKE_CONTACT, DrakeContact
@@ -138,10 +138,16 @@ def describe_robot(hardware: HardwareSpec) -> str:
     legs = "solid legs" if hardware.solid_legs else "legs that pass through each other"
     return (
         f"{name if is_bp2 else f'{title_of(hardware)}, {hardware.mass:.3g} kg'}: CdA {losses.drag_area:g} m², gears "
-        f"{losses.gear_efficiency:.0%}, joint friction {losses.joint_friction:g} Nm + {losses.joint_viscosity:g} "
-        f"Nm s/rad{slides}{bus}, torque lag {1e3 * losses.current_lag:g} ms, latency {1e3 * losses.latency:g} ms, "
+        f"{losses.gear_efficiency:.0%}, joint friction {_by_joint(losses.joint_friction)} Nm + "
+        f"{_by_joint(losses.joint_viscosity)} Nm s/rad{slides}{bus}, torque lag {1e3 * losses.current_lag:g} ms, "
+        f"latency {1e3 * losses.latency:g} ms, "
         f"friction {hardware.friction:g}, {legs}{'' if is_bp2 else f'; config {config_hash(hardware)}'}"
     )
+
+
+def _by_joint(value: ByJoint) -> str:
+    """Return one number for all joints, or those of abad, hip and knee."""
+    return " / ".join(f"{number:g}" for number in (value if isinstance(value, tuple) else (value,)))
 
 
 def title_of(hardware: HardwareSpec) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import cast
 
 from bp2_rl.optimiser.problem import CostWeights, Problem
 from bp2_rl.paper.thermal_specs import MotorHeat
@@ -54,7 +55,7 @@ MECHANICAL = (
 """Of the robot and of the objective."""
 
 LOST = tuple(
-    Assumed(name, unit, low, value, high, LOSSES[name])
+    Assumed(name, unit, low, cast(float, value), high, LOSSES[name])  # BP2's joints are alike
     for name, unit, low, value, high in (
         ("drag area", "m2", 0.1, _LOSSES.drag_area, 0.3),
         ("gear loss", "-", 0.03, 1.0 - _LOSSES.gear_efficiency, 0.15),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bp2_rl.base.bounds import Range
+from bp2_rl.base.errors import UserError
 from bp2_rl.robot.conventions import GRAVITY, NUM_MOTORS
 from bp2_rl.robot.hardware import IDEAL, HardwareSpec, Losses, Size
 from bp2_rl.robot.kinematics import reach
@@ -134,9 +135,18 @@ def _sized_commands(commands: CommandConfig, size: Size, speed: float) -> Comman
 
 
 def _sized_gait(gait: KinematicConfig, robot: HardwareSpec) -> KinematicConfig:
-    """Return the gait with times for the robot's size, as high as its knees can stretch for the sweep."""
+    """Return the gait with times for the robot's size, as high as its knees can stretch for the sweep.
+
+    Raises:
+        UserError: the knees cannot stretch even for the sweep.
+    """
     size = robot.size
     longest = MOST_REACH * reach(hardware=robot)[1] / size.length  # as lengths are for BP2's leg
+    if longest <= gait.sweep / 2.0:
+        raise UserError(
+            f"the knees of {robot.anatomy.name} let its legs reach {reach(hardware=robot)[1]:.3g} m, and the gait "
+            f"needs {0.5 * gait.sweep * size.length / MOST_REACH:.3g} m: mend the knees' range"
+        )
     return dataclasses.replace(
         gait,
         height=min(gait.height, math.sqrt(longest**2 - (gait.sweep / 2.0) ** 2)),

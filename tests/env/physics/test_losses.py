@@ -103,13 +103,17 @@ def test_a_headwind_blows_a_flying_robot_back_towards_its_own_speed(engine):
     assert found[-1, 0] == pytest.approx(20.0 / (1.0 + 0.5 * 1.2 * 2.0 * 20.0 * 0.3 / 35.8) - 20.0, rel=0.02)
 
 
+@pytest.mark.parametrize("others", [None, (5.0, 1.0)])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(engine):
+def test_a_spinning_joint_decays_by_coulomb_and_viscosity_and_stays_at_rest(engine, others):
     """I w' = -c - b w: w = (w0 + c / b) exp(-b t / I) - c / b, with 2 % of I from the leg that hangs on it.
 
-    That leg's own springs shake it by some hundredths of a rad/s.
+    That leg's own springs shake it by some hundredths of a rad/s. A hip does not care for the `others`' numbers.
     """
     losses = Losses(joint_friction=60.0, joint_viscosity=10.0)
+    if others is not None:
+        friction, viscosity = others
+        losses = Losses(joint_friction=(friction, 60.0, 40.0), joint_viscosity=(viscosity, 10.0, 8.0))
     hardware = HardwareSpec(rotor_inertia=HEAVY_ROTORS, losses=losses)
     qvel = np.zeros(22)
     qvel[MOTOR_QVEL[[1, 10]]] = 2.0, -2.0  # a fore and a hind hip

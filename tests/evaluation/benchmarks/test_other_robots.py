@@ -98,6 +98,8 @@ def test_a_report_describes_another_robot_by_its_own_numbers():
     assert "slides" not in said
     assert "bus" not in said
     assert describe_robot(dataclasses.replace(GO1, friction=0.5)) != said
+    losses = dataclasses.replace(GO1.losses, joint_friction=(1.0, 1.5, 3.0), joint_viscosity=0.2)
+    assert "joint friction 1 / 1.5 / 3 Nm + 0.2 Nm s/rad" in describe_robot(dataclasses.replace(GO1, losses=losses))
 
 
 def test_the_froude_number_is_of_the_robots_own_stand():
