@@ -81,6 +81,8 @@ class LaunchResult:
     fell: bool
     best_speed: float  # m/s, best 1-s mean; 0 where the robot fell
     command: float = math.inf  # m/s, at its end
+    fell_told: float = 0.0  # m/s, the command when it fell
+    fell_after: float = 0.0  # m/s, best 1-s mean before it fell
 
     @property
     def followed(self) -> float:
@@ -106,14 +108,17 @@ def measure_launches(
 
 def _result(run: Trajectory, command: float) -> LaunchResult:
     best = best_window(run, 1.0)
-    fell = run.fell_at is not None
-    return LaunchResult(fell, best.speed if best is not None and not fell else 0.0, command)
+    speed = best.speed if best is not None else 0.0
+    if run.fell_at is None:
+        return LaunchResult(False, speed, command)
+    return LaunchResult(True, 0.0, command, fell_told=float(run.command[-1, 0]), fell_after=speed)
 
 
 def combine(launches: Sequence[LaunchResult]) -> JudgeResult:
-    """Return the judge's result of a policy's `JUDGED_LAUNCHES`: the worst after a fall in the first, the longest."""
+    """Combine the results of a policy's launches; a fall in the first launch, the longest, ranks the policy last."""
     mean = 0.0 if launches[0].fell else sum(one.followed for one in launches) / len(launches)
-    return JudgeResult(launches[0].best_speed, sum(one.fell for one in launches), len(launches), mean)
+    fallen = [(one.fell_told, one.fell_after) for one in launches if one.fell]
+    return JudgeResult(launches[0].best_speed, len(fallen), len(launches), mean, *min(fallen, default=()))
 
 
 @contextlib.contextmanager

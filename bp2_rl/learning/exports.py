@@ -31,6 +31,8 @@ class JudgeResult:
     launches: int
     mean: float  # m/s, mean top speed over all launches, a fall counted as 0 and what is beyond the command taken off,
     # and 0 after a fall in the first: the better policy has more
+    fell_told: float = 0.0  # m/s, least command at which a robot fell; 0: none fell
+    fell_after: float = 0.0  # m/s, best second of that launch before the fall
 
     def __str__(self) -> str:
         """Return the result in words."""
@@ -39,8 +41,9 @@ class JudgeResult:
 
     @property
     def fallen(self) -> str:
-        """Return how many launches fell, in words."""
-        return f"{self.falls} of {self.launches} launches fell"
+        """Return how many launches fell, at which command, and what the robot had run before, in words."""
+        told = f", first told {self.fell_told:.1f} m/s after a second at {self.fell_after:.1f} m/s"
+        return f"{self.falls} of {self.launches} launches fell{told if self.fell_told else ''}"
 
 
 @runtime_checkable
@@ -199,8 +202,8 @@ def read_judge_results(run_dir: Path) -> Iterator[tuple[dict[str, Any], JudgeRes
     """Yield the lines of a run's metrics that hold a judge's result, each with that result, in the order written."""
     for record in read_metrics(run_dir):
         try:
-            speed, falls, launches, mean = (record[f"judged/{field.name}"] for field in dataclasses.fields(JudgeResult))
-            result = JudgeResult(float(speed), int(falls), int(launches), float(mean))
+            speed, falls, *others = (float(record[f"judged/{field.name}"]) for field in dataclasses.fields(JudgeResult))
+            result = JudgeResult(speed, int(falls), int(others[0]), *others[1:])
         except (KeyError, TypeError, ValueError, OverflowError):
             continue  # a line of other metrics
         yield record, result

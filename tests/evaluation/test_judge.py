@@ -52,10 +52,18 @@ def test_the_speed_is_that_of_the_benchmark(slower, tmp_path):
 
 
 def test_a_robot_that_falls_has_no_speed(slower):
-    launched = judging.measure_launches(
+    [launched] = judging.measure_launches(
         lambda observation: 100.0 * jnp.sign(observation[5:17]), slower.card.env, [JUDGED_LAUNCHES[1]]
     )
-    assert launched == [LaunchResult(fell=True, best_speed=0.0, command=6.0)]
+    assert launched == LaunchResult(True, 0.0, 6.0, launched.fell_told, launched.fell_after)
+    assert 0.0 < launched.fell_told < 6.0  # it falls while the command rises
+
+
+def test_of_several_falls_the_one_at_the_least_command_is_told():
+    fast, slow = (LaunchResult(True, 0.0, fell_told=told, fell_after=told - 0.4) for told in (5.0, 3.9))
+    result = judging.combine([fast, LaunchResult(False, 9.0), slow])
+    assert (result.fell_told, result.fell_after) == (3.9, 3.5)
+    assert str(result) == "2 of 3 launches fell, first told 3.9 m/s after a second at 3.5 m/s"
 
 
 def test_the_first_launch_gives_the_speed_and_all_of_them_falls_and_mean():

@@ -109,6 +109,8 @@ def test_the_best_policy_is_the_runs_own_of_equal_ones_the_later(tmp_path):
         "falls": 0,
         "launches": 3,
         "mean": 9.0,
+        "fell_told": 0.0,
+        "fell_after": 0.0,
     }
     assert card.physics_steps == 5 * PER_STEP * 5
     assert judged_lines(run)[2 * PER_STEP] == (5.0, 0.0)
@@ -228,14 +230,12 @@ def test_a_damaged_policy_of_before_does_not_keep_a_run_from_going_on(tmp_path):
 
 
 def test_damaged_lines_of_metrics_are_no_results(tmp_path):
+    def line(step, speed, falls):
+        result = {"speed": speed, "falls": falls, "launches": 3, "mean": 2, "fell_told": 0, "fell_after": 0}
+        return json.dumps({"step": step} | {f"judged/{name}": value for name, value in result.items()}) + "\n"
+
     (tmp_path / "metrics.jsonl").write_text(
-        '{"step": 64, "judged/speed": 3, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
-        '{"step": 64, "reward": 3}\n'
-        '{"step": 128, "judged/speed": null, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
-        '[1]\n{"step": "x", "judged/speed": 3, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
-        "not JSON\n"
-        '{"step": 192, "judged/speed": 4, "judged/falls": 1, "judged/launches": 3, "judged/mean": 2}\n'
-        '{"step": 256, "judged/speed": 5, "judged/falls": 0, "judged/launches": 3, "judged/mean": 2}\n'
-        '{"step": 320, "judged/sp'
-    )
+        line(64, 3, 0) + '{"step": 64, "reward": 3}\n' + line(128, None, 0) + "[1]\n" + line("x", 3, 0) + "not JSON\n"
+        + line(192, 4, 1) + line(256, 5, 0) + '{"step": 320, "judged/sp'
+    )  # fmt: skip
     assert judge_results(tmp_path, 192) == {64: JudgeResult(3.0, 0, 3, 2.0), 192: JudgeResult(4.0, 1, 3, 2.0)}

@@ -20,7 +20,7 @@ def run_in(folder, *verdicts):
     lines += [
         {
             "step": step, "wall_time": 1795383470.0 + seconds, "judged/speed": speed, "judged/falls": falls,
-            "judged/launches": 3.0, "judged/mean": speed,
+            "judged/launches": 3.0, "judged/mean": speed, "judged/fell_told": 0.0, "judged/fell_after": 0.0,
         }
         for step, seconds, speed, falls in verdicts
     ]  # fmt: skip
