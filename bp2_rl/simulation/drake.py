@@ -61,7 +61,7 @@ class DrakeSimulator(Simulator):
     backend: ClassVar[Backend] = "drake"
 
     def __init__(self, robots: Sequence[RobotSetup], models: Sequence[mujoco.MjModel] | None = None):
-        super().__init__(robots, models)
+        super().__init__([_with_steps(robot) for robot in robots], models)
         if any(robot.world.roughness > 0.0 for robot in robots):
             raise UserError("Drake has no rough ground; use --backend mujoco")
         self._plants = [
@@ -76,6 +76,13 @@ class DrakeSimulator(Simulator):
     def _mobilities(self, robot: int) -> Float[np.ndarray, "12"]:
         inverse = np.linalg.inv(self._plants[robot].mass_matrix())
         return np.diag(inverse)[motor_indices(len(inverse))]
+
+
+def _with_steps(robot: RobotSetup) -> RobotSetup:
+    """Return the robot with as many physics steps a millisecond as its contact needs."""
+    numerics = robot.numerics
+    steps = max(numerics.steps, numerics.drake.steps)
+    return dataclasses.replace(robot, numerics=dataclasses.replace(numerics, steps=steps))
 
 
 def contact_of(robot: RobotSetup, model: mujoco.MjModel) -> DrakeContact:

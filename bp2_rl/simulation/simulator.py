@@ -38,7 +38,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 class Numerics:
     """How C MuJoCo computes a millisecond; the defaults are those of every benchmark."""
 
-    steps: int = 1  # physics steps
+    steps: int = 1  # physics steps, at least; Drake takes more where its contact needs them
     motors_each_step: bool = False  # torques and their limits are computed anew at each of them, not held between
     iterations: int = 100  # of the constraint solver, at most
     line_search_iterations: int = 50  # of the line search in each iteration, at most

@@ -225,7 +225,7 @@ def describe_simulator(backend: str, hardware: HardwareSpec, drake: DrakeContact
     if backend == "drake":
         contact = ", ".join(f"{name} {'of the robot' if x is None else x}" for name, x in vars(drake).items())
         version = importlib.metadata.version("drake")
-        return f"Drake {version}, 1 kHz, float64; contact: {contact}; {held}; policy at 200 Hz"
+        return f"Drake {version}, {drake.steps} kHz, float64; contact: {contact}; {held}; policy at 200 Hz"
     return {
         "mujoco": f"C MuJoCo {mujoco.__version__}, 1 kHz, float64, solver converged to 1e-10; {held}; policy at 200 Hz",
         "mjx": f"MJX {mujoco.__version__} on JAX {jax.__version__}, 1 kHz, float32, the solver settings of training; "
