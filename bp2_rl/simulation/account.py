@@ -29,6 +29,7 @@ from bp2_rl.simulation.windows import window_means
 
 CAUSES = "copper", "gears", "joints", "slides", "dampers", "air", "ground", "stops", "legs"
 PLATE = 0.005  # s, over which a force plate averages: it follows some 100 Hz
+HARD = 5.0  # m/s, above which a spring that tops out does so hard
 BURST = 0.05  # s, over which a battery's burst is averaged
 
 
@@ -194,6 +195,7 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
     )
     compression, rate = run.spring_compression[:-1], run.spring_velocity[:-1]
     onto = (compression[1:] < 0.0) & (compression[:-1] >= 0.0)
+    tops = -rate[1:][onto]
     limits = np.array([leg.ranges for leg in run.hardware.anatomy.legs]).reshape(-1, 2)
     over = np.maximum(run.joint_position - limits[:, 1], limits[:, 0] - run.joint_position)
     sliding = (standing & touching).any()
@@ -207,8 +209,10 @@ def _ground(run: Trajectory, soles: SoleAccount) -> GroundMetrics:
         plate_force=max(float(np.max(window_means(foot, plate))) for foot in run.foot_force[..., 2].T),
         landing_down=-float(np.mean(landings[:, 2])) if stances else None,
         landing_forward=float(np.mean(landings[:, 0])) if stances else None,
-        top_outs=float(np.sum(onto)) / (len(onto) * run.dt),
-        top_out_speed=float(np.max(-rate[1:][onto])) if onto.any() else 0.0,
+        top_outs=len(tops) / (len(onto) * run.dt),
+        hard_top_outs=float(np.sum(tops > HARD)) / (len(onto) * run.dt),
+        top_out_mean=float(np.mean(tops)) if len(tops) else None,
+        top_out_speed=float(np.max(tops, initial=0.0)),
         limit_share=float(np.mean(np.any(over > 0.0, axis=-1))),
         limit_depth=max(float(np.max(over)), 0.0),
     )

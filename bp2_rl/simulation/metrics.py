@@ -65,7 +65,9 @@ class GroundMetrics:
     landing_down: float | None  # m/s, mean of soles just before they touch
     landing_forward: float | None  # m/s, of soles that land, mean
     top_outs: float  # times a second that a spring, all together, comes onto its rebound stop
-    top_out_speed: float  # m/s, greatest at which it does
+    hard_top_outs: float  # times a second that it does so faster than `account.HARD`
+    top_out_mean: float | None  # m/s, mean speed at which it does; None: it never does
+    top_out_speed: float  # m/s, greatest
     limit_share: float  # share of time with any joint beyond its range
     limit_depth: float  # rad, furthest
 

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from runs import no_action, run_one
+from synthetic import make_run
 
 from bp2_rl.env.controller import motors_of
 from bp2_rl.robot.actuator import bus_power, torque_limits
@@ -163,3 +164,20 @@ def test_motors_and_windings_make_the_bus():
     ledger, _ = replay(trot())
     np.testing.assert_allclose(np.sum(ledger.motors + ledger.copper, axis=1), ledger.bus, rtol=1e-12, atol=1e-9)
     assert np.min(ledger.copper) >= 0.0
+
+
+def test_springs_top_out_as_often_and_as_fast_as_they_swing():
+    """Two springs swing about their rest at 10 Hz, one of them faster than 5 m/s where it lets go."""
+    run = dataclasses.replace(make_run(duration=1.0), hardware=IDEAL)
+    time, turning = run.time + 0.02, 2.0 * np.pi * 10.0
+    amplitudes = np.array([0.02, 0.1, 0.0, 0.0])  # m
+    qpos, qvel = run.qpos.copy(), run.qvel.copy()
+    qpos[:, 10::4] = amplitudes * np.sin(turning * time[:, None])
+    qvel[:, 9::4] = turning * amplitudes * np.cos(turning * time[:, None])
+    np.testing.assert_array_equal(dataclasses.replace(run, qpos=qpos).spring_compression, qpos[:, 10::4])
+    ground = account(dataclasses.replace(run, qpos=qpos, qvel=qvel)).ground
+    slow, fast = turning * amplitudes[:2]
+    assert ground.top_outs == pytest.approx(20.0, abs=1.0)  # one more or less at the ends of a second
+    assert ground.hard_top_outs == pytest.approx(10.0, abs=1.0)
+    assert ground.top_out_speed == pytest.approx(fast, rel=0.01)  # seen up to a millisecond late
+    assert ground.top_out_mean == pytest.approx((slow + fast) / 2.0, rel=0.01)

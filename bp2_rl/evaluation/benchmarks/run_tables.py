@@ -5,7 +5,7 @@ from typing import Any
 
 from bp2_rl.base.plotting import NARROW
 from bp2_rl.evaluation.benchmarks.outcome import NOT_MEASURED, Picture, Row, Table, rounded, show, show_fall
-from bp2_rl.simulation.account import PLATE
+from bp2_rl.simulation.account import HARD, PLATE
 from bp2_rl.simulation.figures import FIGURES
 from bp2_rl.simulation.metrics import Account, RunMetrics
 from bp2_rl.simulation.trajectory import Trajectory
@@ -102,8 +102,8 @@ def account_rows(account: Account, sprung: bool) -> tuple[Row, ...]:
     """The bus, the ground and the stops over the steady window."""
     p, g = account.power, account.ground
     beyond = f"furthest at any time; {p.beyond_share:.1%} of samples by more than 1 Nm"
-    tops = f"onto the rebound stop, at {g.top_out_speed:.1f} m/s at most"
-    landing = f"down, and {show(g.landing_forward, '.1f', 'm/s')} forward, mean"
+    tops = f"at {show(g.top_out_mean, '.1f', 'm/s')} in the mean; {g.hard_top_outs:.0f}/s above {HARD:g} m/s"
+    landing = f"down, and {show(g.landing_forward, '.1f', 'm/s')} along the ground, mean"
     return (
         Row("Beyond the envelope", f"{p.beyond:.1f} Nm", beyond),
         Row("Motors beyond no load", f"{p.overspeed_share:.1%}", "of their samples: there a drive can only brake"),
@@ -219,6 +219,8 @@ def _account_results(account: Account) -> dict[str, Any]:
         "landing_speed_down": g.landing_down,
         "landing_speed_forward": g.landing_forward,
         "top_outs_per_second": g.top_outs,
+        "hard_top_outs_per_second": g.hard_top_outs,
+        "top_out_mean_speed": g.top_out_mean,
         "top_out_speed": g.top_out_speed,
         "beyond_joint_range": g.limit_share,
     }
