@@ -58,6 +58,7 @@ SOURCES = (
     _evaluated("topspeed", film=True),
     _evaluated("topspeed", "--robot", "ideal", "--no-video", name="topspeed_ideal"),
     _evaluated("sprint", film=True),
+    _evaluated("losses", "--no-video"),
     _evaluated("sprint", "--robot", "ideal", "--no-video", name="sprint_ideal"),
     _figure("scaling", (PUBLISHED,), "topspeed", "topspeed_ideal"),
     _figure("race", (PUBLISHED,), "sprint", "sprint_ideal"),

@@ -15,7 +15,7 @@ from bp2_rl.simulation.schedule import Ramp
         ({"topspeed": {"commanded_speed": 9.0, "best_speed": 8.25}}, 9.0),  # told 8.25 m/s it would run slower still
         ({"topspeed": {"best_speed": 8.25}}, 8.25),
         ({"sprint": {"commanded_speed": 8.0}}, 7.5),
-        ({"topspeed": {"commanded_speed": None, "best_speed": "fast"}}, 7.5),  # the fastest command of the training
+        ({"topspeed": {"commanded_speed": None, "best_speed": None}}, 7.5),  # the fastest command of the training
         ({}, 7.5),
         ({"judged": {"speed": 6.0}}, 7.5),
         ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
