@@ -98,6 +98,7 @@ def evaluate(
     find_policy(path)
     if config.out is not None:
         require_name(config.out)
+    print(f"{path}: loading it and the simulator; compiling takes a minute at the first start", flush=True)
     # MuJoCo binds this library when imported and fails if it is not there; only the film needs it, in its own process.
     gl_library = os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

@@ -66,6 +66,8 @@ def export(config: ExportConfig) -> None:
 
         write_bundle(config.to, policy)
         print(f"exported {config.run} to {config.to}")
+        if policy.card.stage == "imitation":
+            print("it may fall where measurements are lost, as in the rehearsal: the relaxed stage trains for that")
         print(f"try it: cd {config.to} && pip install -r requirements.txt && python -m onboard.rehearse")
         return
     results = policy.card.results

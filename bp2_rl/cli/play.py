@@ -56,6 +56,7 @@ def play(config: PlayConfig) -> None:
     web = config.web or not has_display()
     if web and (missing := next((name for name in WEB if importlib.util.find_spec(name) is None), None)):
         raise not_installed("bp2 play in a browser", missing, "play")
+    print(f"{path}: loading it and the simulator; compiling takes a minute at the first start", flush=True)
     # MuJoCo binds this library when imported and fails if it is not there; a window brings its own.
     os.environ.pop("MUJOCO_GL", None)
     # Imported here for that reason, and so that --help and a mistyped flag are answered at once.

@@ -74,7 +74,7 @@ def _study(arguments: StudyArguments) -> None:
         gpus = visible_gpus()
         if arguments.jobs.executor == "here" and not gpus:
             runtime.require_accelerator(arguments.preset)
-        where = f"{len(gpus) or 'no'} GPU{'s' * (len(gpus) != 1)}"
+        where = f"{len(gpus)} GPU{'s' * (len(gpus) != 1)}" if gpus else "the processors"
         if arguments.jobs.executor != "here":
             where = f"{arguments.jobs.executor}, at most {arguments.jobs.most} at a time"
         print(f"{sum(map(len, plan.chains))} trainings on {where}")

@@ -37,6 +37,7 @@ EVERYDAY = {
 """Flags that --help shows, by its headings; --help-all shows all."""
 RUNS = Path("runs")
 PROG = "bp2 train"
+WORDS = "docs/words.md"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +192,8 @@ def _train(argv: list[str], prog: str) -> None:
     out = arguments.out or RUNS / f"{arguments.stage}-{now:%Y%m%d-%H%M%S}"
     say = print if cluster.is_first() else lambda _: None
     say(f"{arguments.stage}, preset {arguments.preset}, {config.ppo.num_envs} robots, into {out}")
-    say("compiling: a minute or more at the first start, seconds at later ones")
+    say("compiling: a minute or more at the first start, whatever XLA says of that; seconds at later ones")
+    say(f"what the words below mean: {WORDS}")
     if arguments.parent is not None:
         say(f"continues from {arguments.parent}")
     with app.failures_into(out):
