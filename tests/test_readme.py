@@ -1,6 +1,7 @@
 """README's table of results says what the cards say, cell by cell, as the table rounds; README's Python runs."""
 
 import json
+import math
 import re
 import statistics
 import subprocess
@@ -8,17 +9,29 @@ import sys
 from pathlib import Path
 
 import pytest
+from scipy import stats
+
+from bp2_rl.robot import bp2
 
 ROOT = Path(__file__).parents[1]
+PAPER = ("13.2 m/s", "10.74 m/s", "12.2 s", "", "", "", "")
+POLICIES = ("built", "gentle", "fastest")
+
+
 ROWS = {
-    "top speed": lambda results: f"{results['topspeed']['best_speed']:.2f} m/s",
+    "treadmill": lambda results: f"{results['losses']['without']['air']:.2f} m/s",
+    "outdoors": lambda results: f"{results['topspeed']['best_speed']:.2f} m/s",
     "100 m": lambda results: f"{results['sprint']['time_100m']:.2f} s",
-    "200 randomised robots": lambda results: "{upright} upright, legs touch in {legs_touch}".format(
-        **results["robustness"]
-    ),
+    "200 randomised robots": lambda results: f"{results['robustness']['upright']}",
+    "of them legs touch": lambda results: f"{results['robustness']['legs_touch']}",
     "manoeuvres passed, of 95": lambda results: f"{results['manoeuvres']['passed']}",
     "[disturbances]": lambda results: f"{results['disturbances']['passed']}",
 }
+IDEAL = {
+    "treadmill": lambda results: f"{results['losses']['ideal']:.2f} m/s",
+    "outdoors": lambda results: f"no air: {ROWS['outdoors'](results)}",
+}
+"""The ideal robot's own: it runs without air everywhere."""
 
 
 def table() -> dict[str, list[str]]:
@@ -28,44 +41,36 @@ def table() -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in rows if len(row) == 5}
 
 
-@pytest.mark.parametrize(("column", "policy"), [(1, "built"), (2, "fastest")])
+@pytest.mark.parametrize("policy", POLICIES)
 @pytest.mark.parametrize("start", ROWS)
-def test_a_cell_is_what_the_card_says(start, column, policy):
+def test_a_cell_is_what_the_card_says(start, policy):
     (cells,) = (cells for name, cells in table().items() if name.startswith(start))
     results = json.loads((ROOT / f"assets/policies/{policy}/card.json").read_text(encoding="utf-8"))["results"]
-    assert cells[column] == ROWS[start](results)
+    row = (IDEAL if policy == "fastest" else {}).get(start, ROWS[start])
+    assert cells[1 + POLICIES.index(policy)] == row(results)
 
 
-def test_the_columns_are_those_policies():
-    (head,) = (cells for name, cells in table().items() if name.startswith("from a stand"))
+def test_the_columns_are_those_policies_and_the_papers_robot():
+    head, _, *rows = table().values()
     assert head[0] == "BP2 (paper)"
-    assert [found[1] for cell in head[1:3] if (found := re.search(r"`(\w+)`", cell))] == ["built", "fastest"]
+    assert [found[1] for cell in head[1:] if (found := re.search(r"`(\w+)`", cell))] == list(POLICIES)
+    assert tuple(cells[0] for cells in rows) == PAPER
+    assert (bp2.TREADMILL_TOP_SPEED, bp2.OUTDOOR_TOP_SPEED) == (13.2, 10.74)
 
 
-def test_the_ranges_are_those_of_the_five_trainings():
+def test_the_prediction_intervals_are_those_of_all_trainings():
+    """Student's interval for one more draw, by SciPy."""
     text = (ROOT / "docs/notes/training.md").read_text(encoding="utf-8")
-    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if re.match(r"\| \d \| 1", line)]
-    assert [row[0] for row in rows] == list("01234")
-
-    for row in rows:
-        row.append(f"{int(row[8]) + int(row[9])}")  # pushes and rough grounds
-
-    def span(column):
-        return sorted((row[column].split()[0] for row in rows), key=float)[:: len(rows) - 1]
-
-    def mean_and_span(column, digits, unit):
-        mean = statistics.mean(float(row[column].split()[0]) for row in rows)
-        return "{:.{}f}{} ({} to {})".format(mean, digits, unit, *span(column))
-
-    cells = [table()[name][3] for name in table() if not name.startswith(("from", "---"))]
-    assert cells[0] == mean_and_span(1, 2, " m/s")
-    assert cells[1] == mean_and_span(2, 2, " s")
-    assert {f"each {row[7]} upright" for row in rows} == {cells[2]}
-    assert cells[3] == mean_and_span(5, 0, "")
-    assert cells[4] == mean_and_span(10, 0, "")
-    prose = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert "100 m in {} to {} s".format(*span(3)) in prose.replace("\n", " ")
-    assert "in {} to {} s. `built` is".format(*span(4)) in prose.replace("\n", " ")
+    rows = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| seeds ")]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    for column, digits, words in ((1, 1, "between {} and {} m/s"), (2, 2, "100 m in {} to {} s")):
+        values = [float(value) for row in rows for value in row[column].split(",") if value.strip()]
+        n, spread = len(values), statistics.stdev(values)
+        low, high = stats.t(n - 1, statistics.mean(values), spread * math.sqrt(1.0 + 1.0 / n)).interval(0.9)
+        low, high = (f"{bound:.{digits}f}" for bound in (low, high))
+        assert f"**{low} to {high}**" in text
+        assert words.format(low, high) in readme
+        assert str(n) in readme.split("prediction intervals of [")[1].split("](")[0]
 
 
 def test_the_lines_of_python_run(tmp_path):
@@ -79,5 +84,5 @@ def test_the_lines_of_python_run(tmp_path):
         assert done.returncode == 0, done.stderr
         said += done.stdout.split()
     assert 9.5 < float(said[0]) < 11.0
-    card = json.loads((tmp_path / "runs/first/policy/card.json").read_text(encoding="utf-8"))
+    card = json.loads((tmp_path / "runs/go1/policy/card.json").read_text(encoding="utf-8"))
     assert card["env"]["hardware"]["body"]["name"] == "Unitree Go1"  # the robot of the second block
