@@ -202,9 +202,7 @@ BY_PATH: dict[tuple[str, str], Callable[[Path, Callable[[Path], Any]], Any]] = {
     ),
     ("train", "run_dir"): lambda folder, of: bp2_rl.train(UNJUDGED, of(folder)),
     ("train", "parent"): lambda folder, of: bp2_rl.train(UNJUDGED, folder, parent=of(folder)),
-    ("train", "programs"): lambda folder, of: bp2_rl.train(UNJUDGED, folder, programs=of(folder)),
     ("resume", "run_dir"): lambda folder, of: bp2_rl.resume(of(folder)),
-    ("resume", "programs"): lambda folder, of: bp2_rl.resume(folder, programs=of(folder)),
 }
 """What each of them gives, of a folder, with a path made by a function."""
 
@@ -225,7 +223,7 @@ def test_a_path_may_be_a_text_or_a_path(name, tmp_path, monkeypatch):
     given = []
 
     def told(*arguments, **named):
-        given.append([*arguments[-1:], *(named[one] for one in ("parent", "programs") if one in named)])
+        given.append([*arguments[-1:], *(named[one] for one in ("parent",) if one in named)])
         return tmp_path
 
     monkeypatch.setattr("bp2_rl.learning.run.start", told)
