@@ -44,12 +44,14 @@ def speed_to_command(policy: Policy, benchmark: str = "topspeed") -> float:
 
 
 def top_speed(policy: Policy) -> float:
-    """A policy's own top speed, m/s: what `topspeed` left on its card, else what the judge of its training measured.
+    """Return a policy's own top speed, m/s: what `topspeed` left on its card, else what the judge measured.
 
-    A policy that nobody measured gives the fastest command of its training.
+    Of a policy that fell in the judge's launch it is the best second before. A policy that nobody measured gives the
+    fastest command of its training.
     """
-    measured = on_card(policy, "topspeed", "best_speed") or on_card(policy, "judged", "speed")
-    return measured or policy.card.env.commands.max_forward
+    found = (("topspeed", "best_speed"), ("judged", "speed"), ("judged", "fell_after"))
+    measured = (on_card(policy, *each) for each in found)
+    return next(filter(None, measured), policy.card.env.commands.max_forward)
 
 
 def cruising_speed(policy: Policy) -> float:

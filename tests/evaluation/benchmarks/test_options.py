@@ -21,6 +21,7 @@ from bp2_rl.simulation.schedule import Ramp
         ({"judged": {"speed": 4.004}}, 4.0),  # the command is beyond the robot
         ({"judged": {"speed": 0.004}}, 7.5),  # it only stands
         ({"judged": {"speed": 0.0}}, 7.5),  # all launches fell
+        ({"judged": {"speed": 0.0, "fell_after": 4.0}}, 4.0),  # and this is what the robot ran before
     ],
 )
 def test_a_policy_is_told_what_it_was_told_when_its_top_speed_was_measured(make_policy, results, speed):
