@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bp2_rl.base.bounds import Range
-from bp2_rl.base.errors import one_line
+from bp2_rl.base.errors import UserError, one_line
 from bp2_rl.base.files import LARGEST_TEXT, read_bytes
 from bp2_rl.robot.anatomy import Anatomy, Inertia, JointConvention, Leg, Link, Vector, possible_moments
 from bp2_rl.robot.building import build_spec
@@ -114,7 +114,7 @@ def read_mjcf(
         model, notes = _load(path, joints)
         found = read_model(model, joints=joints, feet=feet, foot_radius=foot_radius, speeds=_speeds(path))
         return dataclasses.replace(found, notes=(*notes, *found.notes))
-    except ReadingError as error:
+    except UserError as error:
         raise ReadingError(f"{path}: {error}") from error
 
 
@@ -207,6 +207,9 @@ def read_model(
         dataclasses.replace(joint, speed=speeds.get(joint.name, math.inf)) for one in found for joint in one.joints
     )
     _note_differences(joints_read, notes)
+    frictions = [one.friction for one in found]
+    if not np.allclose(frictions, frictions[0], rtol=1e-6):
+        notes.append(f"the feet's friction differs ({', '.join(f'{x:g}' for x in frictions)}): their mean is taken")
     dofs = [int(model.jnt_dofadr[j]) for chain in chains for j in chain.joints[:3]]
     _note_left_out(effects, [joint.name for joint in joints_read], dofs, notes)
     _note_mass_matrix(model, trunk, chains, anatomy, joints_read, notes)
@@ -214,7 +217,7 @@ def read_model(
         anatomy=anatomy,
         joints=joints_read,
         spring=_spring(model, chains, notes),
-        friction=float(np.mean([one.friction for one in found])),
+        friction=float(np.mean(frictions)),
         contacts=tuple(one.contact for one in found),
         notes=tuple(dict.fromkeys(notes)),
     )
@@ -278,9 +281,12 @@ def _strip(spec: mujoco.MjSpec) -> None:
             spec.delete(geom)
         else:
             geom.material = ""
+    for site in list(spec.sites):
+        if site.meshname:
+            spec.delete(site)
     for element in (*spec.sites, *spec.tendons):
         element.material = ""
-    for kind in ("sensors", "pairs", "skins", "meshes", "hfields", "materials", "textures"):
+    for kind in ("tuples", "sensors", "pairs", "skins", "meshes", "hfields", "materials", "textures"):
         for element in list(getattr(spec, kind)):
             spec.delete(element)
 
@@ -551,7 +557,8 @@ def _read_joint(
         offset -= 2.0 * math.pi * round((sign * float(np.mean(model.jnt_range[j])) + offset) / (2.0 * math.pi))
     stiffness, damping = float(effects.stiffness[dof]), float(effects.actuator_damping[dof])
     resisting = float(effects.damping[dof])
-    if stiffness > 0.0 and damping == 0.0 < resisting:
+    in_loops = np.count_nonzero(effects.stiffness > 0.0) >= len(MOTOR_NAMES)  # else the file has no [gains]
+    if in_loops and damping == 0.0 < resisting:
         notes.append("joints' damping is taken for that of the position loop, which has none of its own")
         damping, resisting = resisting, 0.0
     return JointReading(

@@ -416,11 +416,28 @@ def test_a_clock_that_jumps_an_hour_is_a_fault(fresh):
     assert np.isfinite(targets).all()
 
 
-@pytest.mark.parametrize(("every", "says"), [(0.001, "rate: `step` is called 1000 times a"), (0.02, "50 times a")])
+@pytest.mark.parametrize(
+    ("every", "says"),
+    [
+        (0.001, "rate: `step` is called 1000 times a"),
+        (0.02, "50 times a"),
+        (0.06, "16.67 times a"),  # each call is later than `silence`
+        (0.3, "3.333 times a"),
+    ],
+)
 def test_another_rate_of_calls_is_a_fault(fresh, every, says):
-    for k in range(round(1.1 / every)):
+    for k in range(round(1.5 / every)):
         fresh.step(standing(k * every), None, k * every)
     assert says in fresh.fault
+
+
+@pytest.mark.parametrize(("pause", "times"), [(0.06, 8), (0.2, 6), (0.45, 2)])
+def test_a_pause_of_the_computer_is_no_fault(fresh, pause, times):
+    """What is measured after a pause is new, and there are more than half of the calls: the loop goes on."""
+    now = 0.0
+    for _ in range(times):
+        _, now = run(fresh, now + pause, 0.3, standing)
+        assert fresh.fault == ""
 
 
 def test_lists_and_other_dtypes_are_read_as_arrays(fresh):

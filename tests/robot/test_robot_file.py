@@ -188,6 +188,22 @@ def test_friction_by_joint_goes_through_a_file(pointing: bool, tmp_path: Path):
     assert from_json(HardwareSpec, to_json(robot.hardware)) == robot.hardware
 
 
+def test_damping_of_a_joint_stays_its_own_where_not_all_have_a_position_loop(tmp_path: Path):
+    """Without [gains] no loop could have it."""
+    damped = plain(joints=['damping="0.2"', 'damping="0.2"', 'damping="1"'])
+    robot = filled_in(tmp_path, damped.replace("<motor", "<position kp='60'", 2), True)
+    assert robot.stiffness is None
+    assert robot.hardware.losses.joint_viscosity == (0.2, 0.2, 1.0)
+
+
+def test_feet_that_differ_in_friction_get_a_note(tmp_path: Path):
+    slippery = plain().replace('<geom name="FR_foot"', '<geom name="FR_foot" friction="0.2"')
+    robot = filled_in(tmp_path, slippery, True)
+    assert robot.hardware.friction == pytest.approx((0.2 + 3.0) / 4.0)
+    assert robot.reading is not None
+    assert "the feet's friction differs (0.2, 1, 1, 1): their mean is taken" in robot.reading.notes
+
+
 @pytest.mark.parametrize(("effort", "velocity"), [(30, 20), (0, 20), (30, 0)])
 def test_the_limits_of_a_urdf_are_used_and_said_to_be_its(effort: float, velocity: float, tmp_path: Path):
     """A limit of 0 stands for none."""

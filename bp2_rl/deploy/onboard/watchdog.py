@@ -97,7 +97,7 @@ class Watchdog:
 
     def reset(self) -> None:
         """Forget all measurements."""
-        self._now = -math.inf
+        self._now, self._counted_from = -math.inf, math.inf
         self._newest: SensorReading | None = None
         self._heard, self._unheard = math.inf, 0  # when the newest came in, and how many calls ago
         self._turned = np.zeros(3)
@@ -130,7 +130,8 @@ class Watchdog:
         if time - self._heard > limits.silence or self._unheard * self._dt > limits.rate * limits.silence:
             seen = f"no new measurement for {1e3 * (time - self._heard):.0f} ms and {self._unheard} calls"
             raise SensorFault(f"silence: {seen}; is the link up, do its time and `now` go on?")
-        if self._ticks * self._dt > limits.rate * (limits.window + limits.silence):
+        counted = self._now - self._counted_from
+        if max(self._ticks * self._dt / limits.rate, counted - limits.window) > limits.window + limits.silence:
             self._require_rate()
         return self._newest
 
@@ -213,6 +214,8 @@ class Watchdog:
         changed = values != self._values
         self._since[changed], self._values = stamp, values
         self._held[changed[Q]] = target[changed[Q]]
+        if last is None:
+            self._count_calls()
         if last is None or stamp - last.time > limits.silence:
             self._begin(rate, stamp)
             return
@@ -227,6 +230,7 @@ class Watchdog:
         self._squares += row * row
         if stamp - self._began >= limits.window:
             self._compare_changes()
+            self._count_calls()
             self._begin(rate, stamp)
 
     # --- Measurements one after another -----------------------------------------------------------------------
@@ -235,7 +239,11 @@ class Watchdog:
         """Begin a window."""
         self._rate, self._travel = rate, np.zeros(15)
         self._sum, self._squares, self._count = np.zeros(72), np.zeros(72), 0
-        self._began, self._began_now, self._ticks = stamp, self._now, 0
+        self._began = stamp
+
+    def _count_calls(self) -> None:
+        """Count the calls of `step` from now on; a pause between measurements does not end the count."""
+        self._counted_from, self._ticks = self._now, 0
 
     def _find_frozen(self, stamp: float, target: np.ndarray) -> None:
         """Look for values that do not change: never of an IMU that works, nor of a joint whose target moves."""
@@ -251,8 +259,8 @@ class Watchdog:
             raise SensorFault(f"{seen} while its target moved; does its driver still read the encoder?")
 
     def _require_rate(self) -> None:
-        """Compare the calls of `step` since the window began with their rate."""
-        calls = self._ticks / max(self._now - self._began_now, 1e-9)
+        """Compare the calls of `step` that were counted with their rate."""
+        calls = self._ticks / max(self._now - self._counted_from, 1e-9)
         if not 1.0 / self.limits.rate <= calls * self._dt <= self.limits.rate:
             raise SensorFault(f"rate: `step` is called {calls:.4g} times a second, not {1.0 / self._dt:.0f}")
 
