@@ -4,9 +4,10 @@ import dataclasses
 import sys
 
 import bp2_rl as bp2
-from bp2_rl.robot.hardware import BUILT
+from bp2_rl.robot.bp2 import OUTDOOR_TOP_SPEED
+from bp2_rl.robot.hardware import BUILT, times
 
-PAPERS_PACE = 10.74  # m/s, outdoors
+PAPERS_PACE = OUTDOOR_TOP_SPEED
 HIND = slice(6, 12)  # motors of the hind legs
 
 
@@ -21,7 +22,8 @@ def robots() -> dict[str, bp2.HardwareSpec]:
 
     named = {"as assumed": BUILT, "no air, as on a treadmill": losing(drag_area=0.0)}
     named |= {f"spring damping {d} N s/m": BUILT.changed(spring_damping=float(d)) for d in (20, 50, 100, 150)}
-    named |= {f"no-load speed -{p} %": BUILT.changed(no_load_speed=21.4 * (1.0 - p / 100)) for p in (10, 20)}
+    slower = {p: times(1.0 - p / 100, BUILT.no_load_speed) for p in (10, 20)}
+    named |= {f"no-load speed -{p} %": BUILT.changed(no_load_speed=speed) for p, speed in slower.items()}
     named |= {f"peak torque {nm} Nm": BUILT.changed(peak_torque=float(nm)) for nm in (110, 100, 90, 80)}
     named |= {f"bus sag {sag} % a kW": losing(bus_sag=sag / 100) for sag in (2.5, 5.0)}
     named |= {

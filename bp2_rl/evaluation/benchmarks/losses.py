@@ -77,9 +77,9 @@ class LossesMetrics:
     @property
     def over_published(self) -> dict[str, tuple[float, float]]:
         """Speeds of the built robot and of BP2 by condition, m/s; on a treadmill there is no air."""
-        belt = next((loss.without for loss in self.losses if loss.name == "air"), self.built)
-        ours = belt.speed, self.built.speed
-        return dict(zip(PUBLISHED, zip(ours, PUBLISHED.values(), strict=True), strict=True)) if self.is_bp2 else {}
+        without_air = next((loss.without for loss in self.losses if loss.name == "air"), self.built)
+        ours = {TREADMILL: without_air.speed, OUTDOORS: self.built.speed}
+        return {name: (ours[name], theirs) for name, theirs in PUBLISHED.items()} if self.is_bp2 else {}
 
 
 def losses(policy: Policy, ramp: Ramp, setup: Setup) -> Evaluation:
